@@ -1,0 +1,40 @@
+# Two commands do everything:  `make demo` runs the main job, `make test` passes all checks and tests.
+VENV   ?= .venv
+PYTHON ?= python3
+BIN     = $(VENV)/bin
+READY   = $(VENV)/.ready
+
+.PHONY: demo test lint types imports unit realtime clean
+
+demo: $(READY)  ## feel something, with no hardware: prints where the picture and the sound are
+	$(BIN)/python -m tactophone --version
+
+test: lint types imports unit realtime  ## everything CI checks
+
+$(READY): pyproject.toml scripts/system-packages
+	scripts/system-packages
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet torch==2.13.0  # before the rest, so that nothing asks for a larger build
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+lint: $(READY)
+	$(BIN)/ruff check src tests benchmarks
+	$(BIN)/ruff format --check src tests benchmarks
+
+types: $(READY)
+	$(BIN)/mypy
+
+imports: $(READY)
+	$(BIN)/lint-imports
+
+unit: $(READY)
+	$(BIN)/python -m pytest -n 2 -m 'not realtime'
+
+# Real servers and processes, one after another: they would disturb each other's timing.
+realtime: $(READY)
+	$(BIN)/python -m pytest -m realtime tests
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

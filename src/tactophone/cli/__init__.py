@@ -1,0 +1,52 @@
+"""One program, plain verbs, one file each: the only room that prints.
+
+A verb's module has ``add_arguments(parser)`` and ``run(args) -> int``. It is imported only when its verb is
+called, so that a verb's heavy libraries cost the others nothing.
+"""
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import tactophone
+from tactophone.cli import terminal
+from tactophone.errors import TactophoneError
+
+VERBS: dict[str, str] = {}
+"""Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130 (interrupted)."""
+    args = _parse(list(sys.argv[1:] if argv is None else argv))
+    try:
+        return int(args.run(args))
+    except TactophoneError as error:
+        terminal.complain(str(error))
+        return 1
+    except KeyboardInterrupt:
+        terminal.complain("interrupted")
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has left (`tactophone ... | head`); that is their right. What is still buffered
+        # would raise again at exit, so stdout is pointed at nothing.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _parse(argv: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="tactophone", description=tactophone.__doc__, formatter_class=terminal.HelpFormatter
+    )
+    parser.add_argument("--version", action="version", version=f"tactophone {tactophone.__version__}")
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
+    wanted = next((word for word in argv if not word.startswith("-")), None)
+    for name, line in VERBS.items():
+        verb = verbs.add_parser(name, help=line, description=line, formatter_class=terminal.HelpFormatter)
+        if name == wanted:
+            module = importlib.import_module(f"tactophone.cli.{name.replace('-', '_')}")
+            module.add_arguments(verb)
+            verb.set_defaults(run=module.run)
+    return parser.parse_args(argv)

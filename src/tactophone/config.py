@@ -1,0 +1,1 @@
+"""All settings as frozen dataclasses, read from TOML and checked."""

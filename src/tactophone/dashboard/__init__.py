@@ -1,0 +1,1 @@
+"""The page an operator looks at: the only room that imports asyncio."""

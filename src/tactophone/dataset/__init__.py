@@ -1,0 +1,1 @@
+"""Recordings with their labels, surfaces and splits."""

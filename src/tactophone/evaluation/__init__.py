@@ -1,0 +1,1 @@
+"""Metrics, scores and figures: every number with its definition."""

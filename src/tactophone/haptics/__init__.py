@@ -1,0 +1,1 @@
+"""Belief to feel: mapping, limits, oscillator, actuator."""

@@ -1,0 +1,1 @@
+"""Sound over the network: codec, packets, sealed sessions, arrival, playout and statistics."""

@@ -1,0 +1,1 @@
+"""Sound to belief: resample, window, judge, decide."""

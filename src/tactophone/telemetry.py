@@ -1,0 +1,1 @@
+"""What may be watched: counters and the latest tick; nothing ever waits for a watcher."""

@@ -1,0 +1,1 @@
+"""Networks, recipes and export: the only room that imports torch."""
