@@ -1,0 +1,167 @@
+"""How telemetry lies in shared memory.
+
+One writer, many readers, no lock. Three shapes make that safe:
+
+- *counters and gauges* are single aligned 8-byte words, which the processor never tears;
+- *rings* (sound, vibration, ticks) are written first and counted after. A reader copies, then looks at the count
+  again and throws away whatever the writer may have overwritten meanwhile;
+- *texts* (the state) lie twice: the writer fills the copy that is not current and then turns the count. A writer
+  that dies half way leaves the older copy whole.
+
+It is a mapped file in the memory file system rather than `multiprocessing.shared_memory`, whose tracker (before
+Python 3.13) takes the memory away from under the sound when a page that only watched is closed.
+
+Beware: this leans on stores becoming visible in program order, which x86 promises. On a processor that does not, a
+reader may see a torn row of a ring now and then; nothing that decides about vibration is read from here.
+"""
+
+import os
+import sys
+import tempfile
+import zlib
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.errors import TactophoneError
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES
+
+PREFIX = "tactophone-"
+"""Of the names of the memories in their folder."""
+
+SOUND_CAPACITY = 1 << 17
+"""Samples of sound and of vibration kept: 2.7 s at 48 kHz."""
+
+TICK_CAPACITY = 1 << 13
+"""Ticks kept: 20 s at 400 a second, as packets of 2.5 ms bring them."""
+
+LARGEST_WRITE = 1 << 14
+"""Samples written to a ring before its count moves on: what a reader must distrust at the old end."""
+
+STATE_SIZE = 1 << 14
+"""Bytes for the state as JSON: some forty faults of 300 letters."""
+
+TICK = np.dtype(
+    [
+        ("time", "f8"),
+        ("sound_end", "u8"),
+        ("vibration_end", "u8"),
+        ("probabilities", "f4", 3),
+        ("roughness", "f4"),
+        ("level_dbfs", "f4"),
+        ("amplitude", "f4"),
+        ("frequency", "f4"),
+        ("touch", "i1"),
+        ("truth", "i1"),
+        ("concealed", "?"),
+    ],
+    align=True,
+)
+"""One tick: stream time (s), where sound and vibration had come to in their rings, the newest belief and command.
+``truth`` is the known `Touch`, or -1; ``probabilities`` are NaN before the first window has been judged."""
+
+_TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
+_REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
+
+_LAYOUT = np.dtype(
+    [
+        ("fingerprint", "u8"),
+        ("pid", "u8"),
+        ("beat", "f8"),
+        ("tick_count", "u8"),
+        ("sound_count", "u8"),
+        ("vibration_count", "u8"),
+        ("state_count", "u8"),
+        ("counters", "u8", len(COUNTERS)),
+        ("gauges", "f8", len(GAUGES)),
+        ("requests", _REQUEST, len(ACTIONS)),
+        ("states", _TEXT, 2),
+        ("ticks", TICK, TICK_CAPACITY),
+        ("sound", "f4", (SOUND_CAPACITY, 2)),
+        ("vibration", "f4", SOUND_CAPACITY),
+    ],
+    align=True,
+)
+
+_FINGERPRINT = zlib.crc32(repr((_LAYOUT, tuple(COUNTERS), tuple(GAUGES), ACTIONS)).encode())
+
+
+class Memory:
+    """One run's shared memory, seen as NumPy arrays under their names (``memory["ticks"]``)."""
+
+    def __init__(self, name: str, *, create: bool) -> None:
+        self._path = folder() / f"{PREFIX}{name}"
+        self._created = create
+        with _created(self._path) if create else _opened(self._path) as file:
+            self._whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
+        if create:
+            self["gauges"][:] = np.nan
+            self["pid"][...] = os.getpid()
+            self["fingerprint"][...] = _FINGERPRINT
+
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        view: NDArray[Any] = self._whole[field].reshape(_LAYOUT[field].shape)
+        return view
+
+    @property
+    def writer_alive(self) -> bool:
+        """Whether the process that writes here still exists."""
+        return _alive(int(self["pid"]))
+
+    def unlink(self) -> None:
+        """Take the name away, if this side made it; who still looks sees the last state."""
+        if self._created:
+            self._path.unlink(missing_ok=True)
+
+
+def folder() -> Path:
+    """Where runs leave their memory: in memory on Linux, among temporary files elsewhere."""
+    memory = Path("/dev/shm")
+    return memory if memory.is_dir() else Path(tempfile.gettempdir())
+
+
+def _created(path: Path) -> BinaryIO:
+    if path.exists():
+        with _opened(path) as file:
+            pid = int(np.memmap(file, _LAYOUT, mode="r", shape=(1,))["pid"][0])
+        if _alive(pid):
+            raise TactophoneError(f"{_run(path)} runs already (process {pid}): end it, or choose another --name")
+        path.unlink()
+    # Exclusive and for this user alone: others may neither prepare a trap here nor listen to the finger.
+    file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
+    file.truncate(_LAYOUT.itemsize)
+    return file
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        file = os.fdopen(os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)), "r+b")
+    except OSError as error:
+        raise TactophoneError(
+            f"cannot watch {_run(path)} ({error.strerror}): start `tactophone receive` (or send, loopback), "
+            "or name another with --name"
+        ) from None
+    whole = os.fstat(file.fileno())
+    if whole.st_size != _LAYOUT.itemsize or int.from_bytes(file.read(8), sys.byteorder) != _FINGERPRINT:
+        file.close()
+        raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
+    if whole.st_uid not in (0, os.getuid()):
+        file.close()
+        raise TactophoneError(f"{path} belongs to another user: remove it, or choose another --name")
+    return file
+
+
+def _run(path: Path) -> str:
+    return path.name.removeprefix(PREFIX)
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return pid > 0

@@ -1,0 +1,133 @@
+"""The side that watches: another process that reads a run's telemetry and may ask something of the run."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.errors import TactophoneError
+from tactophone.telemetry import memory as layout
+from tactophone.telemetry.memory import PREFIX, Memory, folder
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, Action, State
+from tactophone.types import FloatArray
+
+STALE_AFTER = 1.0
+"""Seconds without a sign of life after which a run counts as stalled; a live one gives some every 0.1 s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """A run as it was at one moment.
+
+    Parameters
+    ----------
+    sound, vibration
+        The newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end`` and ``vibration_end``
+        counted since the run began.
+    ticks
+        The newest ticks, of dtype `TICK`, ending at the count ``tick_end``.
+    age
+        Seconds since the run's last sign of life.
+    alive
+        Whether the run's process exists and showed a sign of life within `STALE_AFTER`.
+    """
+
+    state: State
+    counters: dict[str, int]
+    gauges: dict[str, float]
+    ticks: NDArray[np.void]
+    sound: FloatArray
+    vibration: FloatArray
+    tick_end: int
+    sound_end: int
+    vibration_end: int
+    age: float
+    alive: bool
+
+
+class Watcher:
+    """Look at a run from another process, and ask things of it; the run never waits for this.
+
+    Examples
+    --------
+    >>> from tactophone.telemetry import Telemetry
+    >>> with Telemetry("doctest-watcher") as telemetry:
+    ...     telemetry.count("xruns")
+    ...     watcher = Watcher("doctest-watcher")
+    ...     watcher.ask("mute")
+    ...     watcher.snapshot().counters["xruns"], telemetry.requests()[0].action
+    (1, 'mute')
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._memory = Memory(name, create=False)
+
+    def snapshot(self, since: Snapshot | None = None) -> Snapshot:
+        """Copy what there is; of sound, vibration and ticks only what is newer than ``since``, if that is given."""
+        ticks, tick_end = self._newest("ticks", "tick_count", since.tick_end if since else 0)
+        sound, sound_end = self._newest("sound", "sound_count", since.sound_end if since else 0)
+        vibration, vibration_end = self._newest("vibration", "vibration_count", since.vibration_end if since else 0)
+        age = time.monotonic() - float(self._memory["beat"])
+        return Snapshot(
+            state=self._state(),
+            counters=dict(zip(COUNTERS, self._memory["counters"].tolist(), strict=True)),
+            gauges=dict(zip(GAUGES, self._memory["gauges"].tolist(), strict=True)),
+            ticks=ticks,
+            sound=sound,
+            vibration=vibration,
+            tick_end=tick_end,
+            sound_end=sound_end,
+            vibration_end=vibration_end,
+            age=age,
+            alive=age < STALE_AFTER and self._memory.writer_alive,
+        )
+
+    def ask(self, action: Action, value: float = 0.0, *, text: str = "") -> None:
+        """Lay a request into the mailbox; a newer one of the same action replaces it. `State` tells what came of it."""
+        slot = self._memory["requests"][ACTIONS.index(action)]
+        encoded = np.frombuffer(text.encode(), np.uint8)
+        if len(encoded) > len(slot["text"]):
+            raise ValueError(f"{action}: {text!r} is longer than {len(slot['text'])} bytes")
+        slot["text"][: len(encoded)] = encoded
+        slot["size"], slot["value"], slot["time"] = len(encoded), value, time.monotonic()
+        slot["count"] += np.uint64(1)
+
+    def _state(self) -> State:
+        while turn := int(self._memory["state_count"]):
+            slot = self._memory["states"][turn % 2]
+            text = bytes(slot["text"][: int(slot["size"])])
+            if int(self._memory["state_count"]) == turn:
+                return State.parse(text)
+        return State()
+
+    def _newest(self, ring: str, counter: str, since: int) -> tuple[NDArray[Any], int]:
+        """Copy a ring's newest rows, without any that the writer may have written over meanwhile."""
+        rows, count = self._memory[ring], self._memory[counter]
+        slack = 1 if ring == "ticks" else layout.LARGEST_WRITE
+        end = int(count)
+        start = max(since if since <= end else 0, end + slack - len(rows), 0)
+        copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")
+        overwritten = int(count) + slack - len(rows) - start
+        return copy[max(overwritten, 0) :], end
+
+
+def running() -> list[str]:
+    """Names of the runs on this machine whose processes exist.
+
+    >>> from tactophone.telemetry import Telemetry
+    >>> with Telemetry("doctest-running"):
+    ...     "doctest-running" in running()
+    True
+    """
+    names = sorted(path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*"))
+    return [name for name in names if _is_alive(name)]
+
+
+def _is_alive(name: str) -> bool:
+    try:
+        return Memory(name, create=False).writer_alive
+    except TactophoneError:
+        return False

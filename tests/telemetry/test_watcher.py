@@ -1,0 +1,80 @@
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactophone.telemetry import State, Telemetry, Watcher
+from tactophone.types import AudioBlock, HapticCommand, Tick
+
+WRITER = """
+import sys, time
+import numpy as np
+from tactophone.telemetry import State, Telemetry
+from tactophone.types import AudioBlock, HapticCommand, Tick
+
+ends = time.monotonic() + float(sys.argv[2])
+with Telemetry(sys.argv[1]) as telemetry:
+    print("up", flush=True)
+    n = 0
+    while time.monotonic() < ends:
+        n += 1
+        block = AudioBlock(np.full((32, 2), n % 65536, np.float32), sample_rate=32, start=32 * (n - 1))
+        telemetry.publish(Tick(block, (), HapticCommand(n % 65536, n % 65536, 0.0)), now=time.monotonic())
+        telemetry.update(State(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
+"""
+
+
+@pytest.fixture
+def telemetry() -> Iterator[Telemetry]:
+    with Telemetry(f"test-{uuid.uuid4().hex[:8]}") as telemetry:
+        yield telemetry
+
+
+def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
+    name = f"test-{uuid.uuid4().hex[:8]}"
+    writer = subprocess.Popen([sys.executable, "-c", WRITER, name, "1.5"], stdout=subprocess.PIPE)
+    assert writer.stdout is not None
+    writer.stdout.readline()
+    watcher, snapshots = Watcher(name), 0
+    while writer.poll() is None:
+        snapshot = watcher.snapshot()
+        snapshots += 1
+        ticks = snapshot.ticks
+        assert (np.diff(ticks["time"]) == 1.0).all()
+        assert (ticks["time"] % 65536 == ticks["amplitude"]).all()
+        assert (ticks["amplitude"] == ticks["frequency"]).all()
+        assert np.isin(np.diff(snapshot.sound[:, 0]), [0, 1, -65535]).all()
+        assert len(snapshot.state.source) == snapshot.state.sample_rate % 1000 or not snapshot.state.source
+    assert snapshots > 10
+
+
+def test_since_gives_only_what_is_new(telemetry: Telemetry) -> None:
+    watcher = Watcher(telemetry.name)
+    telemetry.feel(np.ones(100, np.float32))
+    first = watcher.snapshot()
+    telemetry.feel(np.zeros(7, np.float32))
+    telemetry.publish(
+        Tick(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), HapticCommand(0, 60, 0)), now=0.0
+    )
+    second = watcher.snapshot(first)
+    assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.ticks)) == (100, 7, 5, 1)
+    assert len(watcher.snapshot(second).vibration) == 0
+
+
+def test_a_run_that_gives_no_sign_of_life_is_not_alive(telemetry: Telemetry) -> None:
+    watcher = Watcher(telemetry.name)
+    assert not watcher.snapshot().alive
+    telemetry.update(State(), now=time.monotonic())
+    assert watcher.snapshot().alive
+    telemetry.update(State(), now=time.monotonic() - 2.0)
+    assert not watcher.snapshot().alive
+    assert watcher.snapshot().age >= 2.0
+
+
+def test_a_text_that_does_not_fit_is_refused(telemetry: Telemetry) -> None:
+    with pytest.raises(ValueError, match="longer than"):
+        Watcher(telemetry.name).ask("profile", text="x" * 65)

@@ -1,0 +1,92 @@
+import uuid
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactophone.telemetry import COUNTERS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry.memory import SOUND_CAPACITY
+from tactophone.types import AudioBlock, HapticCommand, Prediction, Tick, Touch
+
+BELIEF = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)
+
+
+@pytest.fixture
+def telemetry() -> Iterator[Telemetry]:
+    with Telemetry(f"test-{uuid.uuid4().hex[:8]}") as telemetry:
+        yield telemetry
+
+
+def tick(size: int = 120, *, start: int = 0, judged: bool = True) -> Tick:
+    block = AudioBlock(np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start, sample_rate=48_000, start=start)
+    return Tick(block, (BELIEF,), HapticCommand(0.5, 60.0, 0.0)) if judged else Tick(block, (), None)
+
+
+def test_a_tick_carries_belief_and_command(telemetry: Telemetry) -> None:
+    telemetry.publish(tick(), now=1.0, truth=Touch.ROUGH)
+    row = Watcher(telemetry.name).snapshot().ticks[0]
+    assert row["time"] == pytest.approx(120 / 48_000)
+    assert row["probabilities"].tolist() == pytest.approx([0.1, 0.2, 0.7])
+    assert (row["touch"], row["truth"], row["sound_end"]) == (2, 2, 120)
+    assert (row["amplitude"], row["frequency"]) == (0.5, 60.0)
+
+
+def test_a_tick_without_a_new_window_keeps_the_last_belief(telemetry: Telemetry) -> None:
+    telemetry.publish(tick(judged=False), now=1.0)
+    telemetry.publish(tick(), now=1.0)
+    telemetry.publish(tick(judged=False), now=1.0)
+    ticks = Watcher(telemetry.name).snapshot().ticks
+    assert np.isnan(ticks[0]["probabilities"]).all()
+    assert ticks[2]["roughness"] == ticks[1]["roughness"] == 0.75
+    assert telemetry.counter("predictions") == 1
+
+
+def test_one_microphone_shows_on_both_rows(telemetry: Telemetry) -> None:
+    block = AudioBlock(np.ones((10, 1), np.float32), sample_rate=48_000)
+    telemetry.publish(Tick(block, (), None), now=0.0)
+    assert Watcher(telemetry.name).snapshot().sound.tolist() == [[1.0, 1.0]] * 10
+
+
+@pytest.mark.parametrize("size", [1, 17, 480, 509, 20_000])
+def test_the_vibration_comes_out_as_it_went_in(telemetry: Telemetry, size: int) -> None:
+    total = SOUND_CAPACITY + 50_000 if size > 100 else 3_000
+    waveform = np.arange(total, dtype=np.float32)
+    for start in range(0, total, size):
+        telemetry.feel(waveform[start : start + size])
+    snapshot = Watcher(telemetry.name).snapshot()
+    assert snapshot.vibration_end == total
+    np.testing.assert_array_equal(snapshot.vibration, waveform[total - len(snapshot.vibration) :])
+    assert len(snapshot.vibration) >= min(total, 96_000)
+
+
+def test_the_mailbox_is_emptied_in_the_order_of_asking(telemetry: Telemetry) -> None:
+    watcher = Watcher(telemetry.name)
+    watcher.ask("ceiling", 0.5)
+    watcher.ask("ceiling", 0.25)
+    watcher.ask("arm")
+    watcher.ask("profile", text="paper")
+    requests = telemetry.requests()
+    assert [request.action for request in requests] == ["ceiling", "arm", "profile"]
+    assert (requests[0].value, requests[2].text) == (0.25, "paper")
+    assert telemetry.requests() == []
+
+
+def test_an_unknown_counter_is_our_own_mistake(telemetry: Telemetry) -> None:
+    with pytest.raises(KeyError):
+        telemetry.count("packets_eaten")
+
+
+def test_state_is_shown_and_is_a_sign_of_life(telemetry: Telemetry) -> None:
+    telemetry.update(State(armed=True, faults=(Fault("link", "no sound from the robot"),)), now=5.0)
+    snapshot = Watcher(telemetry.name).snapshot()
+    assert snapshot.state.armed
+    assert snapshot.state.faults[0].code == "link"
+    with pytest.raises(ValueError, match="shorten"):
+        telemetry.update(State(source="x" * 20_000), now=6.0)
+
+
+def test_counters_start_at_zero_and_gauges_at_unknown(telemetry: Telemetry) -> None:
+    snapshot = Watcher(telemetry.name).snapshot()
+    assert set(snapshot.counters.values()) == {0}
+    assert list(snapshot.counters) == list(COUNTERS)
+    assert all(np.isnan(value) for value in snapshot.gauges.values())
