@@ -14,7 +14,9 @@ import tactophone
 from tactophone.cli import terminal
 from tactophone.errors import TactophoneError
 
-VERBS: dict[str, str] = {}
+VERBS: dict[str, str] = {
+    "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
+}
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""
 
 

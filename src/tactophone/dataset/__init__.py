@@ -1,1 +1,27 @@
-"""Recordings with their labels, surfaces and splits."""
+"""Recordings, labels, surfaces, splits, the guided recorder.
+
+``open_dataset`` reads what is known, ``check`` names what is wrong, ``split`` divides without leaks,
+``write_metadata`` writes the one manifest format, and ``find_recording`` tells the truth about a single file.
+"""
+
+from tactophone.dataset.checks import check, usable
+from tactophone.dataset.metadata import write_metadata
+from tactophone.dataset.opening import find_recording, label_of, open_dataset
+from tactophone.dataset.recording import Dataset, Problem, Recording, Segment, fingerprint
+from tactophone.dataset.splits import Fold, split
+
+__all__ = [
+    "Dataset",
+    "Fold",
+    "Problem",
+    "Recording",
+    "Segment",
+    "check",
+    "find_recording",
+    "fingerprint",
+    "label_of",
+    "open_dataset",
+    "split",
+    "usable",
+    "write_metadata",
+]

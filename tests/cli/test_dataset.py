@@ -1,0 +1,36 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+from tests.dataset.folders import audiofolder
+
+
+def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    audiofolder(tmp_path)
+    assert main(["dataset", "check", str(tmp_path)]) == 0
+    (tmp_path / "audio" / "00_0.flac").unlink()
+    assert main(["dataset", "check", str(tmp_path)]) == 1
+    told = capsys.readouterr().out
+    assert "00_0.flac: missing" in told
+    assert told.endswith("8 recordings, 1 unusable, 1 problems\n")
+
+
+def test_check_and_show_speak_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    audiofolder(tmp_path)
+    assert main(["dataset", "check", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == {"recordings": 8, "problems": []}
+    assert main(["dataset", "show", str(tmp_path), "--json"]) == 0
+    surface = {"surface": "stone 00", "label": "rough", "tier": "-", "scenario": "hand, table", "recordings": 2}
+    assert json.loads(capsys.readouterr().out)["surfaces"][0] == surface
+
+
+def test_show_prints_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dataset", "show", str(audiofolder(tmp_path))]) == 0
+    assert "stone 03" in capsys.readouterr().out
+
+
+def test_no_dataset_is_one_line_and_exit_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dataset", "check", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,63 @@
+from pathlib import Path
+
+import pytest
+
+from tactophone import DatasetError, Touch
+from tactophone.dataset import Dataset, Recording, split
+
+
+def dataset(*, surfaces: int = 6, scenarios: tuple[str, ...] = ("hand", "box")) -> Dataset:
+    made = (
+        Recording(Path(f"{s}_{scenario}.wav"), f"stone {s}", Touch(1 + s % 2), scenario=scenario)
+        for s in range(surfaces)
+        for scenario in scenarios
+    )
+    return Dataset("made", Path("made"), (*made, Recording(Path("x.wav"), "unknown")))
+
+
+@pytest.mark.parametrize("name", ["leave-one-surface-out", "3-fold"])
+def test_no_surface_is_on_both_sides_and_each_is_tested_once(name: str) -> None:
+    folds = split(dataset(), name)
+    for fold in folds:
+        assert not {one.surface for one in fold.train} & {one.surface for one in fold.test}
+    tested = [one.path for fold in folds for one in fold.test]
+    assert len(tested) == len(set(tested)) == 12
+
+
+def test_folds_spread_the_labels_evenly() -> None:
+    for fold in split(dataset(), "3-fold"):
+        assert {one.label for one in fold.test} == {Touch.SMOOTH, Touch.ROUGH}
+
+
+def test_folds_depend_on_names_alone() -> None:
+    made = dataset()
+    turned = Dataset(made.name, made.root, made.recordings[::-1])
+    assert [set(fold.test) for fold in split(made, "3-fold")] == [set(fold.test) for fold in split(turned, "3-fold")]
+
+
+def test_any_key_may_be_left_out() -> None:
+    folds = split(dataset(), "leave-one-scenario-out")
+    assert [fold.name for fold in folds] == ["scenario box", "scenario hand"]
+    assert {one.scenario for one in folds[0].test} == {"box"}
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("by-window", "take one of leave-one-surface-out"),
+        ("leave-one-session-out", "every recording has session ''"),
+        ("7-fold", "7 folds of 6 surfaces"),
+        ("given", "no split of its own"),
+    ],
+)
+def test_a_split_that_cannot_be_made_says_why(name: str, told: str) -> None:
+    with pytest.raises(DatasetError, match=told):
+        split(dataset(), name)
+
+
+def test_a_given_split_that_leaks_is_refused() -> None:
+    leaky = tuple(
+        Recording(Path(f"{part}.wav"), "slate", Touch.ROUGH, properties={"split": part}) for part in ("train", "test")
+    )
+    with pytest.raises(DatasetError, match="slate in both train and test"):
+        split(Dataset("leaky", Path("leaky"), leaky), "given")
