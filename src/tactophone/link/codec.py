@@ -1,0 +1,238 @@
+"""Sound to bytes and back, a packet's worth at a time: lossless PCM for a local network, Opus for the rest.
+
+Why Opus is set as it is (all measured with libopus 1.3.1, ``docs/benchmarks.md``):
+
+- *Restricted low delay*: look-ahead of 2.5 ms in place of 6.5.
+- *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant
+  bitrate it ruins them at any rate (xiph/opus #251).
+- *Constant bitrate*: a size that varies tells an eavesdropper of sealed packets when the finger touches (RFC 6562).
+- *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz for nothing.
+- *Expected loss of 20 %*: the encoder then leans less on what it sent before, +6 dB at 1 % loss for nothing.
+- *No in-band FEC*: it does not exist at low delay; packets carry earlier ones instead (:mod:`~tactophone.link.packet`).
+
+A payload says by its type and its own first bytes which codec, how many channels and how many samples it holds. So the
+sender chooses, and the receiver has no setting that could disagree.
+"""
+
+import weakref
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from tactophone.errors import ConfigError, PacketError
+from tactophone.link.packet import CLOCK_RATE, PayloadType
+from tactophone.link.pcm import LARGEST_PCM, PcmDecoder, PcmEncoder
+from tactophone.types import FloatArray
+
+OPUS_SIZES = (120, 240, 480, 960)
+"""Samples of a packet that Opus offers at low delay and 48 kHz: 2.5, 5, 10 and 20 ms."""
+
+LOOKAHEAD = 120
+"""Samples by which Opus' restricted low-delay output lies behind its input (``OPUS_GET_LOOKAHEAD`` says the same)."""
+
+_BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
+"""Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
+
+_LARGEST_OPUS = 1275 * 2
+"""Bytes of the largest packet of two streams (RFC 6716 section 3.4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """How sound is coded in one session.
+
+    Parameters
+    ----------
+    name
+        ``"pcm16"`` (lossless for 16-bit sound, no look-ahead) or ``"opus"``.
+    channels
+        1 or 2.
+    packet_size
+        Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM.
+    bandwidth
+        The highest frequency in Hz that must arrive, which is the model's to say.
+    bitrate_bps
+        Of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter packets
+        and wider bands.
+
+    Examples
+    --------
+    >>> codec = Codec("opus", packet_size=120)
+    >>> codec.latency, codec.bitrate_bps
+    (0.005, 128000)
+    """
+
+    name: Literal["pcm16", "opus"] = "opus"
+    channels: int = 2
+    packet_size: int = 240
+    bandwidth: float = 4_000.0
+    bitrate_bps: int = 0
+
+    def __post_init__(self) -> None:
+        if self.name not in ("pcm16", "opus"):
+            raise ConfigError(f"codec {self.name!r}, but there are pcm16 and opus; choose one")
+        if self.channels not in (1, 2):
+            raise ConfigError(f"{self.channels} channels, but the link carries 1 or 2: contact, and air")
+        self._check_packet_size()
+        if not self.bitrate_bps:
+            object.__setattr__(self, "bitrate_bps", _default_bitrate(self))
+
+    @property
+    def lookahead(self) -> int:
+        """Samples by which the decoded sound lies behind the encoded."""
+        return LOOKAHEAD if self.name == "opus" else 0
+
+    @property
+    def latency(self) -> float:
+        """Seconds from a sample's arrival at the encoder to its packet, at worst, with look-ahead."""
+        return (self.packet_size + self.lookahead) / CLOCK_RATE
+
+    @property
+    def kind(self) -> PayloadType:
+        """The payload type that this codec writes."""
+        if self.name == "pcm16":
+            return PayloadType.L16_MONO if self.channels == 1 else PayloadType.L16_STEREO
+        return PayloadType.OPUS if self.channels == 1 else PayloadType.MULTIOPUS
+
+    def _check_packet_size(self) -> None:
+        if self.name == "opus" and self.packet_size not in OPUS_SIZES:
+            sizes = ", ".join(f"{size / 48:g} ms" for size in OPUS_SIZES)
+            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({OPUS_SIZES})")
+        if self.name == "pcm16" and not 1 <= self.packet_size <= LARGEST_PCM:
+            raise ConfigError(
+                f"PCM packets of {self.packet_size} samples, but 1 to {LARGEST_PCM} fit a datagram; choose fewer"
+            )
+
+
+class Encoder(Protocol):
+    """Turns exactly one packet's sound into one payload."""
+
+    def encode(self, samples: FloatArray) -> bytes:
+        """Code ``samples``, float32 of shape ``(packet_size, channels)``, all finite."""
+        ...
+
+
+class Decoder(Protocol):
+    """Turns payloads into sound, in order, and fills the holes between them."""
+
+    @property
+    def kind(self) -> PayloadType:
+        """The payload type that it reads."""
+        ...
+
+    def size(self, content: bytes) -> int:
+        """Samples in a payload; `PacketError` when it is not one."""
+        ...
+
+    def decode(self, content: bytes) -> FloatArray:
+        """Give the sound of a payload, of shape ``(size, channels)``; `PacketError` when it is not one."""
+        ...
+
+    def conceal(self, size: int, following: bytes) -> FloatArray:
+        """Guess ``size`` samples that were lost before the payload ``following``, which is decoded next."""
+        ...
+
+
+def open_encoder(codec: Codec) -> Encoder:
+    """Start an encoder."""
+    return PcmEncoder() if codec.name == "pcm16" else _OpusEncoder(codec)
+
+
+def open_decoder(kind: PayloadType) -> Decoder:
+    """Start the decoder that reads a payload type; `PacketError` when it is not sound."""
+    match kind:
+        case PayloadType.L16_MONO | PayloadType.L16_STEREO:
+            return PcmDecoder(kind, channels=_channels(kind))
+        case PayloadType.OPUS | PayloadType.MULTIOPUS:
+            return _OpusDecoder(kind)
+    raise PacketError(f"payload type {kind.name} is not sound; only sound can be decoded")
+
+
+def _default_bitrate(codec: Codec) -> int:
+    """Give short packets and wide bands what they cost: 96 kbit/s for two channels of 4 kHz is 30 dB at 5 ms."""
+    per_channel = 64_000 if codec.packet_size == OPUS_SIZES[0] else 48_000
+    return codec.channels * (per_channel if codec.bandwidth <= min(_BANDWIDTHS) else 2 * per_channel)
+
+
+def _channels(kind: PayloadType) -> int:
+    return 1 if kind in (PayloadType.L16_MONO, PayloadType.OPUS) else 2
+
+
+class _OpusEncoder:
+    def __init__(self, codec: Codec) -> None:
+        opus = _libopus()
+        self._size, self._channels = codec.packet_size, codec.channels
+        self._api = opus.api.multistream_encoder
+        self._state = self._api.create_state(
+            CLOCK_RATE, codec.channels, codec.channels, 0, range(codec.channels), opus.APPLICATION_RESTRICTED_LOWDELAY
+        )
+        weakref.finalize(self, self._api.destroy, self._state)
+        bandwidth = next((number for top, number in _BANDWIDTHS.items() if top >= codec.bandwidth), 1105)
+        ctl = opus.api.ctl
+        for setting, value in (
+            (ctl.set_bitrate, codec.bitrate_bps),
+            (ctl.set_vbr, 0),
+            (ctl.set_bandwidth, bandwidth),
+            (ctl.set_packet_loss_perc, 20),
+        ):
+            self._api.encoder_ctl(self._state, setting, value)
+
+    def encode(self, samples: FloatArray) -> bytes:
+        # The binding does not look at the length before libopus reads it: a short array would be read past its end.
+        if samples.shape != (self._size, self._channels):
+            raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
+        pcm = np.ascontiguousarray(samples, np.float32).tobytes()
+        return bytes(self._api.encode_float(self._state, pcm, self._size, _LARGEST_OPUS))
+
+
+class _OpusDecoder:
+    def __init__(self, kind: PayloadType) -> None:
+        opus = _libopus()
+        self.kind = kind
+        self._channels = _channels(kind)
+        self._api, self._info, self._error = opus.api.multistream_decoder, opus.api.decoder, opus.OpusError
+        self._state = self._api.create_state(CLOCK_RATE, self._channels, self._channels, 0, range(self._channels))
+        weakref.finalize(self, self._api.destroy, self._state)
+
+    def size(self, content: bytes) -> int:
+        if not content:
+            raise PacketError("an empty Opus payload; a sender of ours never makes one")
+        try:
+            # Of several streams, the first one's first byte holds for all (RFC 7845 section 5.1.1 has the layout).
+            per_part = self._info.packet_get_samples_per_frame(content, CLOCK_RATE)
+            return int(per_part * self._info.packet_get_nb_frames(content))
+        except self._error as error:
+            raise PacketError(f"an Opus payload that libopus does not read: {error}") from error
+
+    def decode(self, content: bytes) -> FloatArray:
+        return self._run(content, self.size(content))
+
+    def conceal(self, size: int, following: bytes) -> FloatArray:
+        # Opus extrapolates and then glides into the next packet by itself, in steps of 2.5 ms and 20 ms at most.
+        whole = -(-size // OPUS_SIZES[0]) * OPUS_SIZES[0]
+        steps = [min(OPUS_SIZES[-1], whole - done) for done in range(0, whole, OPUS_SIZES[-1])]
+        return np.concatenate([self._run(b"", step) for step in steps])[:size]
+
+    def _run(self, content: bytes, size: int) -> FloatArray:
+        try:
+            sound = self._api.decode_float(self._state, content, len(content), size, False, self._channels)
+        except self._error as error:
+            raise PacketError(f"an Opus payload that libopus does not decode: {error}") from error
+        return np.frombuffer(sound, np.float32).reshape(-1, self._channels)
+
+
+def _libopus() -> Any:
+    """The binding; imported late, because it needs the system's libopus and PCM does not."""
+    try:
+        import opuslib_next
+        import opuslib_next.api.ctl
+        import opuslib_next.api.decoder
+        import opuslib_next.api.multistream_decoder
+        import opuslib_next.api.multistream_encoder
+    except ModuleNotFoundError as error:
+        raise ConfigError("the Opus codec needs: pip install 'tactophone[link]'; or use --codec pcm16") from error
+    except Exception as error:
+        # The binding raises a bare Exception when the shared library itself is missing.
+        raise ConfigError(f"no libopus here ({error}): apt install libopus0; or use --codec pcm16") from error
+    return opuslib_next
