@@ -1,1 +1,233 @@
-"""All settings as frozen dataclasses, read from TOML and checked."""
+"""All settings as frozen dataclasses, read from TOML and checked.
+
+Defaults yield to the TOML file, and that to ``--set section.name=value``. Each setting carries its unit, its range
+and the words that ``--help`` and ``tactophone settings`` show, so that there is one place to look.
+"""
+
+import dataclasses
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tactophone.errors import ConfigError
+
+_ANY = (-math.inf, math.inf)
+
+
+def _setting(default: Any, words: str, *, unit: str = "", span: tuple[float, float] = _ANY) -> Any:
+    """Declare a number or a text; numbers lie within ``span``, both ends included."""
+    return field(default=default, metadata={"words": words, "unit": unit, "span": span})
+
+
+def _choice(default: Any, words: str, choices: tuple[Any, ...]) -> Any:
+    """Declare one of a few values."""
+    return field(default=default, metadata={"words": words, "choices": choices})
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """Where the robot's sound comes from."""
+
+    source: str = _choice(
+        "jack", "microphones, a recording, or the simulated finger", ("jack", "portaudio", "file", "finger")
+    )
+    device: str = _setting("", "PortAudio device (name or number), file to play, or finger scene; empty: the default")
+    contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
+    air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
+    block_size: int = _setting(128, "sound handed on at once by files and the finger", unit="samples", span=(1, 4096))
+    loop: bool = _setting(True, "begin a recording anew when it ends")
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """How sound crosses the network."""
+
+    peer: str = _setting("", "host of the other side; the robot calls the operator")
+    host: str = _setting("0.0.0.0", "address that the operator's side listens at")
+    port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
+    identity: str = _setting("", "folder with this side's key and its trusted peers; empty: ~/.config/tactophone")
+    codec: str = _choice("opus", "pcm16 for a local network, opus for the rest", ("opus", "pcm16"))
+    packet_duration: float = _setting(0.005, "sound in a packet", unit="s", span=(0.0005, 0.02))
+    bandwidth: float = _setting(4_000.0, "highest frequency that must arrive", unit="Hz", span=(4_000, 20_000))
+    bitrate_bps: int = _setting(
+        0, "of Opus, both channels; 0: as bandwidth and packet need", unit="bit/s", span=(0, 510_000)
+    )
+    redundancy: int = _setting(-1, "earlier packets carried in each; -1: as the loss needs", span=(-1, 2))
+    judge: bool = _setting(False, "judge on the robot's side and send only the belief")
+
+
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """What turns sound into belief."""
+
+    model: str = _setting("", "name of a shipped model, or a model file; empty: the default for the channels at hand")
+    threshold_dbfs: float = _setting(math.nan, "contact gate; nan: the model's own", unit="dBFS", span=(-120, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class Feel:
+    """What turns belief into vibration, and how much of it is allowed."""
+
+    profile: str = _setting("paper", "how belief becomes vibration")
+    ceiling: float = _setting(0.5, "no input and no page can pass this", unit="of full drive", span=(0, 1))
+    output_level: float = _setting(1.0, "volume under the ceiling", unit="of the profile's", span=(0, 1))
+    muted: bool = _setting(False, "start muted, until somebody arms")
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Where the vibration goes."""
+
+    actuator: str = _choice(
+        "jack", "the device that drives the voice coil, a WAV file, or nothing", ("jack", "portaudio", "file", "none")
+    )
+    device: str = _setting("", "PortAudio device (name or number), or the WAV file to write; empty: the default")
+    port: str = _setting("system:playback_1", "JACK port of the actuator's amplifier")
+    period: int = _setting(128, "sound rendered at once by file and none", unit="samples", span=(16, 4096))
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """How the processes behave towards the machine."""
+
+    name: str = _setting("", "under which others watch and stop this run; empty: the verb")
+    jack_server: str = _setting("", "JACK server; empty: the default one")
+    priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
+    lock_memory: bool = _setting(False, "keep the process in memory (mlockall)")
+    watchdog: bool = _setting(True, "end a stalled process, and begin a new one that stays muted")
+    stall_timeout: float = _setting(
+        0.035, "without a callback while vibrating, after which a process counts as stalled", unit="s", span=(0.01, 1)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Everything that can be set; one TOML table per field.
+
+    Examples
+    --------
+    >>> change(Settings(), ["link.packet_duration=0.0025", "capture.source=finger"]).link.packet_duration
+    0.0025
+    """
+
+    capture: Capture = Capture()
+    link: Link = Link()
+    judge: Judge = Judge()
+    feel: Feel = Feel()
+    output: Output = Output()
+    process: Process = Process()
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One setting, for help texts: its dotted name, default, words with range, and unit."""
+
+    name: str
+    default: Any
+    words: str
+    unit: str = ""
+    choices: tuple[Any, ...] = ()
+
+
+def entries() -> Iterator[Entry]:
+    """Give all settings in the order of the file."""
+    for section in dataclasses.fields(Settings):
+        for entry in dataclasses.fields(type(getattr(Settings(), section.name))):
+            meta = entry.metadata
+            words = f"{meta['words']}{_range(meta.get('span', _ANY), meta.get('unit', ''))}"
+            yield Entry(
+                f"{section.name}.{entry.name}", entry.default, words, meta.get("unit", ""), meta.get("choices", ())
+            )
+
+
+def read(path: Path) -> Settings:
+    """Read a TOML file over the defaults.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be read, or holds what is not a setting or out of range.
+    """
+    try:
+        tables = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: {error.strerror}; `tactophone settings > {path}` writes one to begin with"
+        ) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not TOML: {error}") from None
+    settings = Settings()
+    for section, table in tables.items():
+        if not isinstance(table, Mapping):
+            raise ConfigError(f"{path}: {section} stands outside a table; write it under one of {_sections()}")
+        for name, value in table.items():
+            settings = replace(settings, f"{section}.{name}", value, where=str(path))
+    return settings
+
+
+def change(settings: Settings, assignments: Iterable[str]) -> Settings:
+    """Apply ``section.name=value`` texts; a value that is not TOML is taken as the text it is."""
+    for assignment in assignments:
+        name, equals, text = assignment.partition("=")
+        if not equals:
+            raise ConfigError(f"--set {assignment}: wanted section.name=value, such as link.port=48470")
+        settings = replace(settings, name.strip(), _value(text.strip()), where="--set")
+    return settings
+
+
+def replace(settings: Settings, name: str, value: Any, *, where: str) -> Settings:
+    """Set one setting by its dotted name, checked; ``where`` says who asks, for the error."""
+    section, _, key = name.partition(".")
+    known = {entry.name: entry for entry in entries()}
+    if name not in known:
+        raise ConfigError(f"{where}: there is no setting {name}{_nearest(name, known)}")
+    table = getattr(settings, section)
+    declared = next(entry for entry in dataclasses.fields(table) if entry.name == key)
+    checked = _checked(declared, value, f"{where}: {name} = {value!r}")
+    return dataclasses.replace(settings, **{section: dataclasses.replace(table, **{key: checked})})
+
+
+def _checked(declared: "dataclasses.Field[Any]", value: Any, found: str) -> Any:
+    kind = type(declared.default)
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        raise ConfigError(f"{found}, but it is a {_KINDS[kind]}")
+    choices = declared.metadata.get("choices", ())
+    if choices and value not in choices:
+        raise ConfigError(f"{found}, but it is one of {', '.join(choices)}")
+    low, high = declared.metadata.get("span", _ANY)
+    # NaN lies in no range; where a default has it, it stands for "as the model says".
+    meant = kind is float and math.isnan(value) and math.isnan(declared.default)  # type: ignore[arg-type]
+    if kind in (int, float) and not low <= value <= high and not meant:
+        raise ConfigError(f"{found}, but it is {_range((low, high), declared.metadata['unit']).removeprefix(', ')}")
+    return value
+
+
+_KINDS = {str: "text", int: "whole number", float: "number", bool: "switch: true or false"}
+
+
+def _range(span: tuple[float, float], unit: str) -> str:
+    if math.isinf(span[0]):
+        return f", {unit}" if unit else ""
+    return f", {span[0]:g} to {span[1]:g} {unit}".rstrip()
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"; did you mean {near[0]}?" if near else f"; sections are {_sections()}"
+
+
+def _sections() -> str:
+    return ", ".join(section.name for section in dataclasses.fields(Settings))
