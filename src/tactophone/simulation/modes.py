@@ -1,0 +1,158 @@
+"""What rings: the modes of a body by how it is held, of the finger, and of the room around them.
+
+A body is a handful of damped masses on springs that the contact force drives; each moves the contact and radiates.
+Frequencies and dampings are drawn within ranges from plate and shell formulas for bodies of that size (Blevins,
+*Formulas for Natural Frequency and Mode Shape*, 1979) and from loss factors of stone, wood and hand (Cremer, Heckl,
+Petersson, *Structure-Borne Sound*, 2005, table 4.2; Dong et al., "Mechanical impedances distributed at the fingers and
+palm", J. Biomech. 38, 1165, 2005).
+
+Radiation is in pascals at the air microphone per m/s^2 of the mode: ``rho S / (4 pi r)`` of a small source at distance
+``r`` (Kinsler et al., *Fundamentals of Acoustics*, 2000, section 7.2). A table moves more air than a stone, but lies
+farther from a microphone that sits two centimetres from the contact.
+"""
+
+import enum
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+MODE = np.dtype([(name, np.float64) for name in ("stiffness", "mobility", "damping", "radiation", "strain")])
+"""A mode as the kernel wants it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per newton."""
+
+
+class Body(enum.StrEnum):
+    """How a thing is built, which decides how it rings."""
+
+    BLOCK = "block"
+    SHELL = "shell"
+    WALL = "wall"
+    PANE = "pane"
+    SHEET = "sheet"
+    TABLETOP = "tabletop"
+
+
+class Mounting(enum.StrEnum):
+    """How it is held: three scenarios for what can be moved, ``MAT`` for the competition's box, or its own place."""
+
+    HELD = "held"
+    TABLE = "table"
+    BOX = "box"
+    MAT = "mat"
+    FIXED = "fixed"
+
+
+class Mode(NamedTuple):
+    """One resonance: Hz, kg, fraction of critical damping, Pa per m/s^2, share of the force that the piezo feels."""
+
+    frequency: float
+    mass: float
+    damping: float
+    radiation: float
+    strain: float = 0.0
+
+
+class _Range(NamedTuple):
+    """Bounds of one mode's frequency, mass, damping and radiation; a mass may be relative to the body's own."""
+
+    frequency: tuple[float, float]
+    mass: tuple[float, float]
+    damping: tuple[float, float]
+    radiation: tuple[float, float]
+    relative: bool = False
+
+
+_OWN: dict[Body, tuple[_Range, ...]] = {
+    # The bulk modes of a fist-sized stone lie over 2.5 kHz; all of it that moves is the contact's surroundings.
+    Body.BLOCK: (
+        _Range((2600, 4200), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
+        _Range((4300, 6000), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
+        _Range((6200, 8200), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
+    ),
+    # A cast shell, 3 to 5 mm thick: light local modes from 250 Hz up.
+    Body.SHELL: (
+        _Range((240, 460), (0.10, 0.20), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
+        _Range((500, 880), (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
+        _Range((1000, 1700), (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
+        _Range((1800, 2800), (0.06, 0.06), (0.05, 0.07), (1.0e-3, 1.0e-3), relative=True),
+    ),
+    Body.WALL: (
+        _Range((80, 130), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
+        _Range((200, 320), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
+        _Range((460, 700), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
+    ),
+    Body.PANE: (
+        _Range((120, 180), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
+        _Range((270, 380), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
+        _Range((480, 640), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
+        _Range((820, 1100), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
+    ),
+    Body.SHEET: (
+        _Range((60, 90), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+        _Range((140, 200), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+        _Range((260, 350), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+        _Range((470, 600), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+        _Range((800, 1000), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+    ),
+    Body.TABLETOP: (
+        _Range((55, 80), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+        _Range((130, 180), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+        _Range((240, 320), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+        _Range((400, 520), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+        _Range((650, 820), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+    ),
+}
+
+_HELD_BY: dict[Mounting, tuple[_Range, ...]] = {
+    # The palm's tissue under the stone, then the hand on the wrist (Dong et al. 2005).
+    Mounting.HELD: (
+        _Range((14, 28), (1, 1), (0.3, 0.5), (1e-4, 1e-4), relative=True),
+        _Range((70, 130), (2.5, 2.5), (0.2, 0.35), (1e-4, 1e-4), relative=True),
+    ),
+    # The stone rocks on its three points; the tabletop below it booms.
+    Mounting.TABLE: (
+        _Range((170, 320), (1, 1), (0.06, 0.14), (6e-4, 6e-4), relative=True),
+        _Range((55, 85), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+        _Range((120, 180), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+        _Range((220, 330), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+        _Range((380, 560), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+    ),
+    # Cardboard: light panels, lossy.
+    Mounting.BOX: (
+        _Range((60, 100), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
+        _Range((140, 220), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
+        _Range((280, 430), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
+        _Range((520, 780), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
+    ),
+    # The stone on a rubber mat, in a wooden box.
+    Mounting.MAT: (
+        _Range((55, 110), (1, 1), (0.12, 0.25), (6e-4, 6e-4), relative=True),
+        _Range((70, 120), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
+        _Range((190, 300), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
+        _Range((420, 640), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
+    ),
+    Mounting.FIXED: (),
+}
+
+
+def body_modes(body: Body, mounting: Mounting, *, mass: float, rng: np.random.Generator) -> list[Mode]:
+    """Draw the modes of a body of this mass in kg, held this way."""
+    return [_draw(bounds, mass, rng) for bounds in (*_OWN[body], *_HELD_BY[mounting])]
+
+
+def mode_table(modes: Sequence[Mode], size: int | None = None) -> NDArray[np.void]:
+    """Lay modes out for the kernel, filled up to ``size`` with modes that nothing moves."""
+    table = np.zeros(len(modes) if size is None else size, MODE)
+    for row, mode in zip(table, modes, strict=False):
+        omega = 2 * np.pi * mode.frequency
+        row["stiffness"], row["mobility"] = omega**2, 1 / mode.mass
+        row["damping"], row["radiation"], row["strain"] = 2 * mode.damping * omega, mode.radiation, mode.strain
+    return table
+
+
+def _draw(bounds: _Range, mass: float, rng: np.random.Generator) -> Mode:
+    drawn = [float(rng.uniform(*pair)) for pair in bounds[:4]]
+    if bounds.relative:
+        drawn[1] *= mass
+    return Mode(*drawn)
