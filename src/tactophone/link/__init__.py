@@ -1,1 +1,33 @@
-"""Sound over the network: codec, packets, sealed sessions, arrival, playout and statistics."""
+"""Sound over the network: codec, packets, sealed sessions, arrival, playout and statistics.
+
+Everything here is values, with the time as an argument; only :mod:`~tactophone.link.udp` touches a socket.
+"""
+
+from tactophone.link.arrival import Arrival, Heard
+from tactophone.link.codec import Codec
+from tactophone.link.departure import Departure, Redundancy, RedundancyRule
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
+from tactophone.link.stats import StreamStats
+from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
+
+__all__ = [
+    "Arrival",
+    "Arrived",
+    "Codec",
+    "Connected",
+    "DatagramSocket",
+    "Departure",
+    "Disconnected",
+    "Endpoint",
+    "Event",
+    "Heard",
+    "Identity",
+    "Peers",
+    "Redundancy",
+    "RedundancyRule",
+    "Session",
+    "StreamStats",
+    "UdpSocket",
+    "resolve",
+]
