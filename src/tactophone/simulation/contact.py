@@ -42,6 +42,9 @@ OVERSAMPLING = 2
 _MAX_FORCE = 60.0
 """Newtons; beyond any stroke. Keeps a careless setting from diverging."""
 
+_MICRO_TOP = 3000.0
+"""Hz over which it fades: the pad's mass evens it out."""
+
 _MICRO_CORNER = 40.0
 """Hz under which micro-roughness moves nothing: its wavelengths are shorter than the patch."""
 
@@ -58,7 +61,10 @@ class Motion(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """All that can be touched: tracks of shape ``(bodies, SIZE)``, their spacing, and records of bodies and modes."""
+    """All that can be touched: tracks ``(bodies, SIZE)`` of a power of two, their spacing, and records of the bodies.
+
+    ``modes`` has a row for each body and, last, one for the finger itself, of which ``flexure`` modes are in use.
+    """
 
     light: NDArray[np.float32]
     heavy: NDArray[np.float32]
@@ -66,16 +72,22 @@ class Ground(NamedTuple):
     spacing: float
     bodies: NDArray[np.void]
     modes: NDArray[np.void]
-    flexure: NDArray[np.void]
+    flexure: int
 
 
 class Ringing(NamedTuple):
-    """Displacements and speeds of the bodies' modes, ``(bodies, modes)``, and of the finger's, ``(modes,)``."""
+    """Displacements (m) and speeds of all modes, laid out as ``Ground.modes``."""
 
-    body: Array
-    body_speed: Array
-    flexure: Array
-    flexure_speed: Array
+    displacement: Array
+    speed: Array
+
+
+class Pace(NamedTuple):
+    """Seconds a step, and the coefficients of the one-pole low-passes of micro-roughness and friction noise."""
+
+    step: float
+    micro: float
+    friction: float
 
 
 class Heard(NamedTuple):
@@ -100,6 +112,9 @@ def slide(
 ) -> None:
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
+    pace = Pace(
+        step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.friction_corner * step)
+    )
     s = state[0]
     for i in range(motion.position.size):
         strain, force, air, radiated = 0.0, 0.0, 0.0, 0.0
@@ -107,7 +122,7 @@ def slide(
             at = motion.position[i] + k * step * motion.speed[i]
             heard_now = _step(
                 s, finger, ground, ringing, motion.body[i], at, motion.speed[i], motion.press[i], motion.height[i],
-                noise[i, k], step,
+                noise[i, k], pace,
             )  # fmt: skip
             strain += heard_now[0]
             force += heard_now[1]
@@ -120,30 +135,27 @@ def slide(
 @compiled
 def _step(
     s: Any, finger: Finger, ground: Ground, ringing: Ringing, which: int, at: float, speed: float, press: float,
-    height: float, noise: float, step: float,
+    height: float, noise: float, pace: Pace,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     body = ground.bodies[which]
     slip = speed + s.link_speed + s.shear_speed
     track, slope, drag = _under(ground, which, at + s.link + s.shear, s.load)
-    micro = _micro_impacts(s, body, finger, abs(slip), noise, step)
-    yielding, yielding_speed = _moved(ringing.body[which], ringing.body_speed[which], body.modes)
-    bent, bent_speed = _moved(ringing.flexure, ringing.flexure_speed, ringing.flexure.size)
+    micro = _micro_impacts(s, body, finger, abs(slip), noise, pace)
+    own = ground.bodies.size
+    yielding, yielding_speed = _moved(ringing, which, body.modes)
+    bent, bent_speed = _moved(ringing, own, ground.flexure)
     depth = track + height + s.micro + yielding - s.pad - bent
     rate = slope * slip + micro + yielding_speed - s.pad_speed - bent_speed
     normal = _press(depth, rate, body.stiffness, finger.restitution)
-    tangential = _rub(s, body, finger, normal, slip, drag, noise, step)
-    pad, shear, shake = _swing(s, finger, press, normal, tangential, step)
+    tangential = _rub(s, body, finger, normal, slip, drag, noise, pace)
+    pad, shear, shake = _swing(s, finger, press, normal, tangential, pace.step)
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
-    bend, flexed = _ring(
-        ground.flexure, ringing.flexure, ringing.flexure_speed, ringing.flexure.size, normal + 0.5 * tangential, step
-    )
+    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + 0.5 * tangential, pace.step)
     air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
     radiated = 0.0
     for b in range(ground.bodies.size):  # what was left behind still rings
         push = 0.3 * tangential - normal if b == which else 0.0
-        radiated += _ring(ground.modes[b], ringing.body[b], ringing.body_speed[b], ground.bodies[b].modes, push, step)[
-            1
-        ]
+        radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, pace.step)[1]
     s.load += 0.004 * (normal - s.load)
     return strain + bend, normal, air, radiated
 
@@ -154,10 +166,10 @@ def _under(ground: Ground, which: int, at: float, load: float) -> tuple[float, f
     place = at / ground.spacing
     left = int(np.floor(place))
     part = place - left
-    a = left % ground.light.shape[1]
-    b = (left + 1) % ground.light.shape[1]
+    a = left & (ground.light.shape[1] - 1)
+    b = (left + 1) & (ground.light.shape[1] - 1)
     # Hertz' patch grows with the cube root of the load; 4 N is the heavy track's.
-    heavy = min(1.0, load * 0.25) ** (1.0 / 3.0)
+    heavy = np.cbrt(min(1.0, load * 0.25))
     first = ground.light[which, a] * (1 - heavy) + ground.heavy[which, a] * heavy
     second = ground.light[which, b] * (1 - heavy) + ground.heavy[which, b] * heavy
     drag = ground.friction[which, a] * (1 - part) + ground.friction[which, b] * part
@@ -165,13 +177,12 @@ def _under(ground: Ground, which: int, at: float, load: float) -> tuple[float, f
 
 
 @compiled
-def _micro_impacts(s: Any, body: Any, finger: Finger, slip: float, noise: float, step: float) -> float:
-    """Speed in m/s of what is finer than the track, as noise under 3 kHz; moves ``s.micro``."""
-    corner = 1 - np.exp(-2 * np.pi * 3000.0 * step)
-    s.micro_noise += corner * (noise - s.micro_noise)
-    unit = np.sqrt((2 - corner) / corner)  # of a one-pole low-pass fed with white noise
-    speed = body.micro_speed * (slip * 10.0) ** 0.75 * unit * s.micro_noise
-    s.micro += step * (speed - 2 * np.pi * _MICRO_CORNER * s.micro)
+def _micro_impacts(s: Any, body: Any, finger: Finger, slip: float, noise: float, pace: Pace) -> float:
+    """Speed in m/s of what is finer than the track, as noise under 3 kHz, growing as speed^0.75; moves ``s.micro``."""
+    s.micro_noise += pace.micro * (noise - s.micro_noise)
+    unit = np.sqrt((2 - pace.micro) / pace.micro)  # of a one-pole low-pass fed with white noise
+    speed = body.micro_speed * np.sqrt(slip * 10.0 * np.sqrt(slip * 10.0)) * unit * s.micro_noise
+    s.micro += pace.step * (speed - 2 * np.pi * _MICRO_CORNER * s.micro)
     return speed
 
 
@@ -185,22 +196,19 @@ def _press(depth: float, rate: float, stiffness: float, restitution: float) -> f
 
 
 @compiled
-def _rub(
-    s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, step: float
-) -> float:
+def _rub(s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, pace: Pace) -> float:
     """LuGre friction, solved implicitly, with the track's drag and the noise of micro-slips; in N, against the slip."""
     if normal <= 0.0:
         s.bristle *= 0.98
         return 0.0
     speed = abs(slip)
     limit = body.kinetic + (body.static - body.kinetic) / (1.0 + (slip / body.stribeck_speed) ** 2)
-    bristle = (s.bristle + step * slip) / (1.0 + step * finger.bristle_stiffness * speed / limit)
-    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / step
+    bristle = (s.bristle + pace.step * slip) / (1.0 + pace.step * finger.bristle_stiffness * speed / limit)
+    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / pace.step
     s.bristle = bristle
-    corner = 1 - np.exp(-2 * np.pi * finger.friction_corner * step)
-    s.friction_noise += corner * (noise - s.friction_noise)
-    unit = np.sqrt((2 - corner) / corner)
-    hiss = finger.friction_noise * normal**0.8 * (speed * 10.0) ** 0.5 * unit * s.friction_noise
+    s.friction_noise += pace.friction * (noise - s.friction_noise)
+    unit = np.sqrt((2 - pace.friction) / pace.friction)
+    hiss = finger.friction_noise * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
     return hiss - normal * (min(max(friction, -1.5), 1.5) + drag)
 
 
@@ -232,25 +240,25 @@ def _swing(
 
 
 @compiled
-def _moved(displacement: Array, speed: Array, count: int) -> tuple[float, float]:
+def _moved(ringing: Ringing, row: int, count: int) -> tuple[float, float]:
+    """Displacement (m) and speed of the contact by all of a body's modes."""
     where, fast = 0.0, 0.0
     for j in range(count):
-        where += displacement[j]
-        fast += speed[j]
+        where += ringing.displacement[row, j]
+        fast += ringing.speed[row, j]
     return where, fast
 
 
 @compiled
-def _ring(
-    modes: NDArray[np.void], displacement: Array, speed: Array, count: int, force: float, step: float
-) -> tuple[float, float]:
-    """Step damped modes under a force; gives the piezo's newtons and the pascals that they radiate."""
+def _ring(ground: Ground, ringing: Ringing, row: int, count: int, force: float, step: float) -> tuple[float, float]:
+    """Step a body's modes under a force; gives the piezo's newtons and the pascals that they radiate."""
     strain, pressure = 0.0, 0.0
     for j in range(count):
-        mode = modes[j]
-        pull = force * mode.mobility - mode.damping * speed[j] - mode.stiffness * displacement[j]
-        speed[j] += step * pull
-        displacement[j] += step * speed[j]
-        strain += mode.strain * mode.stiffness / mode.mobility * displacement[j]
+        mode = ground.modes[row, j]
+        was, speed = ringing.displacement[row, j], ringing.speed[row, j]
+        pull = force * mode.mobility - mode.damping * speed - mode.stiffness * was
+        ringing.speed[row, j] = speed + step * pull
+        ringing.displacement[row, j] = was + step * ringing.speed[row, j]
+        strain += mode.strain * ringing.displacement[row, j]
         pressure += mode.radiation * pull
     return strain, pressure

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MODE = np.dtype([(name, np.float64) for name in ("stiffness", "mobility", "damping", "radiation", "strain")])
-"""A mode as the kernel wants it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per newton."""
+"""A mode as the kernel wants it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per metre."""
 
 
 class Body(enum.StrEnum):
@@ -147,7 +147,8 @@ def mode_table(modes: Sequence[Mode], size: int | None = None) -> NDArray[np.voi
     for row, mode in zip(table, modes, strict=False):
         omega = 2 * np.pi * mode.frequency
         row["stiffness"], row["mobility"] = omega**2, 1 / mode.mass
-        row["damping"], row["radiation"], row["strain"] = 2 * mode.damping * omega, mode.radiation, mode.strain
+        row["damping"], row["radiation"] = 2 * mode.damping * omega, mode.radiation
+        row["strain"] = mode.strain * mode.mass * omega**2
     return table
 
 

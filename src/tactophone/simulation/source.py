@@ -175,15 +175,15 @@ def _ground(scene: Scene, setup: Setup) -> Ground:
     for body, thing, ringing in zip(bodies, things, modes, strict=True):
         _fill(body, thing.material, setup.finger)
         body["modes"] = len(ringing)
-    size = max(map(len, modes))
+    size = max(len(FLEXURE), *map(len, modes))
     return Ground(
         light=np.stack([one.light for one in tracks]),
         heavy=np.stack([one.heavy for one in tracks]),
         friction=np.stack([one.friction for one in tracks]),
         spacing=SPACING,
         bodies=bodies,
-        modes=np.stack([mode_table(ringing, size) for ringing in modes]),
-        flexure=mode_table(FLEXURE),
+        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, FLEXURE)]),
+        flexure=len(FLEXURE),
     )
 
 
@@ -199,8 +199,7 @@ def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:
     """The finger hovering, nothing ringing."""
     state = np.zeros(1, STATE)
     state["arm"] = state["pad"] = finger.arm_rest
-    still = [np.zeros(shape) for shape in (ground.modes.shape,) * 2 + (ground.flexure.shape,) * 2]
-    return state, Ringing(*still)
+    return state, Ringing(np.zeros(ground.modes.shape), np.zeros(ground.modes.shape))
 
 
 def _nothing() -> Truth:
