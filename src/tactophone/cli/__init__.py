@@ -15,6 +15,7 @@ from tactophone.cli import terminal
 from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
+    "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""
