@@ -1,0 +1,72 @@
+"""How sure a score is: by drawing surfaces anew, because windows of one surface are no independent witnesses."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.evaluation.metrics import Scores, measure
+
+DRAWS = 1000
+COVERAGE = 0.90
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A score with the interval that 90 % of the draws fall in; ``low`` and ``high`` are NaN where none can be had."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3f} ({self.low:.2f}-{self.high:.2f})"
+
+
+def estimate(
+    scores: Scores, *, draws: int = DRAWS, seed: int = 0, report: Callable[[int], None] = lambda done: None
+) -> dict[str, Estimate]:
+    """Measure scores, each with its interval.
+
+    Surfaces are drawn with replacement, rough and smooth ones apart, so that no draw lacks a class (stratified
+    percentile bootstrap; Efron & Tibshirani 1993, chapters 8 and 13).
+
+    Parameters
+    ----------
+    scores
+        The windows.
+    draws
+        How many times the surfaces are drawn anew.
+    seed
+        Of the draws.
+    report
+        Called with the number of draws done.
+    """
+    rng = np.random.default_rng(seed)
+    drawn: list[dict[str, float]] = []
+    strata = _strata(scores)
+    for done in range(draws):
+        times = _draw(strata, surfaces=len(scores.names), rng=rng)
+        drawn.append(measure(scores, times[scores.surface]))
+        report(done + 1)
+    return {name: _interval(value, [one[name] for one in drawn]) for name, value in measure(scores).items()}
+
+
+def _strata(scores: Scores) -> list[NDArray[np.intp]]:
+    present = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
+    return [surfaces for surfaces in present if len(surfaces)]
+
+
+def _draw(strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    times = np.zeros(surfaces)
+    for stratum in strata:
+        np.add.at(times, rng.choice(stratum, len(stratum)), 1.0)
+    return times
+
+
+def _interval(value: float, drawn: Sequence[float]) -> Estimate:
+    if not drawn or np.isnan(drawn).all():
+        return Estimate(value, float("nan"), float("nan"))
+    low, high = np.nanquantile(drawn, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
+    return Estimate(value, float(low), float(high))

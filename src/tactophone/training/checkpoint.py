@@ -1,0 +1,83 @@
+"""What a training run needs to go on after a kill: arrays in an npz file, never a pickle."""
+
+import json
+import os
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+
+from tactophone.errors import ModelError
+from tactophone.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Checkpoint:
+    """The state after ``steps`` batches of the run that ``identity`` describes.
+
+    ``arrays`` holds the network's parameters and the optimiser's moments; the random numbers need no state, as each
+    step's follow from the seed and the step's number.
+    """
+
+    identity: str
+    steps: int
+    arrays: Mapping[str, FloatArray]
+
+
+def save(path: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint; a kill leaves the old one or the new one, never half."""
+    partial = path.with_name(path.name + ".part")
+    head = np.array(json.dumps({"identity": checkpoint.identity, "steps": checkpoint.steps}))
+    with partial.open("wb") as file:
+        np.savez(file, allow_pickle=False, **{"head": head, **checkpoint.arrays})
+        file.flush()
+        os.fsync(file.fileno())
+    os.replace(partial, path)
+
+
+def load(path: Path, *, identity: str) -> Checkpoint | None:
+    """Read the checkpoint of this very run; ``None`` if there is none yet.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read, or belongs to another run.
+    """
+    if not path.exists():
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+            arrays = {name: file[name] for name in file.files if name != "head"}
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise ModelError(f"{path}: no checkpoint of ours ({error}); delete it to begin anew") from error
+    if head["identity"] != identity:
+        raise ModelError(
+            f"{path}: left by a run with another recipe, seed or data; delete it to begin anew, "
+            "or give the former options to go on"
+        )
+    return Checkpoint(identity, int(head["steps"]), arrays)
+
+
+def state_of(network: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, FloatArray]:
+    """Copy out what training changes: parameters, and Adam's two moments of each."""
+    arrays = {}
+    for name, parameter in network.named_parameters():
+        arrays[name] = parameter.detach().numpy().copy()
+        for moment in ("exp_avg", "exp_avg_sq"):
+            arrays[f"{moment}:{name}"] = optimiser.state[parameter][moment].numpy().copy()
+    return arrays
+
+
+def restore(checkpoint: Checkpoint, network: nn.Module, optimiser: torch.optim.Optimizer) -> None:
+    """Put back what :func:`state_of` gave."""
+    for name, parameter in network.named_parameters():
+        parameter.data.copy_(torch.from_numpy(checkpoint.arrays[name]))
+        optimiser.state[parameter] = {
+            "step": torch.tensor(float(checkpoint.steps)),
+            **{moment: torch.from_numpy(checkpoint.arrays[f"{moment}:{name}"]) for moment in ("exp_avg", "exp_avg_sq")},
+        }
