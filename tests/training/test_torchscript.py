@@ -11,7 +11,6 @@ from tactophone import ModelError
 from tactophone.training.networks import PaperNetwork, weights_of
 from tactophone.training.torchscript import read_torchscript
 
-
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
 
 

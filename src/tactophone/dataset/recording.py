@@ -1,5 +1,6 @@
 """A recording with what is known of it, and a data set of them: values only, nothing is opened here."""
 
+import functools
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -165,6 +166,13 @@ def fingerprint(recordings: Iterable[Recording]) -> str:
     for recording in sorted(recordings, key=lambda one: (one.path.name, one.surface)):
         total.update(f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode())
         if recording.path.is_file():
-            with recording.path.open("rb") as file:
-                total.update(hashlib.file_digest(file, "sha256").digest())
+            stat = recording.path.stat()
+            total.update(_digest(recording.path, stat.st_mtime_ns, stat.st_size))
     return total.hexdigest()
+
+
+@functools.lru_cache(maxsize=1 << 16)
+def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
+    """Hash a file's bytes, once for each state of it: cross-validation asks in every fold."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

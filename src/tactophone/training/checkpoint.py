@@ -53,7 +53,7 @@ def load(path: Path, *, identity: str) -> Checkpoint | None:
         with np.load(path, allow_pickle=False) as file:
             head = json.loads(str(file["head"]))
             arrays = {name: file[name] for name in file.files if name != "head"}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise ModelError(f"{path}: no checkpoint of ours ({error}); delete it to begin anew") from error
     if head["identity"] != identity:
         raise ModelError(

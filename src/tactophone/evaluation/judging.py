@@ -1,0 +1,108 @@
+"""Runs a detector over recordings, as the live system would, and keeps what it said of each."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.dataset import Recording
+from tactophone.errors import DatasetError
+from tactophone.evaluation.metrics import Rule, Scores, collect, rough_score
+from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
+
+READ_SIZE = 1 << 16
+"""Samples read at once; detectors give the same predictions at any block size."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What a detector said of one recording, an entry each update.
+
+    Parameters
+    ----------
+    recording
+        What was judged, with its label.
+    time
+        End of each window, in s.
+    probabilities
+        float32, shape ``(updates, 3)``, in the order of ``Touch``.
+    contact
+        Whether the contact gate was open.
+    """
+
+    recording: Recording
+    time: NDArray[np.float64]
+    probabilities: FloatArray
+    contact: NDArray[np.bool_]
+
+
+Judge = Callable[[Recording], Judgement]
+"""Whoever can judge a recording: a detector made ready, or a method that was trained."""
+
+
+def judge_with(detector: Detector) -> Judge:
+    """Make a judge of a streaming detector; it is reset before each recording."""
+
+    def judge(recording: Recording) -> Judgement:
+        detector.reset()
+        return judgement(recording, predict(detector, recording.path))
+
+    return judge
+
+
+def predict(detector: Detector, path: Path) -> list[Prediction]:
+    """Push a file's sound through a detector, in blocks.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read.
+    """
+    predictions: list[Prediction] = []
+    try:
+        with soundfile.SoundFile(path) as file:
+            start = 0
+            for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
+                predictions += detector.push(AudioBlock(samples, file.samplerate, start))
+                start += len(samples)
+    except (soundfile.LibsndfileError, OSError) as error:
+        raise DatasetError(f"{path}: cannot be read as sound ({error}); run `tactophone dataset check`") from error
+    return predictions + detector.flush()
+
+
+def judgement(recording: Recording, predictions: Sequence[Prediction]) -> Judgement:
+    """Turn predictions into arrays."""
+    return Judgement(
+        recording,
+        np.array([one.end for one in predictions], np.float64),
+        np.array([one.probabilities for one in predictions], np.float32).reshape(-1, len(Touch)),
+        np.array([one.touch is not Touch.NONE for one in predictions], bool),
+    )
+
+
+def scores_of(judgements: Iterable[Judgement], rule: Rule) -> Scores:
+    """Score the updates in contact of all labelled recordings.
+
+    Raises
+    ------
+    DatasetError
+        If the gate was never open.
+    """
+    kept = [one for one in judgements if one.recording.label in (Touch.SMOOTH, Touch.ROUGH) and one.contact.any()]
+    if not kept:
+        raise DatasetError(
+            "the contact gate never opened, so there is nothing to score: the recordings are quieter than the model's "
+            "threshold; lower it (--gate off opens it for good)"
+        )
+    names = tuple(sorted({one.recording.surface for one in kept}))
+    number = {name: index for index, name in enumerate(names)}
+    sizes = [int(one.contact.sum()) for one in kept]
+    return collect(
+        np.concatenate([rough_score(one.probabilities[one.contact], rule) for one in kept]),
+        rough=np.repeat([one.recording.label is Touch.ROUGH for one in kept], sizes),
+        surface=np.repeat([number[one.recording.surface] for one in kept], sizes),
+        names=names,
+    )
