@@ -1,9 +1,13 @@
 """What all tests share: where the real recordings are, if anywhere."""
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from tactophone.devices import DummyServer
 
 
 @pytest.fixture(scope="session")
@@ -13,3 +17,23 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip("no real recordings here: set TACTOPHONE_RECORDINGS to their folder")
     return folder
+
+
+@pytest.fixture
+def jack_server() -> Iterator[DummyServer]:
+    """A JACK server of the test's own, with no sound card."""
+    with DummyServer(128) as server:
+        yield server
+
+
+@pytest.fixture
+def portaudio(jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """PortAudio on the test's own JACK server; it must forget that server before the server ends, or it aborts."""
+    monkeypatch.setenv("JACK_DEFAULT_SERVER", jack_server.name)
+    monkeypatch.setenv("JACK_NO_START_SERVER", "1")
+    sounddevice = pytest.importorskip("sounddevice")
+    with contextlib.suppress(sounddevice.PortAudioError):
+        sounddevice._terminate()
+    sounddevice._initialize()
+    yield
+    sounddevice._terminate()

@@ -1,0 +1,13 @@
+"""Sound devices as they are: clients that outlive their server, and lists of what there is.
+
+Both ends of the journey sit on a device (microphones in `capture`, an actuator in `haptics`), so what they share
+about JACK and PortAudio stands below them: opening with a clear error, losing a server without a sound, coming back.
+"""
+
+from tactophone.devices.clocked import ClockedDevice
+from tactophone.devices.device import Device
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient, JackPort
+from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
+
+__all__ = ["ClockedDevice", "Device", "DummyServer", "JackClient", "JackPort", "PortAudioDevice", "PortAudioStream"]

@@ -1,0 +1,198 @@
+"""PortAudio streams that come back: what runs where JACK does not.
+
+The block size is left to PortAudio (``blocksize=0``): asking for the device's own period costs one period more
+(measured: 128 samples become 256).
+"""
+
+import contextlib
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from tactophone.devices.device import Process
+from tactophone.errors import DeviceError
+from tactophone.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PortAudioDevice:
+    """One device as PortAudio lists it."""
+
+    index: int
+    name: str
+    system: str
+    inputs: int
+    outputs: int
+    sample_rate: float
+    input_latency: float
+    output_latency: float
+
+
+class PortAudioStream:
+    """One direction of a PortAudio device.
+
+    Parameters
+    ----------
+    process
+        Called each period; see `tactophone.devices.device.Process`.
+    direction
+        ``"input"`` or ``"output"``.
+    device
+        A number, or a part of a name; empty for the system's default.
+    """
+
+    def __init__(
+        self,
+        process: Process,
+        direction: Literal["input", "output"],
+        *,
+        device: str = "",
+        channels: int = 1,
+        sample_rate: int = 48_000,
+    ) -> None:
+        self.xruns = self.process_faults = self.losses = 0
+        self._process, self._direction, self._device, self._channels = process, direction, device, channels
+        self._rate = sample_rate
+        self._system = ""
+        self._stream: Any = None
+
+    @property
+    def sample_rate(self) -> int:
+        """In Hz."""
+        return self._rate
+
+    @property
+    def latency(self) -> float:
+        """Seconds, as PortAudio says."""
+        return float(self._stream.latency) if self._stream else 0.0
+
+    @property
+    def fault(self) -> str:
+        """What is wrong now, in words."""
+        if self._stream is None or not self._stream.active:
+            which = self._device or "the default device"
+            return f"PortAudio lost {which}: plug it in again, and sound comes back by itself"
+        return ""
+
+    def open(self) -> None:
+        """Begin.
+
+        Raises
+        ------
+        DeviceError
+            When no device fits; the message lists those there are.
+        """
+        sound = _sounddevice()
+        chosen = self._choose(sound)
+        try:
+            stream = self._make(sound, chosen.index)
+            stream.start()
+        except sound.PortAudioError as error:
+            raise DeviceError(
+                f"{chosen.name} does not take {self._channels} channels at {self._rate} Hz ({error.args[0]}): "
+                "choose another with `tactophone devices`"
+            ) from None
+        self._stream, self._system = stream, chosen.system
+
+    def revive(self) -> None:
+        """Open again if the stream has stopped; PortAudio must start over to see a device that came back.
+
+        On top of JACK it cannot: PortAudio aborts the whole process when it ends after its JACK server did.
+        """
+        if (self._stream is not None and self._stream.active) or self._system.startswith("JACK"):
+            return
+        if self._stream is not None:
+            self.losses += 1
+        self.close()
+        sound = _sounddevice()
+        sound._terminate()
+        sound._initialize()
+        with contextlib.suppress(DeviceError):
+            self.open()
+
+    def close(self) -> None:
+        """End."""
+        stream, self._stream = self._stream, None
+        if stream is not None:
+            with contextlib.suppress(_sounddevice().PortAudioError):
+                stream.abort()
+                stream.close()
+
+    def _choose(self, sound: Any) -> PortAudioDevice:
+        """Find the one device meant; several or none is an error that lists them."""
+        known = [device for device in devices() if self._count(device) >= self._channels]
+        if not self._device:
+            default = sound.default.device[self._direction]
+            matching = [device for device in known if device.index == default]
+        elif self._device.isdigit():
+            matching = [device for device in known if device.index == int(self._device)]
+        else:
+            matching = [device for device in known if self._device.lower() in device.name.lower()]
+        if len(matching) == 1:
+            return matching[0]
+        there = "; ".join(f"{device.index} {device.name} ({device.system})" for device in matching or known)
+        raise DeviceError(
+            f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, and one "
+            f"with {self._channels} channels is wanted; there are: {there or 'none'}"
+        )
+
+    def _count(self, device: PortAudioDevice) -> int:
+        return device.inputs if self._direction == "input" else device.outputs
+
+    def _make(self, sound: Any, index: int) -> Any:
+        settings = {
+            "device": index,
+            "channels": self._channels,
+            "samplerate": self._rate,
+            "blocksize": 0,
+            "latency": "low",
+            "dtype": "float32",
+        }
+        if self._direction == "input":
+            return sound.InputStream(callback=self._hear, **settings)
+        return sound.OutputStream(callback=self._play, **settings)
+
+    def _hear(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
+        self.xruns += bool(flags)
+        try:
+            self._process(list(block.T), [])
+        except Exception:  # PortAudio would stop the stream
+            self.process_faults += 1
+
+    def _play(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
+        self.xruns += bool(flags)
+        try:
+            self._process([], list(block.T))
+        except Exception:  # PortAudio would stop the stream
+            self.process_faults += 1
+            block[:] = np.float32(0.0)
+
+
+def devices() -> list[PortAudioDevice]:
+    """All devices that PortAudio sees."""
+    sound = _sounddevice()
+    systems = [system["name"] for system in sound.query_hostapis()]
+    return [
+        PortAudioDevice(
+            index=int(found["index"]),
+            name=str(found["name"]),
+            system=systems[found["hostapi"]],
+            inputs=int(found["max_input_channels"]),
+            outputs=int(found["max_output_channels"]),
+            sample_rate=float(found["default_samplerate"]),
+            input_latency=float(found["default_low_input_latency"]),
+            output_latency=float(found["default_low_output_latency"]),
+        )
+        for found in sound.query_devices()
+    ]
+
+
+def _sounddevice() -> Any:
+    try:
+        import sounddevice
+    except ImportError:
+        raise DeviceError("sounddevice is not installed: `pip install 'tactophone[portaudio]'`") from None
+    except OSError:
+        raise DeviceError("libportaudio2 is not installed: `apt install libportaudio2`") from None
+    return sounddevice

@@ -1,0 +1,81 @@
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactophone.capture import LiveSource
+from tactophone.devices.device import Process
+from tactophone.errors import DeviceError
+
+
+class HandDevice:
+    """A device whose periods the test gives by hand."""
+
+    def __init__(self, process: Process, *, sample_rate: int = 48_000) -> None:
+        self.process = process
+        self.sample_rate = sample_rate
+        self.xruns = self.process_faults = self.losses = 0
+        self.latency = 0.0
+        self.fault = ""
+        self.revived = threading.Event()
+        self.is_open = False
+
+    def open(self) -> None:
+        self.is_open = True
+
+    def revive(self) -> None:
+        self.fault = ""
+        self.revived.set()
+
+    def close(self) -> None:
+        self.is_open = False
+
+    def give(self, value: float, size: int) -> None:
+        self.process([np.full(size, value, np.float32), np.full(size, -value, np.float32)], [])
+
+
+@pytest.fixture
+def source() -> Iterator[LiveSource]:
+    with LiveSource(HandDevice, channels=2) as source:
+        yield source
+
+
+def test_blocks_come_in_order_with_contact_first(source: LiveSource) -> None:
+    blocks = iter(source)
+    for value, size in ((0.1, 128), (0.2, 17), (0.3, 128)):
+        source.device.give(value, size)
+    first, second, third = (next(blocks) for _ in range(3))
+    assert (first.start, second.start, third.start) == (0, 128, 145)
+    np.testing.assert_allclose(second.samples, np.tile(np.float32([0.2, -0.2]), (17, 1)))
+
+
+def test_sound_that_nobody_fetches_is_dropped_and_counted(source: LiveSource) -> None:
+    for _ in range(60):
+        source.device.give(0.1, 128)
+    assert source.overflows > 0
+    blocks = iter(source)
+    waiting = [next(blocks) for _ in range(60 - source.overflows)]
+    source.device.give(0.5, 128)
+    after = next(blocks)
+    assert after.start == 60 * 128 > waiting[-1].end
+
+
+def test_silence_of_the_device_asks_it_to_come_back(source: LiveSource) -> None:
+    blocks = iter(source)
+    threading.Timer(0.3, lambda: source.device.give(0.1, 8)).start()
+    assert next(blocks).size == 8
+    assert source.device.revived.is_set()
+
+
+def test_closing_from_another_thread_ends_the_sound(source: LiveSource) -> None:
+    threading.Timer(0.05, source.close).start()
+    assert list(source) == []
+    assert not source.device.is_open
+
+
+def test_another_rate_is_refused() -> None:
+    source = LiveSource(lambda process: HandDevice(process, sample_rate=44_100), channels=2)
+    with pytest.raises(DeviceError, match="44100 Hz, but 48000"), source:
+        pass
+    assert not source.device.is_open

@@ -1,0 +1,92 @@
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tactophone.devices import DummyServer, JackClient
+from tactophone.errors import DeviceError
+from tactophone.types import FloatArray
+
+pytestmark = pytest.mark.realtime
+
+
+class Recorder:
+    """Takes what comes in and plays a level."""
+
+    def __init__(self) -> None:
+        self.level = 0.0
+        self.heard: list[float] = []
+
+    def __call__(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+        self.heard.extend(float(np.abs(samples).max()) for samples in inputs)
+        for samples in outputs:
+            samples[:] = self.level
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    for _ in range(500):
+        if condition():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_ports_of_two_clients_carry_sound(jack_server: DummyServer) -> None:
+    player, listener = Recorder(), Recorder()
+    player.level = 0.5
+    source = JackClient("player", player, inputs={}, outputs={"out": ""}, server=jack_server.name)
+    source.open()
+    sink = JackClient("listener", listener, inputs={"in": "player:out"}, outputs={}, server=jack_server.name)
+    sink.open()
+    assert eventually(lambda: listener.heard[-1:] == [0.5])
+    assert (sink.sample_rate, sink.period, sink.fault) == (48_000, 128, "")
+    assert "player:out" in [port.name for port in sink.ports() if port.gives and not port.physical]
+    sink.close()
+    source.close()
+
+
+def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
+    server = DummyServer(128)
+    server.start()
+    recorder = Recorder()
+    client = JackClient("robot", recorder, inputs={"contact": "system:capture_1"}, outputs={}, server=server.name)
+    client.open()
+    assert eventually(lambda: len(recorder.heard) > 3)
+    server.kill()
+    assert eventually(lambda: client.fault != "")
+    assert "gone" in client.fault
+    assert client.losses == 1
+    client.revive()
+    assert client.fault != ""
+    server.start()
+    try:
+        calls = len(recorder.heard)
+        assert eventually(lambda: client.revive() or client.fault == "")
+        assert eventually(lambda: len(recorder.heard) > calls)
+    finally:
+        client.close()
+        server.stop()
+
+
+def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -> None:
+    player, listener = Recorder(), Recorder()
+    player.level = 0.5
+    early = JackClient("player", player, inputs={}, outputs={"out": ""}, server=jack_server.name)
+    early.open()
+    sink = JackClient("listener", listener, inputs={"in": "player:out"}, outputs={}, server=jack_server.name)
+    sink.open()
+    early.close()
+    assert eventually(lambda: sink.revive() or "no JACK port player:out" in sink.fault)
+    early.open()
+    assert eventually(lambda: sink.revive() or sink.fault == "")
+    assert eventually(lambda: listener.heard[-1:] == [0.5])
+    sink.close()
+    early.close()
+
+
+def test_two_wirings_of_one_client_are_both_checked(jack_server: DummyServer) -> None:
+    client = JackClient("robot", Recorder(), inputs={"air": "system:capture_7"}, outputs={}, server=jack_server.name)
+    with pytest.raises(DeviceError, match="system:capture_7"):
+        client.open()
+    assert client.period == 0
