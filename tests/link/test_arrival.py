@@ -72,7 +72,7 @@ def test_redundancy_brings_it_back_to_the_bit(depth: int, lost: list[int]) -> No
     sent = packets(sound, depth=depth, codec=codec)
     heard, arrival = arrive([None if step in lost else packet for step, packet in enumerate(sent)])
     np.testing.assert_array_equal(joined(heard), sound)
-    assert arrival.reception.stats.payloads_recovered == len(lost)
+    assert arrival.reception.stats.packets_recovered == len(lost)
 
 
 def test_a_packet_that_overtook_another_waits_for_it() -> None:
@@ -157,7 +157,7 @@ def test_a_broken_payload_is_a_hole() -> None:
     sent[4] = Packet(sent[4].sequence, 1, Payload(PayloadType.L16_STEREO, sent[4].payload.timestamp, b"odd"))
     heard, arrival = arrive(sent)
     assert [one.block.start for one in heard if one.block.concealed] == [960]
-    assert arrival.reception.stats.payloads_broken == 1
+    assert arrival.reception.stats.packets_broken == 1
 
 
 @given(st.lists(st.sampled_from(["come", "lose", "twice", "late"]), min_size=1, max_size=40), st.integers(0, 2))

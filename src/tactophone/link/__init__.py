@@ -6,6 +6,7 @@ Everything here is values, with the time as an argument; only :mod:`~tactophone.
 from tactophone.link.arrival import Arrival, Heard
 from tactophone.link.codec import Codec
 from tactophone.link.departure import Departure, Redundancy, RedundancyRule
+from tactophone.link.ends import Believed, ReceivingEnd, SendingEnd
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
@@ -14,6 +15,7 @@ from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
 __all__ = [
     "Arrival",
     "Arrived",
+    "Believed",
     "Codec",
     "Connected",
     "DatagramSocket",
@@ -24,8 +26,10 @@ __all__ = [
     "Heard",
     "Identity",
     "Peers",
+    "ReceivingEnd",
     "Redundancy",
     "RedundancyRule",
+    "SendingEnd",
     "Session",
     "StreamStats",
     "UdpSocket",

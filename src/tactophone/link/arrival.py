@@ -13,7 +13,7 @@ from tactophone.errors import PacketError
 from tactophone.link.codec import Decoder, open_decoder
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, ahead
 from tactophone.link.stats import Reception
-from tactophone.link.transit import Envelope
+from tactophone.link.transit import Envelope, Skew
 from tactophone.types import AudioBlock, FloatArray
 
 LONGEST_HOLE = 0.1
@@ -51,6 +51,7 @@ class Arrival:
             raise ValueError(f"a reorder window of {reorder} packets, but it is 0 or 1")
         self.reception = Reception()
         self._reorder = reorder
+        self.skew = Skew()
         self._envelope = Envelope()
         self._decoder: Decoder | None = None
         self._first = 0
@@ -82,7 +83,9 @@ class Arrival:
         if not self.reception.count(packet.sequence, packet.payload.timestamp, len(content), now=now):
             return
         position = self._unwrap(packet.payload.timestamp)
-        self._envelope.push(now - position / CLOCK_RATE, now=now)
+        transit = now - position / CLOCK_RATE
+        self._envelope.push(transit, now=now)
+        self.skew.push(transit, now=now)
         if position < self._next:
             self.reception.stats.packets_late += 1
             return
@@ -110,9 +113,9 @@ class Arrival:
             try:
                 samples = self._decoder_for(waiting.payload).decode(waiting.payload.content)
             except PacketError:
-                self.reception.stats.payloads_broken += 1
+                self.reception.stats.packets_broken += 1
                 continue
-            self.reception.stats.payloads_recovered += not waiting.own
+            self.reception.stats.packets_recovered += not waiting.own
             self._size = len(samples)
             heard.append(self._emit(samples, now, concealed=False))
 
@@ -132,10 +135,11 @@ class Arrival:
         try:
             samples = self._decoder_for(following).conceal(size, following.content)
         except PacketError:
-            self.reception.stats.payloads_broken += 1
+            self.reception.stats.packets_broken += 1
             self._next += size
             return
         self.reception.stats.samples_concealed += size
+        self.reception.stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
         self.reception.stats.concealment_events += 1
         yield self._emit(samples, now, concealed=True)
 
@@ -144,7 +148,7 @@ class Arrival:
         self._next = block.end
         stale = now - block.start / CLOCK_RATE - self._envelope.least > STALENESS
         self.reception.stats.samples_received += block.size
-        self.reception.stats.samples_stale += block.size * stale
+        self.reception.stats.packets_skipped += stale
         return Heard(block, stale)
 
     def _decoder_for(self, payload: Payload) -> Decoder:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.link.codec import Codec, open_encoder
-from tactophone.link.packet import CLOCK_RATE, LONGEST_EARLIER, LONGEST_OFFSET, Packet, Payload
+from tactophone.link.packet import CLOCK_RATE, LONGEST_EARLIER, LONGEST_OFFSET, Packet, Payload, PayloadType
 from tactophone.link.report import SenderReport
 from tactophone.link.seal import LARGEST_SEALED, OVERHEAD
 from tactophone.types import AudioBlock
@@ -115,10 +115,18 @@ class Departure:
         rest = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
         return list(self._cut(rest, self._next))
 
-    def report(self, *, wall_time: float) -> SenderReport:
-        """Say how far the stream is; ``wall_time`` is in seconds since 1970."""
+    def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
+        """Make the stream's next packet of a payload whose time is ``position`` samples since the stream began."""
+        payload = Payload(kind, (self._offset + position) % (1 << 32), content)
+        packet = Packet(self._sequence, self._ssrc, payload, self._earlier(payload), self._marker)
+        self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
+        self.packets, self.octets = self.packets + 1, self.octets + len(content)
+        return packet
+
+    def report(self, now: float) -> SenderReport:
+        """Say how far the stream is; any clock will do that is also asked when the answer comes."""
         timestamp = self._offset + (self._next or 0)
-        return SenderReport(self._ssrc, wall_time, timestamp % (1 << 32), self.packets, self.octets)
+        return SenderReport(self._ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
 
     def _check(self, block: AudioBlock) -> None:
         if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
@@ -135,15 +143,11 @@ class Departure:
             self._filled, taken = self._filled + step, taken + step
             if self._filled == self.codec.packet_size:
                 self._filled = 0
-                yield self._wrap(start + taken - self.codec.packet_size)
+                yield self._code(start + taken - self.codec.packet_size)
 
-    def _wrap(self, start: int) -> Packet:
-        timestamp = (self._offset + start) % (1 << 32)
-        payload = Payload(self.codec.kind, timestamp, self._encoder.encode(self._buffer))
-        packet = Packet(self._sequence, self._ssrc, payload, self._earlier(payload), self._marker)
-        self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
-        self._past.append(payload)
-        self.packets, self.octets = self.packets + 1, self.octets + len(payload.content)
+    def _code(self, start: int) -> Packet:
+        packet = self.wrap(self.codec.kind, start, self._encoder.encode(self._buffer))
+        self._past.append(packet.payload)
         return packet
 
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:

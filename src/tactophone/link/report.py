@@ -69,7 +69,7 @@ class SenderReport:
     Parameters
     ----------
     ntp
-        Its wall clock, in seconds since 1970.
+        Its clock in seconds since 1970; or any other clock, as RFC 3550 section 6.4.1 allows.
     timestamp
         Of the sound at that time.
     packets, octets

@@ -7,13 +7,15 @@ here                      WebRTC (``RTCInboundRtpStreamStats``)
 ``packets_lost``          ``packetsLost``: expected less received, before any mending
 ``packets_late``          ``packetsDiscarded``: came after their place had been filled
 ``packets_duplicated``    none; RFC 3550 counts them as received
-``payloads_recovered``    ``fecPacketsReceived`` that were of use
+``packets_reordered``     none: came after a younger one
+``packets_recovered``     ``fecPacketsReceived`` that were of use
+``packets_concealed``     none: lost packets whose sound was guessed
+``packets_skipped``       none: came too late to be judged, kept as history
 ``jitter``                ``jitter``, RFC 3550 section 6.4.1
 ``samples_received``      ``totalSamplesReceived``
 ``samples_concealed``     ``concealedSamples``
 ``concealment_events``    ``concealmentEvents``
-``samples_stale``         none: sound that came too late to be judged, kept as history
-``samples_skipped``       none: holes too long to be worth filling
+``samples_skipped``       none: holes too long to be worth guessing
 ========================  ==============================================================
 """
 
@@ -30,12 +32,14 @@ class StreamStats:
     packets_received: int = 0
     packets_late: int = 0
     packets_duplicated: int = 0
-    payloads_recovered: int = 0
-    payloads_broken: int = 0
+    packets_reordered: int = 0
+    packets_recovered: int = 0
+    packets_concealed: int = 0
+    packets_skipped: int = 0
+    packets_broken: int = 0
     octets_received: int = 0
     samples_received: int = 0
     samples_concealed: int = 0
-    samples_stale: int = 0
     samples_skipped: int = 0
     concealment_events: int = 0
     jitter: float = 0.0
@@ -71,6 +75,7 @@ class Reception:
             return False
         self._remember(number)
         stats.packets_received += 1
+        stats.packets_reordered += number < stats.highest
         stats.octets_received += octets
         stats.highest = max(stats.highest, number)
         self._update_jitter(timestamp, now)
