@@ -6,8 +6,9 @@ Everything here is values, with the time as an argument; only :mod:`~tactophone.
 from tactophone.link.arrival import Arrival, Heard
 from tactophone.link.codec import Codec
 from tactophone.link.departure import Departure, Redundancy, RedundancyRule
-from tactophone.link.ends import Believed, ReceivingEnd, SendingEnd
 from tactophone.link.identity import Identity, Peers
+from tactophone.link.receiving import Believed, News, ReceivingEnd
+from tactophone.link.sending import SendingEnd
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
@@ -25,6 +26,7 @@ __all__ = [
     "Event",
     "Heard",
     "Identity",
+    "News",
     "Peers",
     "ReceivingEnd",
     "Redundancy",

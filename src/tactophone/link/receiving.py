@@ -1,30 +1,23 @@
-"""The two ends of the line, whole: sealed session, stream and reports together, still without socket or clock."""
+"""The operator's end of the line, whole: session, stream and reports together, still without socket or clock."""
 
 from collections import Counter, deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
 from tactophone.link.arrival import STALENESS, Arrival, Heard
-from tactophone.link.belief import read_belief, write_belief
-from tactophone.link.codec import Codec
-from tactophone.link.departure import Departure, Redundancy, RedundancyRule
+from tactophone.link.belief import read_belief
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, ahead, parse
-from tactophone.link.report import ReceiverReport, SenderReport, parse_report, round_trip
+from tactophone.link.report import SenderReport, parse_report
+from tactophone.link.sending import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.transit import Envelope
-from tactophone.types import AudioBlock, Prediction
-
-REPORT_INTERVAL = 0.2
-"""Seconds between reports: a fifth of the time after which a silent operator is called again."""
+from tactophone.types import Prediction
 
 DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
-
-Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,90 +28,8 @@ class Believed:
     stale: bool = False
 
 
-class SendingEnd:
-    """The robot's end: takes sound or belief, and the operator's reports.
-
-    Attributes
-    ----------
-    counters
-        In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``sound_faults``.
-    round_trip
-        Seconds there and back by the newest report; ``None`` before the first.
-    """
-
-    def __init__(self, session: Session, codec: Codec, *, rule: RedundancyRule | None = None) -> None:
-        self.session, self.codec = session, codec
-        self.redundancy = Redundancy(rule or RedundancyRule())
-        self.counters: Counter[str] = Counter()
-        self.round_trip: float | None = None
-        self.loss = 0.0
-        self._departure: Departure | None = None
-        self._next_report = 0.0
-
-    @property
-    def latency(self) -> float:
-        """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
-        return self.codec.latency
-
-    def push(self, block: AudioBlock) -> None:
-        """Send sound; while nobody is connected it is dropped, as it would be stale by then."""
-        if self._departure:
-            self._send(self._departure.push(block))
-            self.counters["sound_faults"] += bool(self._departure.faults)
-            self._departure.faults.clear()
-
-    def tell(self, prediction: Prediction) -> None:
-        """Send a belief in place of the sound."""
-        if self._departure:
-            end = round(prediction.end * CLOCK_RATE)
-            self._send([self._departure.wrap(PayloadType.BELIEF, end, write_belief(prediction))])
-
-    def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
-        """Take what came from the network."""
-        return self._note([event for datagram, source in datagrams for event in self._open(datagram, source, now)], now)
-
-    def poll(self, now: float) -> list[Connected | Disconnected]:
-        """Let time pass; call it some twenty times a second."""
-        if self._departure and now >= self._next_report:
-            self._next_report = now + REPORT_INTERVAL
-            self.session.send(bytes(self._departure.report(now)))
-        return self._note(self.session.poll(now), now)
-
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Hand over the datagrams to send, and where to."""
-        return self.session.outgoing()
-
-    def _open(self, datagram: bytes, source: Address, now: float) -> list[Event]:
-        return self.session.receive(datagram, source=source, now=now)
-
-    def _send(self, packets: list[Packet]) -> None:
-        self.counters["packets_sent"] += len(packets)
-        for packet in packets:
-            self.session.send(bytes(packet))
-
-    def _note(self, events: list[Event], now: float) -> list[Connected | Disconnected]:
-        for event in events:
-            match event:
-                case Connected():
-                    self._departure = Departure(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
-                    self.counters["handshakes"] += 1
-                case Disconnected():
-                    self._departure = None
-                    self.counters["link_losses"] += 1
-                case Arrived(packet, report=True):
-                    self._hear(packet, now)
-        return [event for event in events if not isinstance(event, Arrived)]
-
-    def _hear(self, packet: bytes, now: float) -> None:
-        try:
-            report = parse_report(packet)
-        except PacketError:
-            self.counters["packets_broken"] += 1
-            return
-        if isinstance(report, ReceiverReport):
-            self.loss = report.fraction_lost
-            self.redundancy.hear(report.fraction_lost)
-            self.round_trip = round_trip(report, now=now)
+News: TypeAlias = Heard | Believed | Connected | Disconnected
+"""What an operator's end gives."""
 
 
 class ReceivingEnd:
@@ -159,7 +70,7 @@ class ReceivingEnd:
             "bitrate_bps": self._meter.bitrate_bps,
         }
 
-    def receive(self, datagrams: Datagrams, *, now: float) -> list[Heard | Believed | Connected | Disconnected]:
+    def receive(self, datagrams: Datagrams, *, now: float) -> list[News]:
         """Take everything that has come by now, and give what can be had of it."""
         events: list[Event] = []
         for datagram, source in datagrams:
@@ -167,7 +78,7 @@ class ReceivingEnd:
             events += self.session.receive(datagram, source=source, now=now)
         return self._sort(events, now)
 
-    def poll(self, now: float) -> list[Heard | Believed | Connected | Disconnected]:
+    def poll(self, now: float) -> list[News]:
         """Let time pass; call it when nothing came for a packet's length, and twenty times a second at least."""
         if self.session.peer and now >= self._next_report:
             self._next_report = now + REPORT_INTERVAL
@@ -187,9 +98,9 @@ class ReceivingEnd:
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0
 
-    def _sort(self, events: list[Event], now: float) -> list[Heard | Believed | Connected | Disconnected]:
+    def _sort(self, events: list[Event], now: float) -> list[News]:
         """Tell sound from belief and news; what was open together is put in order together."""
-        given: list[Heard | Believed | Connected | Disconnected] = []
+        given: list[News] = []
         packets: list[Packet] = []
         for event in events:
             if not isinstance(event, Arrived):

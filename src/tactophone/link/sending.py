@@ -1,0 +1,106 @@
+"""The robot's end of the line, whole: session, stream and reports together, still without socket or clock."""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import TypeAlias
+
+from tactophone.errors import PacketError
+from tactophone.link.belief import write_belief
+from tactophone.link.codec import Codec
+from tactophone.link.departure import Departure, Redundancy, RedundancyRule
+from tactophone.link.handshake import Address
+from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
+from tactophone.link.report import ReceiverReport, parse_report, round_trip
+from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
+from tactophone.types import AudioBlock, Prediction
+
+REPORT_INTERVAL = 0.2
+"""Seconds between reports, both ways: a fifth of the time after which a silent operator is called again."""
+
+Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
+
+
+class SendingEnd:
+    """The robot's end: takes sound or belief, and the operator's reports.
+
+    Attributes
+    ----------
+    counters
+        In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``sound_faults``.
+    round_trip
+        Seconds there and back by the newest report; ``None`` before the first.
+    """
+
+    def __init__(self, session: Session, codec: Codec, *, rule: RedundancyRule | None = None) -> None:
+        self.session, self.codec = session, codec
+        self.redundancy = Redundancy(rule or RedundancyRule())
+        self.counters: Counter[str] = Counter()
+        self.round_trip: float | None = None
+        self.loss = 0.0
+        self._departure: Departure | None = None
+        self._next_report = 0.0
+
+    @property
+    def latency(self) -> float:
+        """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
+        return self.codec.latency
+
+    def push(self, block: AudioBlock) -> None:
+        """Send sound; while nobody is connected it is dropped, as it would be stale by then."""
+        if self._departure:
+            self._send(self._departure.push(block))
+            self.counters["sound_faults"] += bool(self._departure.faults)
+            self._departure.faults.clear()
+
+    def tell(self, prediction: Prediction) -> None:
+        """Send a belief in place of the sound."""
+        if self._departure:
+            end = round(prediction.end * CLOCK_RATE)
+            self._send([self._departure.wrap(PayloadType.BELIEF, end, write_belief(prediction))])
+
+    def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
+        """Take what came from the network."""
+        return self._note([event for datagram, source in datagrams for event in self._open(datagram, source, now)], now)
+
+    def poll(self, now: float) -> list[Connected | Disconnected]:
+        """Let time pass; call it some twenty times a second."""
+        if self._departure and now >= self._next_report:
+            self._next_report = now + REPORT_INTERVAL
+            self.session.send(bytes(self._departure.report(now)))
+        return self._note(self.session.poll(now), now)
+
+    def outgoing(self) -> list[tuple[bytes, Address]]:
+        """Hand over the datagrams to send, and where to."""
+        return self.session.outgoing()
+
+    def _open(self, datagram: bytes, source: Address, now: float) -> list[Event]:
+        return self.session.receive(datagram, source=source, now=now)
+
+    def _send(self, packets: list[Packet]) -> None:
+        self.counters["packets_sent"] += len(packets)
+        for packet in packets:
+            self.session.send(bytes(packet))
+
+    def _note(self, events: list[Event], now: float) -> list[Connected | Disconnected]:
+        for event in events:
+            match event:
+                case Connected():
+                    self._departure = Departure(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
+                    self.counters["handshakes"] += 1
+                case Disconnected():
+                    self._departure = None
+                    self.counters["link_losses"] += 1
+                case Arrived(packet, report=True):
+                    self._hear(packet, now)
+        return [event for event in events if not isinstance(event, Arrived)]
+
+    def _hear(self, packet: bytes, now: float) -> None:
+        try:
+            report = parse_report(packet)
+        except PacketError:
+            self.counters["packets_broken"] += 1
+            return
+        if isinstance(report, ReceiverReport):
+            self.loss = report.fraction_lost
+            self.redundancy.hear(report.fraction_lost)
+            self.round_trip = round_trip(report, now=now)
