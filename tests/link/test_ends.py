@@ -1,0 +1,168 @@
+"""Sound and belief from end to end over a line that loses, delays and stalls, in virtual time."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from tactophone.link import Believed, Codec, Connected, Heard, News, ReceivingEnd, RedundancyRule, SendingEnd
+from tactophone.simulation.network import ImpairedLine, NetworkProfile
+from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
+
+from .lines import AT_OPERATOR, AT_ROBOT, answering, calling
+
+RATE = 48_000
+PCM = Codec("pcm16", packet_size=120)
+
+
+@dataclass
+class Call:
+    """Robot and operator, a line each way, and the time."""
+
+    codec: Codec = PCM
+    profile: NetworkProfile = field(default_factory=NetworkProfile)
+    rule: RedundancyRule | None = None
+    lost: Iterator[bool] | None = None
+    now: float = 100.0
+    news: list[tuple[float, News]] = field(default_factory=list)
+    position: int = 0
+
+    def __post_init__(self) -> None:
+        self.robot = SendingEnd(calling(), self.codec, rule=self.rule)
+        self.operator = ReceivingEnd(answering())
+        self.there = ImpairedLine(NetworkProfile(), seed=1)
+        self.back = ImpairedLine(NetworkProfile(), seed=2)
+        self.run(0.3)
+        assert self.operator.session.peer == "robot"
+        self.there = ImpairedLine(self.profile, seed=1, lost=self.lost)
+        self.back = ImpairedLine(self.profile, seed=2)
+
+    def run(self, seconds: float, *, sound: FloatArray | None = None, beliefs: bool = False) -> None:
+        for _ in range(round(seconds / 0.0025)):
+            if sound is not None:
+                block = AudioBlock(sound[self.position : self.position + 120], RATE, self.position)
+                self.position = block.end
+                self.robot.push(block)
+            if beliefs:
+                self.position += 120
+                end = self.position / RATE
+                self.robot.tell(Prediction((0.0, 0.25, 0.75), Touch.ROUGH, 0.75, -20.0, max(0.0, end - 0.256), end))
+            self.step()
+
+    def step(self) -> None:
+        self.now += 0.0025
+        self.robot.poll(self.now)
+        self.news += [(self.now, one) for one in self.operator.poll(self.now)]
+        for _ in range(8):
+            self.carry()
+
+    def carry(self) -> None:
+        for datagram, _ in self.robot.outgoing():
+            self.there.push(datagram, now=self.now)
+        for datagram, _ in self.operator.outgoing():
+            self.back.push(datagram, now=self.now)
+        arrived = [(datagram, AT_ROBOT) for datagram in self.there.pull(self.now)]
+        self.news += [(self.now, one) for one in self.operator.receive(arrived, now=self.now)]
+        self.robot.receive([(datagram, AT_OPERATOR) for datagram in self.back.pull(self.now)], now=self.now)
+
+    def heard(self) -> list[Heard]:
+        return [one for _, one in self.news if isinstance(one, Heard)]
+
+
+def noise(seconds: float) -> FloatArray:
+    return np.random.default_rng(0).integers(-3_000, 3_000, (round(seconds * RATE), 2)).astype(np.float32) / 32_768
+
+
+def test_sound_arrives_to_the_bit() -> None:
+    call, sound = Call(), noise(1)
+    call.run(1, sound=sound)
+    np.testing.assert_array_equal(np.concatenate([one.block.samples for one in call.heard()]), sound)
+    assert call.operator.counters["packets_received"] == call.robot.counters["packets_sent"] == 400
+
+
+def test_reports_tell_loss_and_the_way_there_and_back() -> None:
+    call = Call(profile=NetworkProfile(delay=0.01, loss=0.05))
+    call.run(4, sound=noise(4))
+    assert call.robot.round_trip == pytest.approx(0.02, abs=0.006)
+    assert call.robot.redundancy.depth == 2
+    counters = call.operator.counters
+    assert counters["packets_lost"] == pytest.approx(80, rel=0.5)
+    assert counters["packets_recovered"] > 0.8 * counters["packets_lost"]
+    assert call.operator.gauges["redundancy"] > 0
+
+
+def test_redundancy_is_shed_on_a_clean_line() -> None:
+    call = Call()
+    call.run(11, sound=noise(11))
+    assert call.robot.redundancy.depth == 0
+    assert call.operator.gauges["bitrate_bps"] == pytest.approx(8 * 400 * (480 + 12 + 16 + 28), rel=0.03)
+
+
+def test_fixed_redundancy_stays() -> None:
+    call = Call(codec=Codec("opus", packet_size=120), rule=RedundancyRule(least=2, most=2))
+    call.run(11, sound=noise(11))
+    assert call.robot.redundancy.depth == 2
+
+
+def test_every_new_session_begins_its_stream_anew() -> None:
+    call, sound = Call(), noise(2)
+    call.run(0.5, sound=sound)
+    call.robot = SendingEnd(calling(), PCM)
+    call.run(0.5, sound=sound)
+    begun = [one for _, one in call.news if isinstance(one, Connected)]
+    assert len(begun) == 2
+    assert begun[0].remote_ssrc != begun[1].remote_ssrc
+    assert [one.block.start for one in call.heard()].count(0) == 2
+    assert call.operator.counters["handshakes"] == 2
+    assert call.operator.counters["packets_received"] == len(call.heard())
+
+
+def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
+    call, sound = Call(), noise(2)
+    call.run(1, sound=sound)
+    stalled, call.there = call.there, ImpairedLine(NetworkProfile(delay=0.2), seed=1)
+    for _ in range(80):
+        block = AudioBlock(sound[call.position : call.position + 120], RATE, call.position)
+        call.position = block.end
+        call.robot.push(block)
+        call.now += 0.0025
+    call.there = stalled
+    call.step()
+    resumed = call.now
+    call.run(0.2, sound=sound)
+    fresh = [when for when, one in call.news if isinstance(one, Heard) and not one.stale and when >= resumed - 1e-9]
+    assert fresh[0] - resumed < 0.01
+    assert call.operator.counters["packets_skipped"] == pytest.approx(56, abs=2)
+
+
+def test_belief_crosses_in_tens_of_bytes() -> None:
+    call = Call()
+    call.run(0.5, beliefs=True)
+    believed = [one for _, one in call.news if isinstance(one, Believed)]
+    assert len(believed) == 200
+    assert believed[5].prediction.touch is Touch.ROUGH
+    assert believed[5].prediction.probabilities == pytest.approx((0, 0.25, 0.75), abs=1e-4)
+    assert call.operator.gauges["bitrate_bps"] < 8 * 400 * 80
+
+
+def test_belief_that_comes_too_late_says_so() -> None:
+    call = Call(profile=NetworkProfile(stall=0.2, stall_interval=0.5))
+    call.run(3, beliefs=True)
+    believed = [one for _, one in call.news if isinstance(one, Believed)]
+    assert any(one.stale for one in believed)
+    assert [one.prediction.end for one in believed] == sorted(one.prediction.end for one in believed)
+
+
+def test_sound_that_is_no_number_is_counted_and_sent_as_silence() -> None:
+    call, sound = Call(), noise(0.1)
+    sound[500:510] = np.nan
+    call.run(0.1, sound=sound)
+    assert np.isfinite(np.concatenate([one.block.samples for one in call.heard()])).all()
+    assert call.robot.counters["sound_faults"] == 1
+
+
+def test_nothing_is_sent_while_nobody_is_connected() -> None:
+    robot = SendingEnd(calling(), PCM)
+    robot.push(AudioBlock(noise(0.01), RATE))
+    assert robot.outgoing() == []
