@@ -22,8 +22,8 @@ SILENT_DBFS = -90.0
 """Peak under which nothing was recorded: three steps of a 16-bit converter."""
 
 CLIPPED_LEVEL = 0.999
-CLIPPED_SHARE = 1e-4
-"""A recording is clipped when more than this share of its samples lies at full scale; single peaks may touch it."""
+CLIPPED_SHARE = 1e-3
+"""A recording is clipped when more than this share of its samples lies at full scale; single taps may touch it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from tactophone.link.codec import Codec
 from tactophone.link.departure import Departure, Redundancy, RedundancyRule
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.receiving import Believed, News, ReceivingEnd
+from tactophone.link.roundtrip import round_trip
 from tactophone.link.sending import SendingEnd
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
@@ -36,4 +37,5 @@ __all__ = [
     "StreamStats",
     "UdpSocket",
     "resolve",
+    "round_trip",
 ]

@@ -16,7 +16,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset import Segment
-from tactophone.link.codec import Codec, open_decoder, open_encoder
+from tactophone.link import Codec, round_trip
 from tactophone.simulation.scene import Scene
 from tactophone.simulation.source import RATE
 from tactophone.types import FloatArray, Touch
@@ -69,14 +69,7 @@ def tell(things: NDArray[np.int16], scene: Scene) -> tuple[tuple[Segment, ...], 
 
 def through_opus(samples: FloatArray) -> FloatArray:
     """Pass sound through the link's codec and back, its look-ahead taken off, as training sound in the paper was."""
-    codec = Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000)
-    encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
-    packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
-    padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
-    padded[: len(samples)] = samples
-    blocks = padded.reshape(packets, codec.packet_size, -1)
-    decoded = np.concatenate([decoder.decode(encoder.encode(block)) for block in blocks])
-    return decoded[codec.lookahead : codec.lookahead + len(samples)]
+    return round_trip(samples, Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000))
 
 
 def _joined(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
