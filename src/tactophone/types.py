@@ -102,9 +102,11 @@ class Prediction:
     roughness
         From 0 (smooth) to 1 (rough); of no meaning while ``touch`` is ``NONE``.
     level_dbfs
-        Level of the contact channel in the window's newest part, by the model's loudness rule.
+        Level of the contact channel over the window, by the model's loudness rule.
     start, end
         The window's bounds, in seconds since the stream began.
+    faulty
+        True when the sound or the model's answer was garbage: nothing may be felt on it.
     """
 
     probabilities: tuple[float, float, float]
@@ -113,6 +115,7 @@ class Prediction:
     level_dbfs: float
     start: float
     end: float
+    faulty: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,14 +139,16 @@ class HapticCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt.
-
-    ``command`` is the newest one of the step, or ``None`` while no window has been judged yet.
-    """
+    """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt."""
 
     block: AudioBlock
     predictions: tuple[Prediction, ...]
-    command: HapticCommand | None
+    commands: tuple[HapticCommand, ...]
+
+    @property
+    def command(self) -> HapticCommand | None:
+        """The newest command of the step, if it gave any."""
+        return self.commands[-1] if self.commands else None
 
 
 class Source(Protocol):

@@ -23,7 +23,7 @@ with Telemetry(sys.argv[1]) as telemetry:
     while time.monotonic() < ends:
         n += 1
         block = AudioBlock(np.full((32, 2), n % 65536, np.float32), sample_rate=32, start=32 * (n - 1))
-        telemetry.publish(Tick(block, (), HapticCommand(n % 65536, n % 65536, 0.0)), now=time.monotonic())
+        telemetry.publish(Tick(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
         telemetry.update(State(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
 """
 
@@ -58,7 +58,7 @@ def test_since_gives_only_what_is_new(telemetry: Telemetry) -> None:
     first = watcher.snapshot()
     telemetry.feel(np.zeros(7, np.float32))
     telemetry.publish(
-        Tick(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), HapticCommand(0, 60, 0)), now=0.0
+        Tick(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), (HapticCommand(0, 60, 0),)), now=0.0
     )
     second = watcher.snapshot(first)
     assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.ticks)) == (100, 7, 5, 1)

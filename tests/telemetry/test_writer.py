@@ -19,7 +19,7 @@ def telemetry() -> Iterator[Telemetry]:
 
 def tick(size: int = 120, *, start: int = 0, judged: bool = True) -> Tick:
     block = AudioBlock(np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start, sample_rate=48_000, start=start)
-    return Tick(block, (BELIEF,), HapticCommand(0.5, 60.0, 0.0)) if judged else Tick(block, (), None)
+    return Tick(block, (BELIEF,), (HapticCommand(0.5, 60.0, 0.0),)) if judged else Tick(block, (), ())
 
 
 def test_a_tick_carries_belief_and_command(telemetry: Telemetry) -> None:
@@ -43,7 +43,7 @@ def test_a_tick_without_a_new_window_keeps_the_last_belief(telemetry: Telemetry)
 
 def test_one_microphone_shows_on_both_rows(telemetry: Telemetry) -> None:
     block = AudioBlock(np.ones((10, 1), np.float32), sample_rate=48_000)
-    telemetry.publish(Tick(block, (), None), now=0.0)
+    telemetry.publish(Tick(block, (), ()), now=0.0)
     assert Watcher(telemetry.name).snapshot().sound.tolist() == [[1.0, 1.0]] * 10
 
 

@@ -1,1 +1,33 @@
 """Sound to belief: resample, window, judge, decide."""
+
+from tactophone.perception.contact import Contact, ContactGate
+from tactophone.perception.decision import Decision, DecisionRule, rough_share
+from tactophone.perception.detector import PaperDetector
+from tactophone.perception.model import Gate, Model, ModelCard, read_model
+from tactophone.perception.shipped import (
+    KINDS,
+    default_model,
+    detector_for,
+    model_path,
+    open_detector,
+    shipped_models,
+)
+
+__all__ = [
+    "KINDS",
+    "Contact",
+    "ContactGate",
+    "Decision",
+    "DecisionRule",
+    "Gate",
+    "Model",
+    "ModelCard",
+    "PaperDetector",
+    "default_model",
+    "detector_for",
+    "model_path",
+    "open_detector",
+    "read_model",
+    "rough_share",
+    "shipped_models",
+]

@@ -1,0 +1,139 @@
+"""The paper's detector: resample, window, spectrum, network, gate, decision, in that order.
+
+At every sound buffer the paper looks at the last 256 ms of both microphones (section III). So does this, and gives
+one prediction each time, the same to the bit whatever the blocks in which the sound arrives.
+"""
+
+from collections import Counter
+
+import numpy as np
+
+from tactophone.errors import ModelError
+from tactophone.perception.decision import Decision, Probabilities
+from tactophone.perception.features import magnitudes
+from tactophone.perception.garbage import GarbageFilter
+from tactophone.perception.loudness import LOUDNESS
+from tactophone.perception.model import FEATURES, LOG_PROBABILITIES, Model
+from tactophone.perception.resample import LOWEST_RATE, Resampler
+from tactophone.perception.windows import Windower
+from tactophone.types import CONTACT, AudioBlock, FloatArray, Prediction
+
+NOTHING_SURE: Probabilities = (1.0, 0.0, 0.0)
+
+
+class PaperDetector:
+    """Judges a stream of sound with a network of the paper's kind.
+
+    Parameters
+    ----------
+    model
+        Of kind ``paper``. With one channel it judges channel 0 of whatever sound it is given.
+    sample_rate
+        Of the sound to come, in Hz.
+
+    Attributes
+    ----------
+    faults
+        How often predictions were withheld: ``sound`` (garbage in the window), ``model`` (the answer was no
+        probabilities).
+    """
+
+    def __init__(self, model: Model, *, sample_rate: int) -> None:
+        if sample_rate < LOWEST_RATE:
+            raise ModelError(
+                f"sound at {sample_rate} Hz, but models need {LOWEST_RATE} Hz or more; record at a higher rate"
+            )
+        self.card = model.card
+        self.faults: Counter[str] = Counter()
+        self._session = model.session
+        self._sample_rate = sample_rate
+        self._decision = Decision(model.card.decision)
+        self._loudness = LOUDNESS[model.card.gate.rule]
+        self.reset()
+
+    @property
+    def name(self) -> str:
+        """The model's own name."""
+        return self.card.name
+
+    @property
+    def hop(self) -> float:
+        """Seconds between two predictions."""
+        return float(self.card.hop / self.card.sample_rate)
+
+    @property
+    def latency(self) -> float:
+        """Seconds by which a window's end lies behind the newest sample: half the low-pass."""
+        return self._resampler.latency
+
+    def reset(self) -> None:
+        """Become as new; the fault counts stay."""
+        card = self.card
+        self._garbage = GarbageFilter()
+        self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
+        self._windower = Windower(card.window_size, card.hop, channels=card.channels)
+        self._decision.reset()
+
+    def push(self, block: AudioBlock) -> list[Prediction]:
+        """Take sound in; give the predictions that it completes.
+
+        Raises
+        ------
+        ModelError
+            If the block has fewer channels than the model wants, or not the rate that was announced.
+        """
+        self._check(block)
+        clean = self._garbage.clean(block).samples[:, : self.card.channels]
+        resampled = self._resampler.push(AudioBlock(clean, block.sample_rate))
+        return [self._judge(end, window) for end, window in self._windower.push(resampled)]
+
+    def flush(self) -> list[Prediction]:
+        """Give the predictions that only the end of the stream completes."""
+        return [self._judge(end, window) for end, window in self._windower.push(self._resampler.flush())]
+
+    def _check(self, block: AudioBlock) -> None:
+        if block.sample_rate != self._sample_rate:
+            raise ModelError(
+                f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
+            )
+        if block.channels < self.card.channels:
+            raise ModelError(
+                f"sound with {block.channels} channel, but the model {self.card.name} wants {self.card.channels} "
+                "(contact and air); choose a one-channel model"
+            )
+
+    def _judge(self, end: int, window: FloatArray) -> Prediction:
+        level_dbfs = self._loudness(window[:, CONTACT])
+        probabilities = self._probabilities(window)
+        faulty = self._is_faulty(end, probabilities)
+        if faulty:
+            probabilities = NOTHING_SURE
+        contact = not faulty and level_dbfs >= self.card.gate.threshold_dbfs
+        touch, roughness = self._decision.decide(probabilities, contact=contact)
+        start = (end - self.card.window_size) / self.card.sample_rate
+        return Prediction(
+            probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
+        )
+
+    def _probabilities(self, window: FloatArray) -> Probabilities:
+        features = magnitudes(window)[None]
+        (answer,) = self._session.run([LOG_PROBABILITIES], {FEATURES: features})
+        none, smooth, rough = np.exp(answer[0].astype(np.float64)).tolist()
+        return none, smooth, rough
+
+    def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
+        start, stop = self._heard(end)
+        if self._garbage.any_between(start, stop):
+            self.faults["sound"] += 1
+            return True
+        # NaN fails both comparisons; exp(log-softmax) in float32 sums to 1 within 1e-5.
+        if not (abs(sum(probabilities) - 1) < 1e-3 and min(probabilities) >= 0):
+            self.faults["model"] += 1
+            return True
+        return False
+
+    def _heard(self, end: int) -> tuple[int, int]:
+        """The input samples that had a part in the window that ends before sample ``end`` at the model's rate."""
+        ratio = self._sample_rate / self.card.sample_rate
+        reach = round(self.latency * self._sample_rate)
+        return int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach + 1

@@ -1,0 +1,64 @@
+"""Opens a detector by name or path: the models that ship inside the package, and files of the user's own."""
+
+from collections.abc import Callable
+from importlib.resources import files
+from pathlib import Path
+
+from tactophone.errors import ModelError
+from tactophone.perception.detector import PaperDetector
+from tactophone.perception.model import Model, read_model
+from tactophone.types import Detector
+
+KINDS: dict[str, Callable[..., Detector]] = {"paper": PaperDetector}
+"""Which detector runs a model of which kind; each is called with the model and ``sample_rate=``."""
+
+SHIPPED = {1: "paper-mono", 2: "paper"}
+"""The model for sound of so many channels, where none is named."""
+
+_FOLDER = Path(str(files("tactophone.perception"))) / "models"
+
+
+def shipped_models() -> list[str]:
+    """Names of the models inside the package."""
+    return sorted(path.stem for path in _FOLDER.glob("*.onnx"))
+
+
+def model_path(name: str) -> Path:
+    """Where a model lies, by the name of a shipped one or its own path.
+
+    Raises
+    ------
+    ModelError
+        If it is neither.
+    """
+    if name in shipped_models():
+        return _FOLDER / f"{name}.onnx"
+    if (path := Path(name)).is_file():
+        return path
+    raise ModelError(f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}")
+
+
+def default_model(channels: int) -> str:
+    """Name of the shipped model for sound of so many channels."""
+    return SHIPPED[min(channels, 2)]
+
+
+def open_detector(name: str, *, sample_rate: int) -> Detector:
+    """Open a shipped model or a model file, for sound of a rate.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or this version cannot run it.
+    """
+    return detector_for(read_model(model_path(name)), sample_rate=sample_rate)
+
+
+def detector_for(model: Model, *, sample_rate: int) -> Detector:
+    """Make the detector that a model's kind asks for."""
+    if model.card.kind not in KINDS:
+        raise ModelError(
+            f"model {model.card.name} is of kind {model.card.kind}, but this version runs {', '.join(KINDS)}; "
+            "update Tactophone"
+        )
+    return KINDS[model.card.kind](model, sample_rate=sample_rate)

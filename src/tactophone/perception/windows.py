@@ -1,0 +1,70 @@
+"""Cuts sound into the windows that a model judges.
+
+Window ``k`` ends ``size + floor(k * hop)`` samples into the stream. The hop is a fraction because the paper judges at
+every sound buffer: 512 samples at 48 kHz are 21 1/3 samples at 2 kHz, so that its windows end now 21, now 22 samples
+apart. Only windows full of real sound are judged: the first one ends ``size`` samples into the stream.
+"""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+from tactophone.types import FloatArray
+
+
+class Windower:
+    """Keeps the newest sound and gives each window as soon as it is complete.
+
+    Parameters
+    ----------
+    size
+        Samples a window.
+    hop
+        Samples from one window to the next; may be a fraction, but at least 1.
+    channels
+        Of the sound to come.
+
+    Examples
+    --------
+    >>> windower = Windower(4, Fraction(3, 2), channels=1)
+    >>> sound = np.arange(8, dtype=np.float32)[:, None]
+    >>> [(end, window[:, 0].tolist()) for end, window in windower.push(sound)]
+    [(4, [0.0, 1.0, 2.0, 3.0]), (5, [1.0, 2.0, 3.0, 4.0]), (7, [3.0, 4.0, 5.0, 6.0]), (8, [4.0, 5.0, 6.0, 7.0])]
+    """
+
+    def __init__(self, size: int, hop: Fraction, *, channels: int) -> None:
+        if size < 1 or hop < 1:
+            raise ValueError(f"window of {size} samples at a hop of {hop}: both must be at least 1")
+        self._size = size
+        self._hop = hop
+        self._channels = channels
+        self.reset()
+
+    def reset(self) -> None:
+        """Become as new."""
+        self._kept: FloatArray = np.empty((0, self._channels), np.float32)
+        self._first = 0
+        self._count = 0
+
+    def push(self, samples: FloatArray) -> list[tuple[int, FloatArray]]:
+        """Take sound in; give each completed window with the index of the sample after its last.
+
+        A window has shape ``(size, channels)`` and is a view: use it before the next push.
+        """
+        self._kept = np.concatenate((self._kept, samples))
+        windows = []
+        while (end := self._next_end()) <= self._first + len(self._kept):
+            start = end - self._size - self._first
+            windows.append((end, self._kept[start : start + self._size]))
+            self._count += 1
+        self._forget(self._next_end() - self._size)
+        return windows
+
+    def _next_end(self) -> int:
+        return self._size + math.floor(self._count * self._hop)
+
+    def _forget(self, before: int) -> None:
+        unneeded = max(0, before - self._first)
+        self._kept = self._kept[unneeded:]
+        self._first += unneeded

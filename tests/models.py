@@ -1,0 +1,50 @@
+"""Models so small that a test knows what they will say."""
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+from tactophone.perception import Gate, ModelCard
+from tactophone.perception.model import CARD_KEY, FEATURES, LOG_PROBABILITIES
+
+CARD = ModelCard(
+    name="tiny",
+    kind="paper",
+    sample_rate=2000,
+    window_size=512,
+    hop=Fraction(64, 3),
+    channels=1,
+    gate=Gate(threshold_dbfs=-40.0),
+)
+BINS = 257
+ROUGH_BIN = 51
+"""The tiny network calls rough what is loud from here on: over 200 Hz."""
+
+
+def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Path:
+    """Write a linear network that compares the sound over and under 200 Hz; changes go into its card.
+
+    With a gain of infinity or NaN its answers are no probabilities.
+    """
+    card = replace(CARD, **changes)
+    weights = np.zeros((BINS * card.channels, 3), np.float32)
+    weights[1:ROUGH_BIN, 1] = gain
+    weights[ROUGH_BIN:BINS, 2] = gain
+    graph = helper.make_graph(
+        [
+            helper.make_node("MatMul", [FEATURES, "weights"], ["scores"]),
+            helper.make_node("LogSoftmax", ["scores"], [LOG_PROBABILITIES], axis=1),
+        ],
+        "tiny",
+        [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, [1, len(weights)])],
+        [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, [1, 3])],
+        [numpy_helper.from_array(weights, "weights")],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    helper.set_model_props(model, {CARD_KEY: card.to_json()})
+    onnx.save(model, str(path))
+    return path

@@ -1,0 +1,88 @@
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactophone.errors import ModelError
+from tactophone.perception import open_detector
+from tactophone.types import Detector, Prediction, Touch
+from tests.models import write_tiny_model
+from tests.sounds import UGLY_SIZES, blocks, noise, tone
+
+
+@pytest.fixture
+def detector(tmp_path: Path) -> Detector:
+    return open_detector(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000)
+
+
+def predict(detector: Detector, samples: np.ndarray, size: int = 480) -> list[Prediction]:
+    predictions = [one for block in blocks(samples, size) for one in detector.push(block)]
+    return predictions + detector.flush()
+
+
+def test_an_update_every_512_samples_of_the_papers_sound(detector: Detector) -> None:
+    predictions = predict(detector, tone(100, duration=2))
+    ends = np.array([prediction.end for prediction in predictions])
+    assert ends[0] == 0.256
+    assert np.abs(np.diff(ends) - 512 / 48_000).max() < 1 / 2000
+    assert detector.hop == pytest.approx(512 / 48_000)
+
+
+@pytest.mark.parametrize("size", UGLY_SIZES)
+def test_any_block_size_gives_the_same_bits(detector: Detector, size: int) -> None:
+    samples = noise(duration=0.5)
+    samples[12_000:12_100] = np.nan
+    whole = predict(detector, samples, len(samples))
+    detector.reset()
+    assert predict(detector, samples, size) == whole
+
+
+def test_it_hears_what_the_network_hears(detector: Detector) -> None:
+    assert {one.touch for one in predict(detector, tone(100))} == {Touch.SMOOTH}
+    detector.reset()
+    assert {one.touch for one in predict(detector, tone(400))} == {Touch.ROUGH}
+    detector.reset()
+    assert {one.touch for one in predict(detector, tone(400, amplitude=0.005))} == {Touch.NONE}
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
+def test_garbage_in_the_sound_is_silence_while_a_window_holds_it(detector: Detector, value: float) -> None:
+    samples = tone(400, duration=2)
+    samples[48_000] = value
+    faulty = [one for one in predict(detector, samples) if one.faulty]
+    assert all(one.touch is Touch.NONE for one in faulty)
+    assert faulty[0].end <= 1.0 + 2 * detector.hop
+    assert faulty[-1].start >= 1.0 - 2 * detector.hop
+    assert detector.faults["sound"] == len(faulty)
+
+
+@pytest.mark.parametrize("gain", [math.nan, math.inf])
+def test_garbage_from_the_model_is_silence(tmp_path: Path, gain: float) -> None:
+    detector = open_detector(str(write_tiny_model(tmp_path / "bad.onnx", gain=gain)), sample_rate=48_000)
+    predictions = predict(detector, tone(400))
+    assert all(one.faulty and one.touch is Touch.NONE for one in predictions)
+    assert detector.faults["model"] == len(predictions)
+
+
+def test_a_window_is_judged_once_its_end_and_the_latency_have_passed(detector: Detector) -> None:
+    for block in blocks(tone(100), 1):
+        if predictions := detector.push(block):
+            assert block.end / 48_000 == pytest.approx(predictions[0].end + detector.latency, abs=1 / 2000)
+            return
+
+
+def test_one_channel_for_a_model_of_two_is_refused(tmp_path: Path) -> None:
+    detector = open_detector(str(write_tiny_model(tmp_path / "two.onnx", channels=2)), sample_rate=48_000)
+    with pytest.raises(ModelError, match="wants 2"):
+        predict(detector, tone(100))
+
+
+def test_a_kind_of_the_future_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match="kind crystal-ball"):
+        open_detector(str(write_tiny_model(tmp_path / "new.onnx", kind="crystal-ball")), sample_rate=48_000)
+
+
+def test_a_model_that_is_not_there_lists_those_that_are() -> None:
+    with pytest.raises(ModelError, match="no model papper"):
+        open_detector("papper", sample_rate=48_000)
