@@ -1,0 +1,35 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tactophone.haptics import Limits
+from tactophone.types import HapticCommand
+
+
+@given(st.floats(), st.floats(), st.floats(0, 1))
+def test_nothing_passes(amplitude: float, frequency: float, ceiling: float) -> None:
+    bounded = Limits(ceiling=ceiling).bound(HapticCommand(amplitude, frequency, time=0.0))
+    assert 0 <= bounded.amplitude <= ceiling
+    assert 35 <= bounded.frequency <= 1000
+
+
+@pytest.mark.parametrize("garbage", [math.nan, math.inf, -math.inf])
+def test_garbage_is_silence(garbage: float) -> None:
+    assert Limits().bound(HapticCommand(garbage, 60.0, time=0.0)).amplitude == 0
+    assert Limits().bound(HapticCommand(1.0, garbage, time=0.0)).amplitude == 0
+
+
+def test_what_is_allowed_passes_untouched() -> None:
+    command = HapticCommand(0.7, 60.0, time=3.0)
+    assert Limits().bound(command) == command
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ceiling": 1.1}, {"ceiling": math.nan}, {"lowest": 0}, {"lowest": 90.0, "highest": 80.0}, {"settling": 0}],
+)
+def test_limits_that_limit_nothing_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="wanted"):
+        Limits(**wrong)

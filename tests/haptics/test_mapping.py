@@ -1,0 +1,40 @@
+import pytest
+
+from tactophone.errors import ConfigError
+from tactophone.haptics import PROFILES, PaperProfile, open_profile
+from tactophone.types import Prediction, Touch
+
+
+def belief(touch: Touch, roughness: float) -> Prediction:
+    return Prediction((0.0, 1 - roughness, roughness), touch, roughness, level_dbfs=-20.0, start=1.0, end=1.256)
+
+
+@pytest.mark.parametrize(
+    ("touch", "roughness", "amplitude", "frequency"),
+    [
+        (Touch.ROUGH, 1.0, 1.0, 60.0),
+        (Touch.SMOOTH, 0.0, 10 ** (-25 / 20), 120.0),
+        (Touch.NONE, 1.0, 0.0, 60.0),
+    ],
+)
+def test_the_papers_three_stimuli(touch: Touch, roughness: float, amplitude: float, frequency: float) -> None:
+    command = PaperProfile().command(belief(touch, roughness))
+    assert command.amplitude == pytest.approx(amplitude)
+    assert command.frequency == pytest.approx(frequency)
+    assert command.time == 1.256
+
+
+def test_confidence_moves_level_and_frequency_without_turning_back() -> None:
+    commands = [PaperProfile().command(belief(Touch.ROUGH, step / 100)) for step in range(101)]
+    assert sorted(commands, key=lambda one: one.amplitude) == commands
+    assert sorted(commands, key=lambda one: -one.frequency) == commands
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_profile_is_opened_by_the_name_it_has(name: str) -> None:
+    assert open_profile(name).name == name
+
+
+def test_an_unknown_profile_names_the_nearest() -> None:
+    with pytest.raises(ConfigError, match="did you mean paper"):
+        open_profile("papr")
