@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.telemetry import State, Telemetry, Watcher
+from tactophone.telemetry import MARKS, State, Telemetry, Watcher
 from tactophone.types import AudioBlock, HapticCommand, Tick
 
 WRITER = """
 import sys, time
 import numpy as np
-from tactophone.telemetry import State, Telemetry
+from tactophone.telemetry import MARKS, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, Tick
 
 ends = time.monotonic() + float(sys.argv[2])
@@ -78,3 +78,22 @@ def test_a_run_that_gives_no_sign_of_life_is_not_alive(telemetry: Telemetry) -> 
 def test_a_text_that_does_not_fit_is_refused(telemetry: Telemetry) -> None:
     with pytest.raises(ValueError, match="longer than"):
         Watcher(telemetry.name).ask("profile", text="x" * 65)
+
+
+def test_a_pulse_is_the_least_that_tells_life(telemetry: Telemetry) -> None:
+    telemetry.count("callbacks", 5)
+    telemetry.gauge("output_amplitude", 0.25)
+    telemetry.update(State(), now=7.0)
+    pulse = Watcher(telemetry.name).pulse()
+    assert (pulse.callbacks, pulse.amplitude, pulse.beat) == (5, 0.25, 7.0)
+
+
+def test_marks_are_kept_by_kind_newest_last(telemetry: Telemetry) -> None:
+    for index in range(5000):
+        telemetry.mark(MARKS.index("sent"), 120 * index, now=float(index))
+    telemetry.mark(MARKS.index("judged"), 7, now=1.0)
+    sent = Watcher(telemetry.name).marks("sent")
+    assert sent[-1].tolist() == (120 * 4999, 4999.0)
+    assert (np.diff(sent["position"]) == 120).all()
+    assert len(sent) > 4000
+    assert Watcher(telemetry.name).marks("judged").tolist() == [(7, 1.0)]

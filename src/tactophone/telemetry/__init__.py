@@ -7,16 +7,18 @@ wish, and the runtime owns the truth.
 """
 
 from tactophone.telemetry.memory import TICK
-from tactophone.telemetry.registry import COUNTERS, GAUGES, STAGES, Fault, Request, State
-from tactophone.telemetry.watcher import Snapshot, Watcher, running
+from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Fault, Request, State
+from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
 
 __all__ = [
     "COUNTERS",
     "GAUGES",
+    "MARKS",
     "STAGES",
     "TICK",
     "Fault",
+    "Pulse",
     "Request",
     "Snapshot",
     "State",

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS
 
 PREFIX = "tactophone-"
 """Of the names of the memories in their folder."""
@@ -36,6 +36,9 @@ SOUND_CAPACITY = 1 << 17
 
 TICK_CAPACITY = 1 << 13
 """Ticks kept: 20 s at 400 a second, as packets of 2.5 ms bring them."""
+
+MARK_CAPACITY = 1 << 12
+"""Marks kept of each kind: 10 s of packets of 2.5 ms."""
 
 LARGEST_WRITE = 1 << 14
 """Samples written to a ring before its count moves on: what a reader must distrust at the old end."""
@@ -62,6 +65,9 @@ TICK = np.dtype(
 """One tick: stream time (s), where sound and vibration had come to in their rings, the newest belief and command.
 ``truth`` is the known `Touch`, or -1; ``probabilities`` are NaN before the first window has been judged."""
 
+MARK = np.dtype([("position", "i8"), ("time", "f8")])
+"""One moment: the RTP timestamp at which the stretch of sound ends, and the system-wide monotonic clock, in seconds."""
+
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
 
@@ -74,6 +80,7 @@ _LAYOUT = np.dtype(
         ("sound_count", "u8"),
         ("vibration_count", "u8"),
         ("state_count", "u8"),
+        ("mark_counts", "u8", len(MARKS)),
         ("counters", "u8", len(COUNTERS)),
         ("gauges", "f8", len(GAUGES)),
         ("requests", _REQUEST, len(ACTIONS)),
@@ -81,11 +88,12 @@ _LAYOUT = np.dtype(
         ("ticks", TICK, TICK_CAPACITY),
         ("sound", "f4", (SOUND_CAPACITY, 2)),
         ("vibration", "f4", SOUND_CAPACITY),
+        ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
     ],
     align=True,
 )
 
-_FINGERPRINT = zlib.crc32(repr((_LAYOUT, tuple(COUNTERS), tuple(GAUGES), ACTIONS)).encode())
+_FINGERPRINT = zlib.crc32(repr((_LAYOUT, tuple(COUNTERS), tuple(GAUGES), MARKS, ACTIONS)).encode())
 
 
 class Memory:

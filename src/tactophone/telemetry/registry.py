@@ -43,6 +43,10 @@ COUNTERS: dict[str, str] = {
 STAGES = ("capture", "encode", "network", "playout", "decode", "judge", "render", "device")
 """The latency budget in the order of the walk; each has a gauge ``latency_<stage>``, its median in seconds."""
 
+MARKS = ("captured", "sent", "received", "decoded", "judged", "rendered")
+"""Moments in the life of a stretch of sound, each noted with the RTP timestamp at which that stretch ends; what lies
+between two of them is a stage of the budget."""
+
 GAUGES: dict[str, str] = {
     "jitter": "interarrival jitter (RFC 3550, 6.4.1), s",
     "playout_delay": "how long sound waits so that late packets can still be used, s",
@@ -54,6 +58,7 @@ GAUGES: dict[str, str] = {
     "contact_dbfs": "level of the contact microphone, dBFS",
     "air_dbfs": "level of the air microphone, dBFS",
     "output_amplitude": "amplitude of the vibration now, 0-1 of full drive",
+    "device_period": "sound that the actuator's device asks for at once, s",
     "device_latency": "what the sound device says of its own delay, s",
     **{f"latency_{stage}": f"median time in the stage {stage}, s" for stage in STAGES},
     "latency_total": "median from microphone to vibration, measured from end to end, s",

@@ -1,5 +1,6 @@
 """The side that watches: another process that reads a run's telemetry and may ask something of the run."""
 
+import math
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -10,11 +11,15 @@ from numpy.typing import NDArray
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import memory as layout
 from tactophone.telemetry.memory import PREFIX, Memory, folder
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, Action, State
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, State
 from tactophone.types import FloatArray
 
 STALE_AFTER = 1.0
 """Seconds without a sign of life after which a run counts as stalled; a live one gives some every 0.1 s."""
+
+_CALLBACKS = list(COUNTERS).index("callbacks")
+_AMPLITUDE = list(GAUGES).index("output_amplitude")
+_PERIOD = list(GAUGES).index("device_period")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +52,19 @@ class Snapshot:
     alive: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Pulse:
+    """Whether a run lives, at the least cost: how often its device called, how strong the last period was.
+
+    ``beat`` is its last sign of life on the monotonic clock; ``period`` is the device's in seconds, NaN if unknown.
+    """
+
+    callbacks: int
+    amplitude: float
+    beat: float
+    period: float = math.nan
+
+
 class Watcher:
     """Look at a run from another process, and ask things of it; the run never waits for this.
 
@@ -67,9 +85,9 @@ class Watcher:
 
     def snapshot(self, since: Snapshot | None = None) -> Snapshot:
         """Copy what there is; of sound, vibration and ticks only what is newer than ``since``, if that is given."""
-        ticks, tick_end = self._newest("ticks", "tick_count", since.tick_end if since else 0)
-        sound, sound_end = self._newest("sound", "sound_count", since.sound_end if since else 0)
-        vibration, vibration_end = self._newest("vibration", "vibration_count", since.vibration_end if since else 0)
+        ticks, tick_end = self._ring("tick", since.tick_end if since else 0)
+        sound, sound_end = self._ring("sound", since.sound_end if since else 0)
+        vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0)
         age = time.monotonic() - float(self._memory["beat"])
         return Snapshot(
             state=self._state(),
@@ -85,6 +103,23 @@ class Watcher:
             alive=age < STALE_AFTER and self._memory.writer_alive,
         )
 
+    @property
+    def pid(self) -> int:
+        """Of the process that is watched."""
+        return int(self._memory["pid"])
+
+    def pulse(self) -> Pulse:
+        """Look for signs of life; cheap enough for a watchdog's two hundred times a second."""
+        counters, gauges = self._memory["counters"], self._memory["gauges"]
+        return Pulse(
+            int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
+        )
+
+    def marks(self, name: str) -> NDArray[np.void]:
+        """Copy the newest marks of one kind of `MARKS`, of dtype `MARK`."""
+        index = MARKS.index(name)
+        return _newest(self._memory["marks"][index], self._memory["mark_counts"][index : index + 1], slack=1)[0]
+
     def ask(self, action: Action, value: float = 0.0, *, text: str = "") -> None:
         """Lay a request into the mailbox; a newer one of the same action replaces it. `State` tells what came of it."""
         slot = self._memory["requests"][ACTIONS.index(action)]
@@ -95,6 +130,11 @@ class Watcher:
         slot["size"], slot["value"], slot["time"] = len(encoded), value, time.monotonic()
         slot["count"] += np.uint64(1)
 
+    def _ring(self, name: str, since: int) -> tuple[NDArray[Any], int]:
+        rows = self._memory["ticks" if name == "tick" else name]
+        slack = 1 if name == "tick" else layout.LARGEST_WRITE
+        return _newest(rows, self._memory[f"{name}_count"], slack=slack, since=since)
+
     def _state(self) -> State:
         while turn := int(self._memory["state_count"]):
             slot = self._memory["states"][turn % 2]
@@ -103,15 +143,14 @@ class Watcher:
                 return State.parse(text)
         return State()
 
-    def _newest(self, ring: str, counter: str, since: int) -> tuple[NDArray[Any], int]:
-        """Copy a ring's newest rows, without any that the writer may have written over meanwhile."""
-        rows, count = self._memory[ring], self._memory[counter]
-        slack = 1 if ring == "ticks" else layout.LARGEST_WRITE
-        end = int(count)
-        start = max(since if since <= end else 0, end + slack - len(rows), 0)
-        copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")
-        overwritten = int(count) + slack - len(rows) - start
-        return copy[max(overwritten, 0) :], end
+
+def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
+    """Copy a ring's newest rows, without the ``slack`` that the writer may be writing over meanwhile."""
+    end = int(count.item())
+    start = max(since if since <= end else 0, end + slack - len(rows), 0)
+    copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")
+    overwritten = int(count.item()) + slack - len(rows) - start
+    return copy[max(overwritten, 0) :], end
 
 
 def running() -> list[str]:

@@ -96,6 +96,12 @@ class Telemetry:
         """Write what the actuator was just given, shape ``(samples,)``; fit for an audio callback."""
         self._append("vibration", waveform)
 
+    def mark(self, index: int, position: int, *, now: float) -> None:
+        """Note that a stretch of sound ending at ``position`` has come to the moment ``MARKS[index]``."""
+        count = self._memory["mark_counts"][index : index + 1]
+        self._memory["marks"][index, int(count[0]) % layout.MARK_CAPACITY] = (position, now)
+        count += np.uint64(1)
+
     def update(self, state: State, *, now: float) -> None:
         """Show a new state, or the same one as a sign of life."""
         self._memory["beat"][...] = now
