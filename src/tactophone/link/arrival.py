@@ -61,6 +61,11 @@ class Arrival:
         self._waiting: dict[int, _Waiting] = {}
         self._since = 0.0
 
+    @property
+    def origin(self) -> int:
+        """The timestamp on the wire of the first sample given."""
+        return self._first
+
     def push(self, packets: Sequence[Packet], *, now: float) -> list[Heard]:
         """Take all packets that have come by ``now``; give the sound that can be had, oldest first."""
         for packet in packets:

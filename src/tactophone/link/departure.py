@@ -93,6 +93,11 @@ class Departure:
         self._past: deque[Payload] = deque(maxlen=2)
 
     @property
+    def origin(self) -> int:
+        """The timestamp on the wire of the source's first sample."""
+        return self._offset
+
+    @property
     def latency(self) -> float:
         """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
         return self.codec.latency

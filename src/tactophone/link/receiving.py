@@ -70,6 +70,11 @@ class ReceivingEnd:
             "bitrate_bps": self._meter.bitrate_bps,
         }
 
+    @property
+    def origin(self) -> int:
+        """The timestamp on the wire of the first sample given in this session."""
+        return self._arrival.origin
+
     def receive(self, datagrams: Datagrams, *, now: float) -> list[News]:
         """Take everything that has come by now, and give what can be had of it."""
         events: list[Event] = []

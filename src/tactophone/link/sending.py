@@ -45,6 +45,11 @@ class SendingEnd:
         """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
         return self.codec.latency
 
+    @property
+    def origin(self) -> int | None:
+        """The timestamp on the wire of the source's first sample; ``None`` while nobody is connected."""
+        return self._departure.origin if self._departure else None
+
     def push(self, block: AudioBlock) -> None:
         """Send sound; while nobody is connected it is dropped, as it would be stale by then."""
         if self._departure:

@@ -16,6 +16,7 @@ COUNTERS: dict[str, str] = {
     "packets_duplicated": "genuine packets that came more than once",
     "packets_reordered": "genuine packets that came after a younger one",
     "packets_rejected": "datagrams that were not genuine: forged, replayed, damaged or foreign",
+    "packets_broken": "genuine packets that could not be understood",
     "packets_recovered": "lost packets whose sound came redundantly in the next ones",
     "packets_concealed": "lost packets whose sound was guessed",
     "packets_skipped": "genuine packets too old to be judged, after a stall of the link",

@@ -1,0 +1,89 @@
+"""Settings become things: which source, session and actuator a run is made of."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+from tactophone.capture import jack_source, portaudio_source
+from tactophone.config import Settings
+from tactophone.errors import ConfigError
+from tactophone.haptics import Actuator, clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics.actuator import Render
+from tactophone.link import (
+    Codec,
+    DatagramSocket,
+    Endpoint,
+    Identity,
+    Peers,
+    ReceivingEnd,
+    RedundancyRule,
+    SendingEnd,
+    Session,
+    resolve,
+)
+from tactophone.types import Source
+
+SAMPLE_RATE = 48_000
+"""Hz of the whole live journey; what runs at another rate is converted before it."""
+
+DEFAULT_IDENTITY = Path("~/.config/tactophone")
+"""Where `tactophone pair` keeps this machine's key and its trusted peers."""
+
+OpenSource = Callable[[Settings], Source]
+"""Makes the source that the settings name; must be importable by a new process."""
+
+
+def open_device(settings: Settings) -> Source:
+    """Make the microphones' source; others are opened by who knows them (the command line)."""
+    capture = settings.capture
+    if capture.source == "jack":
+        return jack_source(contact=capture.contact, air=capture.air, server=settings.process.jack_server)
+    if capture.source == "portaudio":
+        return portaudio_source(capture.device, channels=2 if capture.air else 1)
+    raise ConfigError(f"capture.source = {capture.source!r} is no device: this door opens jack and portaudio")
+
+
+def open_actuator(settings: Settings, render: Render) -> Actuator:
+    """Make the actuator, not yet entered."""
+    output = settings.output
+    match output.actuator:
+        case "jack":
+            return jack_actuator(render, port=output.port, server=settings.process.jack_server)
+        case "portaudio":
+            return portaudio_actuator(render, device=output.device)
+        case "file":
+            return clocked_actuator(render, period=output.period, path=Path(output.device or "vibration.wav"))
+    return clocked_actuator(render, period=output.period)
+
+
+def open_session(settings: Settings, *, call: bool) -> Session:
+    """Make one end of the sealed line; the robot calls, the operator answers."""
+    link = settings.link
+    folder = Path(link.identity or DEFAULT_IDENTITY).expanduser()
+    if call and not link.peer:
+        raise ConfigError("whom to call is not known: give the operator's host, as in --peer operator.local")
+    callee = resolve(link.peer, link.port) if call else None
+    peers = Peers.load(folder)
+    if not peers.items():
+        raise ConfigError(f"{folder} knows no peer to trust: pair the two machines first with `tactophone pair`")
+    return Session(Identity.load(folder), peers, call=callee)
+
+
+def open_sending_end(settings: Settings, channels: int) -> SendingEnd:
+    """Make the robot's end, with the codec and the redundancy that the settings ask for."""
+    link = settings.link
+    codec = Codec(
+        "pcm16" if link.codec == "pcm16" else "opus",
+        channels=channels,
+        packet_size=round(link.packet_duration * SAMPLE_RATE),
+        bandwidth=link.bandwidth,
+        bitrate_bps=link.bitrate_bps,
+    )
+    fixed = link.redundancy >= 0
+    rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
+    return SendingEnd(open_session(settings, call=True), codec, rule=rule)
+
+
+def post(end: SendingEnd | ReceivingEnd, socket: DatagramSocket) -> None:
+    """Send what an end has to send."""
+    socket.send(cast(list[tuple[bytes, Endpoint]], end.outgoing()))

@@ -1,0 +1,82 @@
+import os
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable
+
+import pytest
+
+from tactophone.config import Settings
+from tactophone.errors import DeviceError, TactophoneError
+from tactophone.runtime.supervisor import Birth, Supervisor
+from tactophone.telemetry import State, Telemetry, Watcher
+
+pytestmark = pytest.mark.realtime
+
+
+def live(settings: Settings, birth: Birth, *, stall_after: int = 0) -> None:
+    """Be a side that vibrates; the first of its line stalls after so many periods."""
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    with Telemetry(birth.name) as telemetry:
+        telemetry.count("process_restarts", birth.restarts)
+        telemetry.gauge("output_amplitude", 0.5)
+        while not terminated.wait(0.003):
+            telemetry.count("callbacks")
+            telemetry.update(State(role="test"), now=time.monotonic())
+            if stall_after and birth.restarts == 0 and telemetry.counter("callbacks") == stall_after:
+                os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def live_and_stall(settings: Settings, birth: Birth) -> None:
+    live(settings, birth, stall_after=30)
+
+
+def fail_to_open(settings: Settings, birth: Birth) -> None:
+    raise DeviceError("there is no such device: choose another")
+
+
+def end_at_once(settings: Settings, birth: Birth) -> None:
+    with Telemetry(birth.name) as telemetry:
+        telemetry.update(State(), now=time.monotonic())
+        time.sleep(0.2)
+
+
+@pytest.fixture
+def name() -> str:
+    return f"test-{uuid.uuid4().hex[:8]}"
+
+
+def eventually(condition: Callable[[], bool]) -> bool:
+    for _ in range(1000):
+        if condition():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_a_stalled_process_is_ended_and_followed_by_another(name: str) -> None:
+    with Supervisor(live_and_stall, Settings(), name=name) as supervisor:
+        first = supervisor.pid
+        assert eventually(lambda: supervisor.restarts == 1)
+        assert eventually(lambda: Watcher(name).pid not in (0, first))
+        assert eventually(lambda: Watcher(name).snapshot().counters["process_restarts"] == 1)
+        assert supervisor.running
+        last = supervisor.pid
+    assert not os.path.exists(f"/proc/{last}")
+
+
+def test_what_a_process_says_at_its_start_is_raised_in_one_line(name: str) -> None:
+    with (
+        pytest.raises(TactophoneError, match="no such device: choose another"),
+        Supervisor(fail_to_open, Settings(), name=name),
+    ):
+        pass
+
+
+def test_a_process_whose_sound_has_ended_is_not_followed(name: str) -> None:
+    with Supervisor(end_at_once, Settings(), name=name) as supervisor:
+        assert supervisor.wait(5.0)
+        assert not supervisor.running
+        assert supervisor.restarts == 0
