@@ -7,15 +7,16 @@ neither raises a fault nor ends it.
 """
 
 import enum
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from tactophone.perception.vitals import Vitals, VitalSigns
 from tactophone.types import AIR, CONTACT, AudioBlock
 
-RAISE_AFTER = 2
-"""Measures in a row with the sign: with the half second that each looks back, a fault is named within 0.75 s."""
+RAISE_AFTER = 3
+"""Measures in a row with the sign: with the half second that each looks back, a fault is named within 0.875 s."""
 
 HEAL_AFTER = 8
 """Measures in a row without it: a second, so that a loose plug does not flicker."""
@@ -47,7 +48,7 @@ class SensorFault:
     @property
     def code(self) -> str:
         """For programs: ``air-dead``."""
-        return self.kind if self.channel is None else f"{CHANNELS[self.channel]}-{self.kind}"
+        return str(self.kind) if self.channel is None else f"{CHANNELS[self.channel]}-{self.kind}"
 
     def __str__(self) -> str:
         found, remedy = WORDS[self.kind]
@@ -96,7 +97,7 @@ class Reference:
     threshold_dbfs: float = -26.0
     floor_dbfs: tuple[float, ...] = (-70.0, -70.0)
     hum_dbfs: tuple[float, ...] = (-32.0, -32.0)
-    clipped: float = 0.05
+    clipped: float = 0.3
 
 
 SILENCE_DBFS = -90.0
@@ -111,9 +112,13 @@ OFFSET = 0.05
 HUM_RISE_DB = 8.0
 """Over the hum that the set-up always had."""
 
+HARMLESS_HUM_DBFS = -45.0
+"""Of this no detector here takes notice."""
+
 ALIKENESS = 0.97
 """Two microphones in one stroke reach 0.9; copies fall short of 1 only by the codec's noise."""
 
+_ELECTRIC = (Kind.DEAD, Kind.CLIPPED, Kind.OFFSET)
 _CLEAR_DB = 9.0
 _MARGIN_DB = 3.0
 _STRONG_DB = 10.0
@@ -145,8 +150,9 @@ class FaultWatch:
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        """What is wrong now, worst known first by kind."""
-        return tuple(fault for fault in FAULTS if self._present[fault])
+        """What is wrong now; where both channels are in doubt, nothing is said of one."""
+        named = tuple(fault for fault in FAULTS if self._present[fault])
+        return tuple(fault for fault in named if fault.channel is None) or named
 
     def push(self, block: AudioBlock) -> None:
         """Take sound in."""
@@ -162,6 +168,7 @@ class FaultWatch:
 
     def _weigh(self, fault: SensorFault, sign: bool | None) -> None:
         if sign is None:
+            self._streak[fault] *= self._present[fault]
             return
         self._streak[fault] = 0 if sign is self._present[fault] else self._streak[fault] + 1
         if self._streak[fault] >= (RAISE_AFTER if sign else HEAL_AFTER):
@@ -169,19 +176,28 @@ class FaultWatch:
 
 
 def signs(vitals: Vitals, reference: Reference) -> dict[SensorFault, bool | None]:
-    """Look for the sign of each fault; ``None`` where it cannot be seen just now."""
+    """Look for the sign of each fault; ``None`` where it cannot be seen just now, or another fault hides it."""
     channels = range(len(vitals.level_dbfs))
-    dead = [_dead(vitals, reference, channel) for channel in channels]
     found: dict[SensorFault, bool | None] = {}
     for channel in channels:
-        found[SensorFault(Kind.DEAD, channel)] = dead[channel]
-        for kind, look in _ALONE.items():
-            found[SensorFault(kind, channel)] = None if dead[channel] else look(vitals, reference, channel)
+        dead = vitals.level_dbfs[channel] < SILENCE_DBFS
+        clipped = vitals.clipped[channel] > reference.clipped
+        found[SensorFault(Kind.DEAD, channel)] = dead
+        found[SensorFault(Kind.CLIPPED, channel)] = None if dead else clipped
+        found[SensorFault(Kind.OFFSET, channel)] = None if clipped else abs(vitals.offset[channel]) > OFFSET
+    paired = len(channels) > 1 and not any(found.values())
+    alike = paired and abs(vitals.likeness) > ALIKENESS
+    swapped = paired and not alike and _swapped(vitals)
+    for channel in channels:
+        hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
+        found[SensorFault(Kind.HUM, channel)] = None if hidden else _hum(vitals, reference, channel)
+        if not hidden:
+            found[SensorFault(Kind.DEAD, channel)] = _dead(vitals, reference, channel)
     if len(channels) > 1:
-        seen = not any(dead)
-        found[SensorFault(Kind.COVERED, AIR)] = _covered(vitals, reference) if seen else None
-        found[SensorFault(Kind.SWAPPED)] = _swapped(vitals) if seen else None
-        found[SensorFault(Kind.ALIKE)] = abs(vitals.likeness) > ALIKENESS if seen else None
+        hidden = alike or swapped or any(found.values())
+        found[SensorFault(Kind.ALIKE)] = alike if paired else None
+        found[SensorFault(Kind.SWAPPED)] = swapped if paired else None
+        found[SensorFault(Kind.COVERED, AIR)] = None if hidden else _covered(vitals, reference)
     return found
 
 
@@ -194,31 +210,23 @@ def _dead(vitals: Vitals, reference: Reference, channel: int) -> bool:
     return vitals.level_dbfs[channel] < max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
 
 
-def _clipped(vitals: Vitals, reference: Reference, channel: int) -> bool:
-    return vitals.clipped[channel] > reference.clipped
-
-
-def _offset(vitals: Vitals, _: Reference, channel: int) -> bool:
-    return abs(vitals.offset[channel]) > OFFSET
-
-
 def _hum(vitals: Vitals, reference: Reference, channel: int) -> bool | None:
     """Hum is there when it stands clear of the noise in its bands, and not there when that noise could not hide it."""
-    limit = reference.hum_dbfs[channel] + HUM_RISE_DB
+    limit = max(reference.hum_dbfs[channel] + HUM_RISE_DB, HARMLESS_HUM_DBFS)
     hum, masking = vitals.hum_dbfs[channel], vitals.masking_dbfs[channel]
     if hum > limit and hum > masking + _CLEAR_DB:
         return True
     return False if max(hum, masking) < limit else None
 
 
-_ALONE: Mapping[Kind, Callable[[Vitals, Reference, int], bool | None]] = MappingProxyType(
-    {Kind.CLIPPED: _clipped, Kind.OFFSET: _offset, Kind.HUM: _hum}
-)
-
-
 def _covered(vitals: Vitals, reference: Reference) -> bool | None:
-    """In a strong touch the air microphone stays at its floor, or hears a thud duller than the contact microphone."""
+    """The air microphone hears less than the room's noise; or a strong touch not at all, or as a thud.
+
+    A thud is duller than what the contact microphone makes of the same touch.
+    """
     contact, air = vitals.level_dbfs[CONTACT], vitals.level_dbfs[AIR]
+    if air < reference.floor_dbfs[AIR] - _CLEAR_DB:
+        return True
     if contact < reference.threshold_dbfs + _STRONG_DB:
         return None
     deaf = air < reference.floor_dbfs[AIR] + _MARGIN_DB
@@ -227,5 +235,13 @@ def _covered(vitals: Vitals, reference: Reference) -> bool | None:
 
 
 def _swapped(vitals: Vitals) -> bool:
-    louder = vitals.level_dbfs[AIR] > vitals.level_dbfs[CONTACT] + _MARGIN_DB
-    return louder and vitals.tilt_db(AIR) < vitals.tilt_db(CONTACT) - _MARGIN_DB
+    """Besides hum, of which either can have too much, channel 1 is the louder and the duller one."""
+    contact, air = (_without_hum(vitals, channel) for channel in (CONTACT, AIR))
+    duller = vitals.treble_dbfs[AIR] - air < vitals.treble_dbfs[CONTACT] - contact - _MARGIN_DB
+    return duller and air > contact + _MARGIN_DB
+
+
+def _without_hum(vitals: Vitals, channel: int) -> float:
+    power = 10 ** (vitals.level_dbfs[channel] / 10) - 10 ** (vitals.hum_dbfs[channel] / 10)
+    # A hundredth of the hum escapes its bands: what is under that is not told from it.
+    return 10 * math.log10(max(power, 0.02 * 10 ** (vitals.level_dbfs[channel] / 10)))

@@ -140,7 +140,7 @@ def _clipped(cell: FloatArray) -> NDArray[np.float64]:
     loud = np.abs(cell)
     railed = loud >= _FULL_SCALE
     railed[1:] |= (cell[1:] == cell[:-1]) & (loud[1:] > _LOUD)
-    return railed.mean(axis=0)
+    return np.asarray(railed.mean(axis=0))
 
 
 def _hum(slow: NDArray[np.float64], mains: int, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
