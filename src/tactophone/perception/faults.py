@@ -121,7 +121,7 @@ ALIKENESS = 0.97
 _ELECTRIC = (Kind.DEAD, Kind.CLIPPED, Kind.OFFSET)
 _CLEAR_DB = 9.0
 _MARGIN_DB = 3.0
-_STRONG_DB = 10.0
+_STRONG_DB = 6.0
 
 
 class FaultWatch:
@@ -220,18 +220,19 @@ def _hum(vitals: Vitals, reference: Reference, channel: int) -> bool | None:
 
 
 def _covered(vitals: Vitals, reference: Reference) -> bool | None:
-    """The air microphone hears less than the room's noise; or a strong touch not at all, or as a thud.
+    """The air microphone falls under its floor; or a touch leaves it there, or reaches it as a thud only.
 
     A thud is duller than what the contact microphone makes of the same touch.
     """
-    contact, air = vitals.level_dbfs[CONTACT], vitals.level_dbfs[AIR]
-    if air < reference.floor_dbfs[AIR] - _CLEAR_DB:
+    touch_db = vitals.level_dbfs[CONTACT] - reference.threshold_dbfs
+    heard_db = vitals.level_dbfs[AIR] - reference.floor_dbfs[AIR]
+    # A room may have become quieter since it was calibrated; but not while something in it is touched.
+    if heard_db < (-_MARGIN_DB if touch_db > 0 else -_CLEAR_DB):
         return True
-    if contact < reference.threshold_dbfs + _STRONG_DB:
+    if touch_db < _STRONG_DB:
         return None
-    deaf = air < reference.floor_dbfs[AIR] + _MARGIN_DB
-    dull = air < contact - 2 * _MARGIN_DB and vitals.tilt_db(AIR) < vitals.tilt_db(CONTACT)
-    return deaf or dull
+    fainter = vitals.level_dbfs[AIR] < vitals.level_dbfs[CONTACT] - _STRONG_DB
+    return heard_db < _MARGIN_DB or (fainter and vitals.tilt_db(AIR) < vitals.tilt_db(CONTACT))
 
 
 def _swapped(vitals: Vitals) -> bool:
