@@ -57,12 +57,13 @@ def test_a_covered_microphone_is_known_in_a_quiet_room_once_calibrated() -> None
 def test_what_cannot_be_seen_neither_raises_nor_heals() -> None:
     watch = FaultWatch(RATE, CALIBRATED)
     hum = 0.3 * np.sin(2 * np.pi * 50 * np.arange(RATE) / RATE)
-    quiet = np.random.default_rng(0).normal(0, 0.001, (RATE, 2))
+    quiet = np.random.default_rng(0).normal(0, 0.01, (RATE, 2))
     watch.push(block(quiet + hum[:, None] * [1, 0]))
     assert [fault.code for fault in watch.faults] == ["contact-hum"]
-    steps = np.random.default_rng(1).normal(0, 0.3, (2, 720))
-    loud = np.stack([np.interp(np.arange(3 * RATE) / 200, np.arange(720), walk) for walk in steps], axis=1)
-    watch.push(block(loud))
+    # Noise about the mains' harmonics, three times as strong as what would be called hum.
+    steps = np.random.default_rng(1).normal(0, 1, (2, 1440))
+    loud = np.stack([np.interp(np.arange(3 * RATE) / 100, np.arange(1440), walk) for walk in steps], axis=1)
+    watch.push(block(0.3 * loud / loud.std()))
     assert [fault.code for fault in watch.faults] == ["contact-hum"]
     watch.push(block(np.concatenate([quiet, quiet])))
     assert watch.faults == ()
