@@ -37,3 +37,5 @@ def portaudio(jack_server: DummyServer, monkeypatch: pytest.MonkeyPatch) -> Iter
     sounddevice._initialize()
     yield
     sounddevice._terminate()
+    monkeypatch.setenv("JACK_DEFAULT_SERVER", "tactophone-none")
+    sounddevice._initialize()

@@ -15,6 +15,8 @@ from tactophone.cli import terminal
 from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
+    "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
+    "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }

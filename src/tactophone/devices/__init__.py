@@ -9,5 +9,16 @@ from tactophone.devices.device import Device
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient, JackPort
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
+from tactophone.devices.survey import Found, survey
 
-__all__ = ["ClockedDevice", "Device", "DummyServer", "JackClient", "JackPort", "PortAudioDevice", "PortAudioStream"]
+__all__ = [
+    "ClockedDevice",
+    "Device",
+    "DummyServer",
+    "Found",
+    "JackClient",
+    "JackPort",
+    "PortAudioDevice",
+    "PortAudioStream",
+    "survey",
+]

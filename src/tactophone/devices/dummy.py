@@ -8,9 +8,8 @@ import time
 from types import TracebackType
 from typing import Self
 
-from tactophone.devices.jack import JackClient
+from tactophone.devices.jack import JackClient, silent
 from tactophone.errors import DeviceError
-from tactophone.types import FloatArray
 
 _ATTEMPTS = 400
 _BETWEEN_ATTEMPTS = 0.025
@@ -84,7 +83,7 @@ class DummyServer:
             self._process.wait()
 
     def _answers(self) -> bool:
-        probe = JackClient("probe", _nothing, inputs={}, outputs={}, server=self.name)
+        probe = JackClient("probe", silent, inputs={}, outputs={}, server=self.name)
         try:
             probe.open()
         except DeviceError:
@@ -96,10 +95,6 @@ class DummyServer:
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "it said nothing"
-
-
-def _nothing(_inputs: list[FloatArray], _outputs: list[FloatArray]) -> None:
-    """Neither hear nor play."""
 
 
 def _may_be_realtime() -> bool:

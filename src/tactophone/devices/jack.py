@@ -14,6 +14,7 @@ from typing import Any
 
 from tactophone.devices.device import Process
 from tactophone.errors import DeviceError
+from tactophone.types import FloatArray
 
 _ABANDONED: list[Any] = []
 """Clients of servers that died: kept, because libjack's threads may still call back into one."""
@@ -87,10 +88,10 @@ class JackClient:
         jack = _jack()
         try:
             self._join(jack)
-        except jack.JackError as error:
+        except jack.JackError:
             self.close()
             raise DeviceError(
-                f"no JACK server{self._named()} ({error}): start one, such as `jackd -R -d alsa -r 48000 -p 128`, "
+                f"no JACK server{self._named()}: start one, such as `jackd -R -d alsa -r 48000 -p 128`, "
                 "or choose portaudio"
             ) from None
         self._wire()
@@ -202,3 +203,9 @@ def _jack() -> Any:
 
 def _ignore(_: str) -> None:
     """Take a message of libjack: what matters in it comes as an exception too."""
+
+
+def silent(_: list[FloatArray], outputs: list[FloatArray]) -> None:
+    """Take part in the graph without a sound: a process for who only wants to look."""
+    for output in outputs:
+        output[:] = 0.0

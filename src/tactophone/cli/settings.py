@@ -1,0 +1,34 @@
+"""``tactophone settings``: every setting with its default, range and meaning, as a TOML file to begin with."""
+
+import argparse
+import math
+from itertools import groupby
+from typing import Any
+
+from tactophone import config
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare nothing: the verb has no arguments."""
+    parser.epilog = "tactophone settings > robot.toml; tactophone send --config robot.toml"
+
+
+def run(_: argparse.Namespace) -> int:
+    """Print the file."""
+    for section, entries in groupby(config.entries(), key=lambda entry: entry.name.partition(".")[0]):
+        print(f"[{section}]")
+        for entry in entries:
+            choices = f": {', '.join(entry.choices)}" if entry.choices else ""
+            print(f"# {entry.words}{choices}")
+            print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
+    return 0
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, float) and math.isnan(value):
+        return "nan"
+    return str(value)
