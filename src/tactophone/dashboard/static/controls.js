@@ -1,0 +1,89 @@
+// What a person asks of the run. The page shows what the run says it is set to, never what was wished.
+
+import { dbfs, percent, put } from "./figures.js";
+
+const HOLD = 1000; // ms for which a slider stays where it was put, until the run has answered
+
+export class Controls {
+  #form = document.querySelector("#controls");
+  #answer = document.querySelector("#answer");
+  #mute = document.querySelector("#mute");
+  #held = new Map();
+  #state = null;
+
+  constructor(send) {
+    this.send = send;
+    this.#slider("level", "input", (value) => ({ action: "output_level", value }));
+    this.#slider("threshold", "input", (value) => ({ action: "threshold_dbfs", value }));
+    // A ceiling that was lowered stays lowered, so only where the slider is let go counts.
+    this.#slider("ceiling", "change", (value) => ({ action: "ceiling", value }));
+    this.#form.profile.addEventListener("change", ({ target }) => this.#ask({ action: "profile", text: target.value }));
+    this.#form.addEventListener("submit", (event) => event.preventDefault());
+    this.#mute.addEventListener("click", () => this.#ask({ action: this.#state.armed ? "mute" : "arm" }));
+    addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  /** Show how the run is set, or that there is none. */
+  show(state, alive) {
+    this.#state = state;
+    const idle = !alive || state.role === "replay";
+    this.#form.inert = idle;
+    this.#mute.disabled = idle;
+    put(this.#mute, state.armed ? "Mute" : "Arm");
+    this.#mute.dataset.armed = state.armed;
+    this.#form.ceiling.max = state.ceiling;
+    this.#set("level", state.output_level, percent);
+    this.#set("ceiling", state.ceiling, percent);
+    this.#set("threshold", state.threshold_dbfs, dbfs);
+    this.#showProfiles(state);
+    this.#showFloor(state.noise_floor_dbfs);
+    if (state.role === "replay") put(this.#answer, "A replay: there is no output to control.");
+  }
+
+  /** Say what was not granted, and why. */
+  refuse(reason) {
+    put(this.#answer, `Not granted: ${reason}.`);
+    this.#held.clear();
+  }
+
+  #ask(wish) {
+    put(this.#answer, "");
+    this.send(wish);
+  }
+
+  #slider(name, event, wish) {
+    const slider = this.#form[name];
+    slider.addEventListener("input", () => this.#held.set(name, performance.now()));
+    slider.addEventListener(event, () => this.#ask(wish(slider.valueAsNumber)));
+  }
+
+  #set(name, value, words) {
+    const held = performance.now() - (this.#held.get(name) ?? -HOLD) < HOLD;
+    if (value !== null && !held) this.#form[name].value = value;
+    const shown = held ? this.#form[name].valueAsNumber : value;
+    put(this.#form.querySelector(`output[for=${name}]`), words(shown));
+    this.#form[name].ariaValueText = words(shown);
+  }
+
+  #showProfiles({ profile, profiles }) {
+    const select = this.#form.profile;
+    if (select.options.length !== profiles.length) select.replaceChildren(...profiles.map((name) => new Option(name)));
+    if (document.activeElement !== select) select.value = profile;
+  }
+
+  #showFloor(floor) {
+    const mark = document.querySelector("#floor-mark");
+    const { min, max } = this.#form.threshold;
+    mark.hidden = floor === null;
+    mark.style.left = `${(100 * (Math.max(floor ?? 0, min) - min)) / (max - min)}%`;
+    put(document.querySelector("#floor"), floor === null ? "Noise floor not known yet." : `Noise floor ${dbfs(floor)}, marked on the slider.`);
+  }
+
+  #key(event) {
+    const typing = event.target.closest?.("input, select, textarea");
+    // M only ever mutes: a slip of the finger must not start a vibration.
+    if (event.key.toLowerCase() === "m" && !typing && !event.ctrlKey && !event.metaKey && this.#state?.armed) {
+      this.#ask({ action: "mute" });
+    }
+  }
+}

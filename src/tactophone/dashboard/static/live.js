@@ -1,0 +1,52 @@
+// The feed: one WebSocket, binary messages in (message.py tells how they lie), wishes out.
+
+const RETRY = 1000; // ms
+
+/** Split a message into its words and its tables; a table is {rows, columns, numbers}, row by row. */
+export function parse(buffer) {
+  const size = new DataView(buffer).getUint32(0, true);
+  const words = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  const tables = {};
+  let at = 4 + size;
+  for (const [name, [rows, columns = 1]] of Object.entries(words.series)) {
+    tables[name] = { rows, columns, numbers: new Float32Array(buffer, at, rows * columns) };
+    at += 4 * rows * columns;
+  }
+  return { words, tables };
+}
+
+/** Stay connected to `path`, beside the page; every message is acknowledged, and only then comes another. */
+export class Feed {
+  #path;
+  #socket = null;
+
+  constructor(path, { onMessage, onAnswer, onLost }) {
+    this.#path = path;
+    this.onMessage = onMessage;
+    this.onAnswer = onAnswer;
+    this.onLost = onLost;
+    this.#connect();
+  }
+
+  send(wish) {
+    if (this.#socket.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(wish));
+  }
+
+  #connect() {
+    const address = new URL(this.#path, location.href);
+    address.protocol = "ws:";
+    this.#socket = new WebSocket(address);
+    this.#socket.binaryType = "arraybuffer";
+    this.#socket.addEventListener("message", ({ data }) => this.#take(data));
+    this.#socket.addEventListener("close", () => {
+      this.onLost();
+      setTimeout(() => this.#connect(), RETRY);
+    });
+  }
+
+  #take(data) {
+    if (typeof data === "string") return this.onAnswer(JSON.parse(data));
+    this.onMessage(parse(data));
+    this.#socket.send("ok");
+  }
+}

@@ -1,0 +1,85 @@
+"""A run to look at: telemetry written in real time by a thread, with a stroke over something rough in it."""
+
+import threading
+import time
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from tactophone.telemetry import Fault, State, Telemetry
+from tactophone.types import AudioBlock, HapticCommand, Prediction, Tick, Touch
+
+RATE, STEP = 48_000, 480
+
+
+class Run:
+    """Writes 100 ticks a second; obeys ``mute``, ``arm`` and levels as a runtime does."""
+
+    def __init__(self, name: str) -> None:
+        self.telemetry = Telemetry(name)
+        self.touch = Touch.NONE
+        self.state = State(
+            role="receive", armed=True, muted_because="", ceiling=0.5, local_ceiling=0.5, profile="paper",
+            profiles=("paper", "plain"), threshold_dbfs=-52.0, noise_floor_dbfs=-71.0, source="simulated finger",
+            link="127.0.0.1:48470", output="JACK system:playback_1",
+        )  # fmt: skip
+        self._rng = np.random.default_rng(1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._go)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.telemetry.close()
+
+    def pause(self) -> None:
+        """Give no sign of life any more."""
+        self._ended.set()
+
+    def fail(self, *faults: Fault) -> None:
+        self.state = _changed(self.state, faults=faults)
+
+    def _go(self) -> None:
+        begin, step = time.monotonic(), 0
+        while not self._ended.wait(max(0.0, begin + step * STEP / RATE - time.monotonic())):
+            self._obey()
+            self._step(step)
+            step += 1
+
+    def _obey(self) -> None:
+        for request in self.telemetry.requests():
+            if request.action in ("mute", "arm"):
+                armed = request.action == "arm"
+                self.state = _changed(self.state, armed=armed, muted_because="" if armed else "muted on the page")
+            elif request.action == "profile":
+                self.state = _changed(self.state, profile=request.text)
+            else:
+                self.state = _changed(self.state, **{request.action: request.value})
+
+    def _step(self, step: int) -> None:
+        loud = {Touch.NONE: 3e-4, Touch.SMOOTH: 0.02, Touch.ROUGH: 0.12}[self.touch]
+        swing = 0.3 + abs(np.sin(step / 40))
+        samples = (loud * swing * self._rng.standard_normal((STEP, 2)) * [1, 0.4]).astype(np.float32)
+        times = (step * STEP + np.arange(STEP)) / RATE
+        amplitude = {Touch.NONE: 0.0, Touch.SMOOTH: 0.056, Touch.ROUGH: 0.5}[self.touch] * self.state.armed
+        frequency = 60.0 if self.touch is Touch.ROUGH else 120.0
+        self.telemetry.feel((amplitude * np.sin(2 * np.pi * frequency * times)).astype(np.float32))
+        level = 20 * np.log10(np.sqrt(np.mean(samples[:, 0] ** 2)))
+        sure = np.full(3, 0.04)
+        sure[self.touch] = 0.92
+        belief = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
+        tick = Tick(AudioBlock(samples, RATE, step * STEP), (belief,), HapticCommand(amplitude, frequency, times[-1]))
+        self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))
+        self.telemetry.update(self.state, now=time.monotonic())
+
+
+def _changed(state: State, **entries: object) -> State:
+    return replace(state, **entries)  # type: ignore[arg-type]
