@@ -7,6 +7,7 @@ from tactophone.link.arrival import Arrival, Heard
 from tactophone.link.codec import Codec
 from tactophone.link.departure import Departure, Redundancy, RedundancyRule
 from tactophone.link.identity import Identity, Peers
+from tactophone.link.playout import Playout
 from tactophone.link.receiving import Believed, News, ReceivingEnd
 from tactophone.link.roundtrip import round_trip
 from tactophone.link.sending import SendingEnd
@@ -29,6 +30,7 @@ __all__ = [
     "Identity",
     "News",
     "Peers",
+    "Playout",
     "ReceivingEnd",
     "Redundancy",
     "RedundancyRule",

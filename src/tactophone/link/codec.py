@@ -129,8 +129,8 @@ class Decoder(Protocol):
         """Give the sound of a payload, of shape ``(size, channels)``; `PacketError` when it is not one."""
         ...
 
-    def conceal(self, size: int, following: bytes) -> FloatArray:
-        """Guess ``size`` samples that were lost before the payload ``following``, which is decoded next."""
+    def conceal(self, size: int, following: bytes | None) -> FloatArray:
+        """Guess ``size`` samples that were lost, before the payload ``following`` where that is here already."""
         ...
 
 
@@ -208,7 +208,7 @@ class _OpusDecoder:
     def decode(self, content: bytes) -> FloatArray:
         return self._run(content, self.size(content))
 
-    def conceal(self, size: int, following: bytes) -> FloatArray:
+    def conceal(self, size: int, following: bytes | None) -> FloatArray:
         # Opus extrapolates and then glides into the next packet by itself, in steps of 2.5 ms and 20 ms at most.
         whole = -(-size // OPUS_SIZES[0]) * OPUS_SIZES[0]
         steps = [min(OPUS_SIZES[-1], whole - done) for done in range(0, whole, OPUS_SIZES[-1])]

@@ -41,9 +41,10 @@ class PcmDecoder:
         self._last = self._read(content)
         return self._last
 
-    def conceal(self, size: int, following: bytes) -> FloatArray:
-        """Guess ``size`` samples that were lost before the payload ``following``."""
-        return bridge(self._last, self._read(following), size)
+    def conceal(self, size: int, following: bytes | None) -> FloatArray:
+        """Guess ``size`` samples that were lost, before the payload ``following`` where that is here."""
+        self._last = bridge(self._last, self._read(following) if following else self._last[:0], size)
+        return self._last
 
     def _read(self, content: bytes) -> FloatArray:
         shape = (self.size(content), self._channels)
@@ -68,11 +69,11 @@ def bridge(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
     array([0.38, 0.71, 0.92], dtype=float32)
     """
     angle = np.linspace(0, np.pi / 2, size + 2, dtype=np.float32)[1:-1, np.newaxis]
-    sound = np.cos(angle) * _mirror(before[::-1], size) + np.sin(angle) * _mirror(after, size)[::-1]
+    sound = np.cos(angle) * mirror(before[::-1], size) + np.sin(angle) * mirror(after, size)[::-1]
     return sound.astype(np.float32, copy=False)
 
 
-def _mirror(samples: FloatArray, size: int) -> FloatArray:
+def mirror(samples: FloatArray, size: int) -> FloatArray:
     """Walk ``size`` samples into ``samples``, and back and forth when it ends; silence when it is empty."""
     if not len(samples):
         return np.zeros((size, samples.shape[1]), np.float32)
