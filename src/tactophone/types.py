@@ -4,6 +4,7 @@ Everything here is a frozen value. Arrays inside are shared, never copied: who r
 """
 
 import enum
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
@@ -139,7 +140,10 @@ class HapticCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt."""
+    """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt.
+
+    There is one command for each prediction.
+    """
 
     block: AudioBlock
     predictions: tuple[Prediction, ...]
@@ -196,8 +200,21 @@ class Detector(Protocol):
 
     @property
     def latency(self) -> float:
-        """Seconds by which the newest part of a window lies behind the newest sample pushed (filter delay)."""
+        """Seconds from the end of a window to the moment at which it can be judged (filter delay)."""
         ...
+
+    @property
+    def faults(self) -> Counter[str]:
+        """How often nothing could be believed, by cause: ``sound`` or ``model`` was garbage."""
+        ...
+
+    @property
+    def threshold_dbfs(self) -> float:
+        """Level of the contact channel from which there is contact; may be set at any time."""
+        ...
+
+    @threshold_dbfs.setter
+    def threshold_dbfs(self, level_dbfs: float) -> None: ...
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound in, give the predictions that it completes, oldest first."""

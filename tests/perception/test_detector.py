@@ -68,7 +68,7 @@ def test_garbage_from_the_model_is_silence(tmp_path: Path, gain: float) -> None:
 def test_a_window_is_judged_once_its_end_and_the_latency_have_passed(detector: Detector) -> None:
     for block in blocks(tone(100), 1):
         if predictions := detector.push(block):
-            assert block.end / 48_000 == pytest.approx(predictions[0].end + detector.latency, abs=1 / 2000)
+            assert block.end / 48_000 == pytest.approx(predictions[0].end + detector.latency, abs=1e-9)
             return
 
 

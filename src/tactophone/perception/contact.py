@@ -69,10 +69,20 @@ class ContactGate:
     def __init__(self, threshold_dbfs: float, *, sample_rate: int) -> None:
         self._step_size = max(1, sample_rate // STEP_RATE)
         self._sample_rate = sample_rate
-        self._open_from = 10 ** (threshold_dbfs / 10)
-        self._close_under = 10 ** ((threshold_dbfs - RELEASE_DB) / 10)
+        self.threshold_dbfs = threshold_dbfs
         self._hold = round(HOLD * sample_rate / self._step_size)
         self.reset()
+
+    @property
+    def threshold_dbfs(self) -> float:
+        """RMS level from which there is contact; may be set at any time."""
+        return self._threshold_dbfs
+
+    @threshold_dbfs.setter
+    def threshold_dbfs(self, level_dbfs: float) -> None:
+        self._threshold_dbfs = level_dbfs
+        self._open_from = 10 ** (level_dbfs / 10)
+        self._close_under = 10 ** ((level_dbfs - RELEASE_DB) / 10)
 
     @property
     def latency(self) -> float:

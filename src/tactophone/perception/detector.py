@@ -36,6 +36,8 @@ class PaperDetector:
     faults
         How often predictions were withheld: ``sound`` (garbage in the window), ``model`` (the answer was no
         probabilities).
+    threshold_dbfs
+        Level from which there is contact; the model's own, until another is assigned.
     """
 
     def __init__(self, model: Model, *, sample_rate: int) -> None:
@@ -45,6 +47,7 @@ class PaperDetector:
             )
         self.card = model.card
         self.faults: Counter[str] = Counter()
+        self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._session = model.session
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
@@ -63,8 +66,11 @@ class PaperDetector:
 
     @property
     def latency(self) -> float:
-        """Seconds by which a window's end lies behind the newest sample: half the low-pass."""
-        return self._resampler.latency
+        """Seconds from a window's end until it can be judged: half the low-pass.
+
+        Less a sample: the window ends *after* its last sample, which is known once the low-pass has all around it.
+        """
+        return self._resampler.latency + 1 / self._sample_rate - 1 / self.card.sample_rate
 
     def reset(self) -> None:
         """Become as new; the fault counts stay."""
@@ -108,7 +114,7 @@ class PaperDetector:
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = NOTHING_SURE
-        contact = not faulty and level_dbfs >= self.card.gate.threshold_dbfs
+        contact = not faulty and level_dbfs >= self.threshold_dbfs
         touch, roughness = self._decision.decide(probabilities, contact=contact)
         start = (end - self.card.window_size) / self.card.sample_rate
         return Prediction(
@@ -135,5 +141,5 @@ class PaperDetector:
     def _heard(self, end: int) -> tuple[int, int]:
         """The input samples that had a part in the window that ends before sample ``end`` at the model's rate."""
         ratio = self._sample_rate / self.card.sample_rate
-        reach = round(self.latency * self._sample_rate)
+        reach = round(self._resampler.latency * self._sample_rate)
         return int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach + 1
