@@ -3,7 +3,8 @@ import onnxruntime
 import pytest
 import torch
 
-from tactophone.training.graph import FEATURES, Storage, build_graph, read_graph
+from tactophone.perception.model import FEATURES
+from tactophone.training.graph import Storage, build_graph, read_graph
 from tactophone.training.networks import PaperNetwork, weights_of
 from tactophone.types import FloatArray
 

@@ -10,10 +10,11 @@ import pytest
 import torch
 
 from tactophone import ModelError, Touch
+from tactophone.perception.features import magnitudes
 from tactophone.training import trainer
 from tactophone.training.networks import with_weights
 from tactophone.training.recipes import Recipe, paper
-from tactophone.training.trainer import Progress, magnitudes, train
+from tactophone.training.trainer import Progress, train
 from tactophone.training.windows import Windows, cut
 from tactophone.types import FloatArray
 
@@ -69,6 +70,7 @@ def test_bfloat16_learns_too() -> None:
 RUN = """
 import sys
 from pathlib import Path
+from tactophone.perception.features import magnitudes
 from tactophone.training import trainer
 from tests.training.test_trainer import made, quick
 trainer.SAVE_EVERY = 0.0

@@ -19,7 +19,7 @@ def loudness(windows: FloatArray, kind: str) -> FloatArray:
     return np.sqrt((contact**2).mean(axis=1)) if kind == "rms" else np.abs(contact).mean(axis=1)
 
 
-@pytest.mark.parametrize(("kind", "threshold"), [("rms", 0.1), ("mean", 0.08)])
+@pytest.mark.parametrize(("kind", "threshold"), [("rms", 0.1), ("mean_absolute", 0.08)])
 def test_the_running_sum_tells_each_windows_own_loudness(kind: str, threshold: float) -> None:
     noise = np.random.default_rng(0).normal(0, 0.1, (2000, 1)).astype(np.float32)
     rule = Labelling(kind, threshold)  # type: ignore[arg-type]

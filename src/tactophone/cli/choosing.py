@@ -12,7 +12,7 @@ def add_choice(parser: argparse.ArgumentParser) -> None:
     """Add ``--where``."""
     parser.add_argument(
         "--where", action="append", default=[], metavar="KEY=VALUE[,VALUE...]",
-        help="keep only recordings whose tier, surface, scenario, split or other key has one of these values; repeatable",
+        help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@
 ``write_metadata`` writes the one manifest format, and ``find_recording`` tells the truth about a single file.
 """
 
+from tactophone.dataset.channels import channel_order
 from tactophone.dataset.checks import check, usable
 from tactophone.dataset.metadata import write_metadata
 from tactophone.dataset.opening import find_recording, label_of, open_dataset
@@ -16,6 +17,7 @@ __all__ = [
     "Problem",
     "Recording",
     "Segment",
+    "channel_order",
     "check",
     "find_recording",
     "fingerprint",

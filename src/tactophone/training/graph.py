@@ -12,14 +12,12 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
+from tactophone.perception.model import FEATURES, LOG_PROBABILITIES
 from tactophone.training.networks import BINS, RESIDUALS, Weights, channels_of
 from tactophone.types import FloatArray, Touch
 
 Storage = Literal["int8", "float32"]
 STORAGES: tuple[Storage, ...] = ("int8", "float32")
-
-FEATURES = "features"
-LOG_PROBABILITIES = "log_probabilities"
 
 OPSET, IR_VERSION = 17, 9
 """Of 2022: what every ONNX Runtime that the package admits can read."""

@@ -6,6 +6,8 @@ Where the two differ, and what we made of it, is in docs/training.md.
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from tactophone.perception.loudness import LoudnessRule
+
 Variant = Literal["general", "fine-tuned", "one-channel"]
 Following = Literal["paper", "authors"]
 Precision = Literal["float32", "bfloat16"]
@@ -25,7 +27,7 @@ class Labelling:
     Parameters
     ----------
     loudness
-        ``"rms"``, or ``"mean"`` of the absolute value; of the window's first channel.
+        ``"rms"``, or ``"mean_absolute"``; of the window's first channel.
     threshold
         Least loudness: of full scale, or of the mean loudness of all windows with that label if ``relative``.
     relative
@@ -34,7 +36,7 @@ class Labelling:
         Whether quiet windows of rough recordings are trained as *none* too; if not, they are left out.
     """
 
-    loudness: Literal["rms", "mean"]
+    loudness: LoudnessRule
     threshold: float
     relative: bool = False
     quiet_rough: bool = True
@@ -92,6 +94,6 @@ def paper(variant: Variant, *, following: Following = "paper") -> Recipe:
     return replace(
         told,
         following="authors",
-        labelling=Labelling("mean", 1.0, relative=True, quiet_rough=False),
+        labelling=Labelling("mean_absolute", 1.0, relative=True, quiet_rough=False),
         class_weights=(1.0, 0.05, 0.05),
     )

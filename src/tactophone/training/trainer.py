@@ -15,6 +15,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from tactophone.perception.features import magnitudes
 from tactophone.training import checkpoint
 from tactophone.training.checkpoint import Checkpoint
 from tactophone.training.networks import PaperNetwork, Weights, weights_of, with_weights
@@ -123,12 +124,6 @@ def _batch(
     samples += noise * rng.standard_normal(samples.shape, np.float32)
     labels = windows.labels[which].astype(np.int64)
     return torch.from_numpy(magnitudes(samples)), torch.from_numpy(labels)
-
-
-def magnitudes(samples: FloatArray) -> FloatArray:
-    """Stand-in until perception has it."""
-    spectrum = np.abs(np.fft.rfft(samples, axis=1))
-    return np.ascontiguousarray(spectrum.transpose(0, 2, 1)).reshape(len(samples), -1)
 
 
 def _learn(

@@ -12,6 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
+from tactophone.perception.loudness import LoudnessRule
 from tactophone.training.recipes import Labelling
 from tactophone.types import FloatArray, Touch
 
@@ -77,7 +78,7 @@ def cut(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelli
     return windows
 
 
-def _loudness(contact: FloatArray, kind: str) -> FloatArray:
+def _loudness(contact: FloatArray, kind: LoudnessRule) -> FloatArray:
     """Loudness of the window at each start, from one running sum in double precision."""
     power = np.square(contact, dtype=np.float64) if kind == "rms" else np.abs(contact, dtype=np.float64)
     total = np.concatenate([[0.0], np.cumsum(power)])

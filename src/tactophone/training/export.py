@@ -1,0 +1,75 @@
+"""Model files: what was trained, with its card, in the one ONNX file that the live side reads."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+from tactophone.errors import ModelError
+from tactophone.perception import Gate, ModelCard, read_model
+from tactophone.perception.model import CARD_KEY
+from tactophone.training.graph import Storage, build_graph, read_graph
+from tactophone.training.networks import Weights, channels_of
+from tactophone.training.recipes import Recipe
+from tactophone.training.sound import RATE
+from tactophone.training.windows import SIZE
+from tactophone.types import FloatArray
+
+HOP = Fraction(512 * RATE, 48_000)
+"""Samples from one judgement to the next: the paper judges at every sound buffer, 512 samples at 48 kHz."""
+
+AUTHORS_GATE = Gate(-46.02, "mean_absolute")
+"""0.005, over which the authors' code takes a window for contact when it scores."""
+
+
+def make_card(weights: Weights, *, name: str, gate: Gate, licence: str = "") -> ModelCard:
+    """Describe a network of the paper's kind."""
+    return ModelCard(name, "paper", RATE, SIZE, HOP, channels_of(weights), gate, licence=licence)
+
+
+def training_facts(recipe: Recipe, *, seed: int, dataset: str, fingerprint: str, surfaces: int) -> dict[str, Any]:
+    """Tell, for the card, what a model was trained on and how."""
+    return {
+        "recipe": recipe.name,
+        "settings": asdict(recipe),
+        "seed": seed,
+        "dataset": dataset,
+        "surfaces": surfaces,
+        "sha256": fingerprint,
+    }
+
+
+def write_model(path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8") -> None:
+    """Write a network and its card; a kill leaves the old file or the new, never half."""
+    _write(path, build_graph(weights, storage=storage), card)
+
+
+def read_weights(path: Path) -> dict[str, FloatArray]:
+    """Take the parameters out of a model file of the paper's kind, to train on from there.
+
+    Raises
+    ------
+    ModelError
+        If the file is no such model.
+    """
+    card = read_model(path).card
+    if card.kind != "paper":
+        raise ModelError(f"{path}: a model of kind {card.kind}, but training goes on from kind paper alone")
+    return read_graph(onnx.load(str(path)))
+
+
+def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
+    """Write scores into a model file's card, beside or over those of that name."""
+    card = read_model(path).card
+    _write(path, onnx.load(str(path)), replace(card, scores={**card.scores, name: dict(scores)}))
+
+
+def _write(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
+    onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
+    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
+    onnx.save(model, str(partial))
+    os.replace(partial, path)
