@@ -15,6 +15,7 @@ from tactophone.cli import terminal
 from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
+    "pair": "make this machine's key, and tell it which other machine to trust",
     "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",

@@ -4,7 +4,7 @@
 bytes        what                   as
 ===========  =====================  ==============================================
 0            touch                  0 none, 1 smooth, 2 rough
-1            nothing                zero
+1            faults                 1 when sound or answer was garbage, else 0
 2-7          probabilities          three times 16 bits, 65535 is certain
 8-9          roughness              16 bits, 65535 is rough
 10-11        level                  hundredths of dBFS; the least number is -inf
@@ -14,36 +14,34 @@ bytes        what                   as
 
 import math
 import struct
+from dataclasses import replace
 
 from tactophone.errors import PacketError
 from tactophone.link.packet import CLOCK_RATE
 from tactophone.types import Prediction, Touch
 
-_LAYOUT = struct.Struct("!BxHHHHhI")
+_LAYOUT = struct.Struct("!BBHHHHhI")
 _CERTAIN = 65_535
 _SILENT = -32_768
 
 
 def write_belief(prediction: Prediction) -> bytes:
-    """Pack a prediction; its end belongs into the packet's timestamp.
-
-    Raises
-    ------
-    ValueError
-        When it holds what is no number.
-    """
+    """Pack a prediction; its end belongs into the packet's timestamp. What is no number is packed as a fault."""
     shares = (*prediction.probabilities, prediction.roughness)
     if not all(map(math.isfinite, shares)) or math.isnan(prediction.level_dbfs):
-        raise ValueError(f"a prediction with what is no number: {prediction}")
+        return write_belief(
+            replace(prediction, probabilities=(1, 0, 0), roughness=0, level_dbfs=-math.inf, faulty=True)
+        )
     length = round((prediction.end - prediction.start) * CLOCK_RATE)
-    return _LAYOUT.pack(prediction.touch, *map(_to_16_bits, shares), _level(prediction.level_dbfs), max(0, length))
+    level = _level(prediction.level_dbfs)
+    return _LAYOUT.pack(prediction.touch, prediction.faulty, *map(_to_16_bits, shares), level, max(0, length))
 
 
 def read_belief(content: bytes, *, end: float) -> Prediction:
     """Unpack a prediction whose window ended at ``end`` seconds; `PacketError` when it is none."""
     if len(content) != _LAYOUT.size:
         raise PacketError(f"a belief of {len(content)} bytes, but it has {_LAYOUT.size}")
-    touch, *shares, roughness, level, length = _LAYOUT.unpack(content)
+    touch, faulty, *shares, roughness, level, length = _LAYOUT.unpack(content)
     if touch not in list(Touch) or not sum(shares):
         raise PacketError(f"a belief in touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
     none, smooth, rough = (share / sum(shares) for share in shares)
@@ -54,6 +52,7 @@ def read_belief(content: bytes, *, end: float) -> Prediction:
         level_dbfs=-math.inf if level == _SILENT else level / 100,
         start=end - length / CLOCK_RATE,
         end=end,
+        faulty=bool(faulty),
     )
 
 

@@ -21,6 +21,9 @@ from cryptography.x509.oid import NameOID
 
 from tactophone.errors import ConfigError
 
+DEFAULT_FOLDER = Path("~/.config/tactophone")
+"""Where a machine's key and the peers that it trusts are kept, unless somebody says otherwise."""
+
 KEY_FILE = "key.pem"
 CERTIFICATE_FILE = "certificate.pem"
 PEERS_FILE = "peers.txt"

@@ -21,13 +21,11 @@ from tactophone.link import (
     Session,
     resolve,
 )
+from tactophone.link.identity import DEFAULT_FOLDER
 from tactophone.types import Source
 
 SAMPLE_RATE = 48_000
 """Hz of the whole live journey; what runs at another rate is converted before it."""
-
-DEFAULT_IDENTITY = Path("~/.config/tactophone")
-"""Where `tactophone pair` keeps this machine's key and its trusted peers."""
 
 OpenSource = Callable[[Settings], Source]
 """Makes the source that the settings name; must be importable by a new process."""
@@ -59,7 +57,7 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
 def open_session(settings: Settings, *, call: bool) -> Session:
     """Make one end of the sealed line; the robot calls, the operator answers."""
     link = settings.link
-    folder = Path(link.identity or DEFAULT_IDENTITY).expanduser()
+    folder = Path(link.identity or DEFAULT_FOLDER).expanduser()
     if call and not link.peer:
         raise ConfigError("whom to call is not known: give the operator's host, as in --peer operator.local")
     callee = resolve(link.peer, link.port) if call else None
