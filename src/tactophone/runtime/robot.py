@@ -19,9 +19,9 @@ from tactophone.link import UdpSocket
 from tactophone.runtime import tuning
 from tactophone.runtime.pacing import paced
 from tactophone.runtime.supervisor import Birth
-from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, post
+from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, open_walk_for, post
 from tactophone.telemetry import MARKS, Fault, State, Telemetry
-from tactophone.types import AudioBlock, Detector, Tick
+from tactophone.types import AudioBlock, Tick
 
 HOUSEKEEPING = 0.05
 """Seconds between two looks at devices, counters and the parent process."""
@@ -37,8 +37,8 @@ class Robot:
 
     Parameters
     ----------
-    detector
-        Judges here and sends belief in place of sound; ``None`` sends the sound.
+    open_source
+        Makes the microphones, or what stands for them.
     """
 
     def __init__(
@@ -47,14 +47,14 @@ class Robot:
         birth: Birth,
         *,
         open_source: OpenSource = open_device,
-        detector: Detector | None = None,
     ) -> None:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
-        self._settings, self._detector = settings, detector
+        self._settings = settings
         self._resources = ExitStack()
         self._source = open_source(settings)
         self._end = open_sending_end(settings, self._source.channels)
+        self._judge = open_walk_for(settings, channels=self._source.channels).judge if settings.link.judge else None
         self._lock = threading.Lock()
         self._birth = birth
         self._warnings: tuple[Fault, ...] = ()
@@ -110,7 +110,7 @@ class Robot:
             role="robot",
             muted_because="",
             source=capture.source,
-            detector=self._detector.name if self._detector else "",
+            detector=self._judge.detector.name if self._judge else "",
             channels=self._source.channels,
         )
 
@@ -141,9 +141,9 @@ class Robot:
 
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
-        predictions = tuple(self._detector.push(block)) if self._detector else ()
+        predictions = tuple(self._judge.push(block)) if self._judge else ()
         with self._lock:
-            if self._detector is None:
+            if self._judge is None:
                 self._end.push(block)
             for prediction in predictions:
                 self._end.tell(prediction)

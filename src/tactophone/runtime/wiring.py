@@ -1,5 +1,6 @@
 """Settings become things: which source, session and actuator a run is made of."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import cast
@@ -7,7 +8,7 @@ from typing import cast
 from tactophone.capture import jack_source, portaudio_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.haptics import Actuator, clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics import Actuator, Limits, clocked_actuator, jack_actuator, portaudio_actuator
 from tactophone.haptics.actuator import Render
 from tactophone.link import (
     Codec,
@@ -22,6 +23,7 @@ from tactophone.link import (
     resolve,
 )
 from tactophone.link.identity import DEFAULT_FOLDER
+from tactophone.pipeline import Walk, open_walk
 from tactophone.types import Source
 
 SAMPLE_RATE = 48_000
@@ -52,6 +54,16 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
         case "file":
             return clocked_actuator(render, period=output.period, path=Path(output.device or "vibration.wav"))
     return clocked_actuator(render, period=output.period)
+
+
+def open_walk_for(settings: Settings, *, channels: int) -> Walk:
+    """Make what turns sound of so many channels into commands, by the model and profile that the settings name."""
+    feel, judge = settings.feel, settings.judge
+    limits = Limits(ceiling=feel.ceiling)
+    walk = open_walk(judge.model, sample_rate=SAMPLE_RATE, channels=channels, profile=feel.profile, limits=limits)
+    if not math.isnan(judge.threshold_dbfs):
+        walk.judge.threshold_dbfs = judge.threshold_dbfs
+    return walk
 
 
 def open_session(settings: Settings, *, call: bool) -> Session:

@@ -1,0 +1,260 @@
+"""The operator's side: datagrams come in, are opened, judged and felt.
+
+The network thread does everything from datagram to command, on arrival. The actuator's own thread renders the newest
+command. They meet in one slot, and neither ever waits for the other. The main thread shows how things are, and does
+what is asked through telemetry's mailbox, as far as the guard allows.
+"""
+
+import dataclasses
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from tactophone.config import Settings
+from tactophone.errors import TactophoneError
+from tactophone.haptics import PROFILES, Limits, Oscillator, open_profile
+from tactophone.link import Believed, Connected, Heard, News, ReceivingEnd, UdpSocket
+from tactophone.pipeline import Walk
+from tactophone.runtime import tuning
+from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
+from tactophone.runtime.supervisor import Birth
+from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post
+from tactophone.telemetry import MARKS, Fault, Request, State, Telemetry
+from tactophone.types import AudioBlock, FloatArray, HapticCommand, Tick
+
+HOUSEKEEPING = 0.02
+"""Seconds between two looks at mailbox, devices and counters."""
+
+LONGEST_RECEIVE = 0.005
+"""Seconds that the network thread waits for a datagram, before it gives up on a missing packet: a packet's length."""
+
+SILENT_LINK = 0.5
+"""Seconds without sound or belief after which the line counts as silent, in words."""
+
+_RECEIVED, _DECODED, _JUDGED, _RENDERED = (MARKS.index(name) for name in ("received", "decoded", "judged", "rendered"))
+
+
+class Operator:
+    """The operator's side while it runs; a context manager."""
+
+    def __init__(self, settings: Settings, birth: Birth) -> None:
+        self.ended = threading.Event()
+        self.failure: BaseException | None = None
+        self._settings, self._birth = settings, birth
+        feel = settings.feel
+        self._guard = Guard(
+            ceiling=feel.ceiling, output_level=feel.output_level, muted_because=_muted_because(settings, birth)
+        )
+        self._oscillator = Oscillator(Limits(ceiling=feel.ceiling))
+        self._actuator = open_actuator(settings, self._render)
+        self._end = ReceivingEnd(open_session(settings, call=False))
+        self._walk, self._channels = open_walk_for(settings, channels=2), 2
+        self._resources = ExitStack()
+        self._submitted = self._rendered = 0
+        self._heard_at = time.monotonic()
+        self._warnings: tuple[Fault, ...] = ()
+        self._enforce()
+        self._thread = threading.Thread(target=self._guarded, args=(self._follow_network,), daemon=True)
+
+    def __enter__(self) -> Self:
+        with self._resources:
+            self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
+            self._telemetry = self._resources.enter_context(Telemetry(self._birth.name))
+            self._telemetry.count("process_restarts", self._birth.restarts)
+            self._resources.enter_context(self._actuator)
+            self._resources = self._resources.pop_all()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._oscillator.stop()
+        self.ended.set()
+        self._thread.join(1.0)
+        self._end.session.hang_up()
+        post(self._end, self._socket)
+        self._resources.close()
+
+    def stop(self) -> None:
+        """Stop vibrating at once, and stay stopped until somebody arms; may be called from a signal handler."""
+        self._guard.stop()
+        self._oscillator.stop()
+
+    def look_after(self, now: float) -> None:
+        """Do what is asked and show how things are; call it every `HOUSEKEEPING`."""
+        self._obey(self._telemetry.requests())
+        self._actuator.device.revive()
+        self._show_counts()
+        self._telemetry.update(self._state(now), now=now)
+
+    def _obey(self, requests: list[Request]) -> None:
+        own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
+        refused = self._guard.obey(request for request in requests if request not in own)
+        refused += [request.action for request in own if not self._adjust(request)]
+        self._telemetry.count("requests_refused", len(refused))
+        self._enforce()
+
+    def _adjust(self, request: Request) -> bool:
+        """Change how is judged or mapped; a profile or threshold that is not to be had is refused."""
+        try:
+            if request.action == "profile":
+                self._walk.profile = open_profile(request.text)
+            elif -120.0 <= request.value <= 0.0:
+                self._walk.judge.threshold_dbfs = request.value
+            else:
+                return False
+        except TactophoneError:
+            return False
+        return True
+
+    def _enforce(self) -> None:
+        """Carry the guard's word to where the sound is made."""
+        limits = self._oscillator.limits
+        if limits.ceiling != self._guard.ceiling:
+            self._oscillator.limits = dataclasses.replace(limits, ceiling=self._guard.ceiling)
+        if self._guard.armed:
+            self._oscillator.release()
+        else:
+            self._oscillator.stop()
+
+    def _show_counts(self) -> None:
+        """Carry the parts' own counts over into telemetry."""
+        device, faults = self._actuator.device, self._oscillator.faults
+        counts = {
+            **self._end.counters,
+            "xruns": device.xruns,
+            "callback_faults": device.process_faults,
+            "device_losses": device.losses,
+            "command_faults": faults["command"],
+            "stale_fades": faults["stale"],
+            "emergency_stops": self._guard.stops,
+            "sound_faults": self._walk.faults["sound"],
+            "model_faults": self._walk.faults["model"],
+        }
+        for name, total in counts.items():
+            self._telemetry.count(name, total - self._telemetry.counter(name))
+        for name, value in {**self._end.gauges, "device_latency": device.latency}.items():
+            self._telemetry.gauge(name, value)
+
+    def _state(self, now: float) -> State:
+        walk, guard = self._walk, self._guard
+        peer = self._end.session.peer
+        return State(
+            role="operator",
+            armed=guard.armed,
+            muted_because=guard.muted_because,
+            ceiling=guard.ceiling,
+            local_ceiling=guard.local_ceiling,
+            output_level=guard.output_level,
+            profile=walk.profile.name,
+            profiles=tuple(PROFILES),
+            detector=walk.judge.detector.name,
+            threshold_dbfs=walk.judge.threshold_dbfs,
+            link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
+            output=self._settings.output.actuator,
+            faults=tuple(self._faults(now)),
+        )
+
+    def _faults(self, now: float) -> Iterator[Fault]:
+        yield from self._warnings
+        if self._actuator.device.fault:
+            yield Fault("actuator", self._actuator.device.fault)
+        silent = now - self._heard_at
+        if self._end.session.peer is None:
+            failure = self._end.session.failure
+            yield Fault("link", f"no robot has called: {failure or 'start `tactophone send` there'}")
+        elif silent > SILENT_LINK:
+            yield Fault("silence", f"no sound from the robot for {silent:.0f} s: look at its microphones and the line")
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        """Run the thread's work; whatever ends it ends the whole side, silently."""
+        try:
+            work()
+        except BaseException as error:
+            self.failure = error
+        self._oscillator.stop()
+        self.ended.set()
+
+    def _follow_network(self) -> None:
+        warning = tuning.prioritize_thread(self._settings.process.priority)
+        if warning:
+            self._warnings = (Fault("priority", warning),)
+        while not self.ended.is_set():
+            datagrams = self._socket.receive(LONGEST_RECEIVE)
+            now = time.monotonic()
+            for news in (*self._end.receive(datagrams, now=now), *self._end.poll(now)):
+                self._take(news, received=now)
+            post(self._end, self._socket)
+
+    def _take(self, news: News, *, received: float) -> None:
+        match news:
+            case Heard(block, stale):
+                position = (self._end.origin + block.end) % (1 << 32)
+                self._telemetry.mark(_RECEIVED, position, now=received)
+                self._telemetry.mark(_DECODED, position, now=time.monotonic())
+                self._feel(self._walk_for(block.channels).push(block), position, stale=stale)
+            case Believed(prediction, stale):
+                position = round(prediction.end * SAMPLE_RATE)
+                silence = AudioBlock(np.zeros((0, 2), np.float32), SAMPLE_RATE, start=position)
+                tick = Tick(silence, (prediction,), (self._walk.feel(prediction),))
+                self._feel(tick, (self._end.origin + position) % (1 << 32), stale=stale)
+            case Connected():
+                self._walk.reset()
+
+    def _walk_for(self, channels: int) -> Walk:
+        """Give the walk for so many microphones; it changes once, when another robot calls."""
+        if channels != self._channels:
+            self._walk, self._channels = open_walk_for(self._settings, channels=channels), channels
+        return self._walk
+
+    def _feel(self, tick: Tick, position: int, *, stale: bool) -> None:
+        """Hand a step's commands to the oscillator, unless the sound behind them is old."""
+        felt = tuple(self._bounded(command) for command in tick.commands)
+        if felt and not stale:
+            self._oscillator.submit(felt[-1])
+            self._submitted = position
+        now = self._heard_at = time.monotonic()
+        self._telemetry.mark(_JUDGED, position, now=now)
+        self._telemetry.publish(dataclasses.replace(tick, commands=felt), now=now)
+
+    def _bounded(self, command: HapticCommand) -> HapticCommand:
+        return dataclasses.replace(command, amplitude=self._guard.amplitude(command.amplitude))
+
+    def _render(self, out: FloatArray) -> None:
+        """Be the actuator's callback: render, tell, and leave."""
+        telemetry, submitted = self._telemetry, self._submitted
+        self._oscillator.render(out)
+        telemetry.feel(out)
+        telemetry.gauge("output_amplitude", float(np.abs(out).max()))
+        telemetry.gauge("device_period", len(out) / SAMPLE_RATE)
+        telemetry.count("callbacks")
+        if submitted != self._rendered:
+            self._rendered = submitted
+            telemetry.mark(_RENDERED, submitted, now=time.monotonic())
+
+
+def run_operator(settings: Settings, birth: Birth) -> None:
+    """Be the operator's side, in this process, until SIGTERM; SIGUSR1 is the emergency stop."""
+    terminated = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    with Operator(settings, birth) as operator:
+        signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
+        tuning.settle()
+        while not (terminated.is_set() or operator.ended.is_set() or birth.orphaned):
+            operator.look_after(time.monotonic())
+            operator.ended.wait(HOUSEKEEPING)
+    if operator.failure is not None:
+        raise operator.failure
+
+
+def _muted_because(settings: Settings, birth: Birth) -> str:
+    if birth.restarts:
+        return RESTARTED
+    return STARTED_MUTED if settings.feel.muted else ""
