@@ -2,135 +2,27 @@
 
 ::
 
-    sound -> Judge: detector (resample, window, classify, decide)  -> belief -> profile -> limits -> command
-                    contact gate (is anything touched just now?)
+    robot     sound ─▶ Sender ─▶ datagrams              (with a judge: sound ─▶ belief ─▶ datagrams)
+    operator  datagrams ─▶ Receiver ─▶ sound in order ─▶ Walk ─▶ Tick
+    Walk      sound ─▶ Judge: detector, contact gate ─▶ belief ─▶ profile ─▶ limits ─▶ command
 
-`Judge` may run on either side of the line; `Walk` is a judge with what follows it, and is what `feel`, the live
-system, the simulations and the benchmarks all run.
+`feel`, the live system, the simulations and the benchmarks all run these; there is no second path.
 """
 
-import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+
 from tactophone.haptics import Limits, open_profile
-from tactophone.perception import Contact, ContactGate, default_model, open_detector
-from tactophone.types import AudioBlock, Detector, HapticCommand, Prediction, Profile, Tick, Touch
+from tactophone.link import Believed, Connected, Heard, News, ReceivingEnd, SendingEnd
+from tactophone.link.sending import Datagrams
+from tactophone.perception import ContactGate, Judge, default_model, open_detector
+from tactophone.types import AudioBlock, HapticCommand, Prediction, Profile, Tick
 
-BEAT = 0.02
-"""Longest time, in s, without a belief: where windows come more rarely, the newest is told again."""
-
-LONGEST_GAP = 0.25
-"""Seconds of lost sound, about a window, over which what was heard before still counts."""
-
-_NOTHING_HEARD = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
-
-
-class Judge:
-    """Sound to belief, at every window and whenever contact begins or ends.
-
-    With a contact gate, contact is the gate's word: a touch is believed at once, as plain contact (smooth, which a
-    false bump is worse than) until the detector's window is full enough of it to tell; a touch that ended is
-    believed no longer, though the window still holds it. Without one, contact is the window's, as in the paper.
-
-    Parameters
-    ----------
-    detector, gate
-        For sound of the same rate; both are fed by this judge alone.
-
-    Notes
-    -----
-    Beliefs are the same to the bit in whatever blocks the sound comes. Lost sound (a jump of a block's ``start``) is
-    closed up: windows join what was before it and what is after, and times follow the stream.
-    """
-
-    def __init__(self, detector: Detector, gate: ContactGate | None = None) -> None:
-        self.detector, self._gate = detector, gate
-        self._begin(0)
-
-    @property
-    def latency(self) -> float:
-        """Seconds from the end of a belief's window to the moment of the belief."""
-        return self.detector.latency
-
-    @property
-    def threshold_dbfs(self) -> float:
-        """Level of contact; may be set at any time."""
-        return self.detector.threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        if self._gate:
-            self._gate.threshold_dbfs += level_dbfs - self.detector.threshold_dbfs
-        self.detector.threshold_dbfs = level_dbfs
-
-    def push(self, block: AudioBlock) -> list[Prediction]:
-        """Take sound in; give the beliefs that it leads to, oldest first."""
-        self._follow(block)
-        predictions = self.detector.push(block)
-        contacts = self._gate.push(block) if self._gate else []
-        return self._merge(predictions, contacts, block.sample_rate)
-
-    def flush(self) -> list[Prediction]:
-        """Give what the end of the stream still completes."""
-        return [self._believe(self._shifted(prediction)) for prediction in self.detector.flush()]
-
-    def reset(self) -> None:
-        """Become as new; fault counts stay."""
-        self.detector.reset()
-        if self._gate:
-            self._gate.reset()
-        self._begin(0)
-
-    def _begin(self, start: int) -> None:
-        self._first = self._next = start
-        self._shift = 0.0
-        self._belief = _NOTHING_HEARD
-        self._touching = self._gate is None
-        self._told = -math.inf
-
-    def _follow(self, block: AudioBlock) -> None:
-        lost = block.start - self._next
-        if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
-            self.reset()
-            self._begin(block.start)
-        elif lost:
-            self._first += lost
-        self._shift = self._first / block.sample_rate
-        self._next = block.end
-
-    def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
-        """Put windows and changes of contact in the order in which they became known, to the sample."""
-        events: list[tuple[int, Contact | Prediction]] = [(round(one.time * rate), one) for one in contacts]
-        # A third of a sample covers the rounding of times; windows of rates with no common step end between samples.
-        events += [(math.floor((one.end + self.latency) * rate + 1e-3), one) for one in predictions]
-        events.sort(key=lambda event: event[0])
-        told = (self._hear(one) if isinstance(one, Contact) else self._believe(self._shifted(one)) for _, one in events)
-        return [belief for belief in told if belief]
-
-    def _hear(self, contact: Contact) -> Prediction | None:
-        changed = contact.touching is not self._touching
-        self._touching = contact.touching
-        end = contact.time + self._shift - self.latency
-        if not changed and end - self._told < BEAT:
-            return None
-        # Told between two windows: the newest belief, revised by contact, its bounds moved up to this moment.
-        return self._believe(replace(self._belief, start=self._belief.start + end - self._belief.end, end=end))
-
-    def _believe(self, prediction: Prediction) -> Prediction:
-        self._belief, self._told = prediction, prediction.end
-        if self._gate is None:
-            return prediction
-        if not self._touching or prediction.faulty:
-            return replace(prediction, touch=Touch.NONE, roughness=0.0)
-        if prediction.touch is Touch.NONE:
-            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
-        return prediction
-
-    def _shifted(self, prediction: Prediction) -> Prediction:
-        if not self._shift:
-            return prediction
-        return replace(prediction, start=prediction.start + self._shift, end=prediction.end + self._shift)
+WIRE_RATE = 48_000
+"""Samples a second of what crosses the line."""
 
 
 class Walk:
@@ -211,3 +103,68 @@ def open_walk(
     detector = open_detector(model or default_model(channels), sample_rate=sample_rate)
     gate = ContactGate(detector.threshold_dbfs, sample_rate=sample_rate) if fast_contact else None
     return Walk(Judge(detector, gate), open_profile(profile), limits)
+
+
+class Sender:
+    """The robot's walk: sound in; itself, or the belief of it alone, goes out through ``end``.
+
+    Parameters
+    ----------
+    end
+        Of the line; whoever owns the socket also feeds it what arrives, lets it poll, and fetches its datagrams.
+    judge
+        Judges here, for lines that cannot carry sound; ``None`` sends the sound.
+    """
+
+    def __init__(self, end: SendingEnd, judge: Judge | None = None) -> None:
+        self.end, self.judge = end, judge
+
+    def push(self, block: AudioBlock) -> Tick:
+        """Take sound in and send what is to be sent of it; give what was believed here."""
+        if self.judge is None:
+            self.end.push(block)
+            return Tick(block, (), ())
+        beliefs = tuple(self.judge.push(block))
+        for belief in beliefs:
+            self.end.tell(belief)
+        return Tick(block, beliefs, ())
+
+
+class Receiver:
+    """The operator's walk: datagrams in, ticks out, judged on arrival.
+
+    What is too old to be felt still goes through the detector, whose next window wants it, but no belief and no command
+    comes of it.
+    """
+
+    def __init__(self, end: ReceivingEnd, walk: Walk) -> None:
+        self.end, self.walk = end, walk
+
+    def receive(self, datagrams: Datagrams, *, now: float) -> list[Tick]:
+        """Take all that has come by ``now``; give what it leads to, oldest first."""
+        return self._ticks(self.end.receive(datagrams, now=now))
+
+    def poll(self, now: float) -> list[Tick]:
+        """Let time pass; call it when nothing came for a packet's length, and twenty times a second at least."""
+        return self._ticks(self.end.poll(now))
+
+    def _ticks(self, news: Iterable[News]) -> list[Tick]:
+        return [tick for one in news if (tick := self.take(one))]
+
+    def take(self, news: News) -> Tick | None:
+        """Walk on with one thing that the line's end has given, for who fetches it himself; ``None`` when no sound."""
+        match news:
+            case Heard(block, stale):
+                tick = self.walk.push(block)
+                return Tick(block, (), ()) if stale else tick
+            case Believed(belief, stale):
+                felt = () if stale else (self.walk.feel(belief),)
+                return Tick(_silent_block(belief), (belief,), felt)
+            case Connected():
+                self.walk.reset()
+        return None
+
+
+def _silent_block(belief: Prediction) -> AudioBlock:
+    """Stand for sound that stayed with the robot: nothing, at the belief's time."""
+    return AudioBlock(np.zeros((0, 1), np.float32), WIRE_RATE, round(belief.end * WIRE_RATE))

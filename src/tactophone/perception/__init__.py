@@ -3,6 +3,7 @@
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, DecisionRule, rough_share
 from tactophone.perception.detector import PaperDetector
+from tactophone.perception.judge import Judge
 from tactophone.perception.model import Gate, Model, ModelCard, read_model
 from tactophone.perception.shipped import (
     KINDS,
@@ -20,6 +21,7 @@ __all__ = [
     "Decision",
     "DecisionRule",
     "Gate",
+    "Judge",
     "Model",
     "ModelCard",
     "PaperDetector",
