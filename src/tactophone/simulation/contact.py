@@ -30,17 +30,23 @@ STATE = np.dtype(
 
 BODY = np.dtype(
     [
-        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "micro_speed")),
+        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "micro_speed", "hiss")),
         ("modes", np.int64),
     ]
 )
-"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness, modes in use."""
+"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness, micro-slips, modes in use."""
 
 OVERSAMPLING = 2
 """Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""
 
 _MAX_FORCE = 60.0
 """Newtons; beyond any stroke. Keeps a careless setting from diverging."""
+
+_GRIP = 0.1
+"""Share of friction that drives a body's modes, whose motion is mostly along the normal."""
+
+_BEND = 0.25
+"""Share of friction that bends the finger's shell: the pad's height over its neutral axis by its length."""
 
 _MICRO_TOP = 3000.0
 """Hz over which it fades: the pad's mass evens it out."""
@@ -112,9 +118,7 @@ def slide(
 ) -> None:
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
-    pace = Pace(
-        step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.friction_corner * step)
-    )
+    pace = Pace(step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.hiss_corner * step))
     s = state[0]
     for i in range(motion.position.size):
         strain, force, air, radiated = 0.0, 0.0, 0.0, 0.0
@@ -150,11 +154,11 @@ def _step(
     tangential = _rub(s, body, finger, normal, slip, drag, noise, pace)
     pad, shear, shake = _swing(s, finger, press, normal, tangential, pace.step)
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
-    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + 0.5 * tangential, pace.step)
+    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, pace.step)
     air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
     radiated = 0.0
     for b in range(ground.bodies.size):  # what was left behind still rings
-        push = 0.3 * tangential - normal if b == which else 0.0
+        push = _GRIP * tangential - normal if b == which else 0.0
         radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, pace.step)[1]
     s.load += 0.004 * (normal - s.load)
     return strain + bend, normal, air, radiated
@@ -208,7 +212,7 @@ def _rub(s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: fl
     s.bristle = bristle
     s.friction_noise += pace.friction * (noise - s.friction_noise)
     unit = np.sqrt((2 - pace.friction) / pace.friction)
-    hiss = finger.friction_noise * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
+    hiss = body.hiss * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
     return hiss - normal * (min(max(friction, -1.5), 1.5) + drag)
 
 

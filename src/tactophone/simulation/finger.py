@@ -31,11 +31,10 @@ class Finger(NamedTuple):
         1975).
     bristle_stiffness, bristle_damping
         LuGre friction in 1/m and s/m (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
-    friction_noise, friction_corner
-        Micro-slips: relative rms of the friction force at 0.1 m/s, and the corner of its spectrum in Hz. It grows with
-        the square root of speed (Akay, "Acoustics of friction", J. Acoust. Soc. Am. 111, 1525, 2002, section IV).
+    hiss_corner
+        Hz over which micro-slips fade (Akay, "Acoustics of friction", J. Acoust. Soc. Am. 111, 1525, 2002, section IV).
     micro_speed
-        Rms surface speed in m/s, at 0.1 m/s, of micro-roughness of 1 um; grows as speed^0.75 (Akay, section V: rubbing
+        Rms surface speed in m/s, at 0.1 m/s, of micro-roughness of 1 um; grows as speed^0.75 (Akay 2002, section V: rubbing
         noise grows by 6 to 15 dB per tenfold speed, and with roughness to the power 0.4 to 1).
     normal_strain, shear_strain
         Newtons at the piezo per newton of normal and tangential contact force.
@@ -57,18 +56,17 @@ class Finger(NamedTuple):
     shear_damping: float = 3.0
     link_mass: float = 0.05
     link_frequency: float = 48.0
-    link_loss: float = 0.12
+    link_loss: float = 0.3
     restitution: float = 14.0
     bristle_stiffness: float = 6e4
     bristle_damping: float = 8.0
-    friction_noise: float = 0.03
-    friction_corner: float = 600.0
-    micro_speed: float = 0.7e-3
+    hiss_corner: float = 1200.0
+    micro_speed: float = 1.0e-3
     normal_strain: float = 0.55
     shear_strain: float = 0.5
     pad_radiation: float = 1.86e-3
     shear_radiation: float = 9e-5
-    shake_radiation: float = 5e-3
+    shake_radiation: float = 3e-3
 
 
 FLEXURE = (
@@ -98,9 +96,9 @@ class Electronics(NamedTuple):
         In Hz.
     """
 
-    contact_gain: float = 1.7
-    air_gain: float = 0.7
-    contact_corner: float = 25.0
+    contact_gain: float = 2.4
+    air_gain: float = 1.2
+    contact_corner: float = 50.0
     air_corner: float = 75.0
     contact_hum_dbfs: float = -30.0
     contact_noise_dbfs: float = -35.5

@@ -34,16 +34,16 @@ class Setup:
             finger=finger._replace(
                 pad_stiffness=finger.pad_stiffness * rng.uniform(0.9, 1.1),
                 shear_stiffness=finger.shear_stiffness * rng.uniform(0.9, 1.1),
-                normal_strain=finger.normal_strain * rng.uniform(0.85, 1.15),
-                shear_strain=finger.shear_strain * rng.uniform(0.85, 1.15),
+                normal_strain=finger.normal_strain * rng.uniform(0.8, 1.2),
+                shear_strain=finger.shear_strain * rng.uniform(0.75, 1.25),
                 pad_radiation=finger.pad_radiation * closeness,
                 shear_radiation=finger.shear_radiation * closeness,
             ),
             electronics=wired._replace(
-                contact_gain=wired.contact_gain * 10 ** (rng.normal(0, 0.6) / 20),
-                air_gain=wired.air_gain * 10 ** (rng.normal(0, 0.6) / 20),
+                contact_gain=wired.contact_gain * 10 ** (rng.normal(0, 1.0) / 20),
+                air_gain=wired.air_gain * 10 ** (rng.normal(0, 1.0) / 20),
                 contact_hum_dbfs=wired.contact_hum_dbfs + rng.normal(0, 0.5),
-                room_dbfs=wired.room_dbfs + rng.normal(0, 1.5),
+                room_dbfs=wired.room_dbfs + rng.normal(0, 2.5),
             ),
             seed=seed,
         )

@@ -191,8 +191,8 @@ def _fill(body: np.void, material: Material, finger: Finger) -> None:
     # Hertz: F = 4/3 E* sqrt(r) d^1.5 (Johnson 1985, eq. 4.23). Micro-roughness of pad and surface adds in power.
     body["stiffness"] = 4 / 3 * material.stiffness * np.sqrt(material.asperity_radius)
     body["kinetic"], body["static"] = material.kinetic, material.static
-    body["stribeck_speed"] = material.stribeck_speed
-    body["micro_speed"] = finger.micro_speed * np.sqrt(np.hypot(material.micro_height, PAD_HEIGHT) / 1e-6)
+    body["stribeck_speed"], body["hiss"] = material.stribeck_speed, material.hiss
+    body["micro_speed"] = finger.micro_speed * (np.hypot(material.micro_height, PAD_HEIGHT) / 1e-6) ** 0.8
 
 
 def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:

@@ -20,6 +20,10 @@ LIGHT, HEAVY = 0.25, 4.0
 """Newtons for which the patch is worked out; loads between them are interpolated."""
 
 
+PATCH = 1.5e-3
+"""Metres; wavelength of the largest patches of uneven friction."""
+
+
 @dataclass(frozen=True, slots=True)
 class Material:
     """What the tip feels of a surface besides its shape.
@@ -39,6 +43,9 @@ class Material:
         In m/s; how fast friction falls from the one to the other.
     patchiness
         Relative rms of the friction coefficient along the surface.
+    hiss
+        Relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of speed. Felt
+        in the finger, hardly heard in the air: sliding sideways moves no air.
     snag_spacing, snag_strength
         Mean distance in m of places that hold the tip and suddenly let it go, and the friction coefficient lost there.
     """
@@ -50,6 +57,7 @@ class Material:
     static: float = 0.36
     stribeck_speed: float = 0.010
     patchiness: float = 0.07
+    hiss: float = 0.02
     snag_spacing: float = 0.02
     snag_strength: float = 0.05
 
@@ -97,7 +105,7 @@ def patch_filter(height: Profile, radius: float) -> Profile:
 def _friction(traced: Profile, material: Material, rng: np.random.Generator) -> Profile:
     """Tangential over normal force beyond plain friction: climbing the slope, patches, and snags that let go."""
     slope = np.gradient(patch_filter(traced, patch_radius(1.0, material)), SPACING)
-    patches = self_affine(material.kinetic * material.patchiness, 0.35e-3, hurst=0.5, rng=rng)
+    patches = self_affine(material.kinetic * material.patchiness, PATCH, hurst=0.5, rng=rng)
     uneven = patch_filter(patches + _snags(material, rng), patch_radius(LIGHT, material))
     return np.asarray(slope + uneven)
 
