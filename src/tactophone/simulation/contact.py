@@ -34,7 +34,8 @@ BODY = np.dtype(
         ("modes", np.int64),
     ]
 )
-"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness, micro-slips, modes in use."""
+"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness and micro-slips,
+and how many modes it has."""
 
 OVERSAMPLING = 2
 """Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""

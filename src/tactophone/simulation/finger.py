@@ -34,8 +34,8 @@ class Finger(NamedTuple):
     hiss_corner
         Hz over which micro-slips fade (Akay, "Acoustics of friction", J. Acoust. Soc. Am. 111, 1525, 2002, section IV).
     micro_speed
-        Rms surface speed in m/s, at 0.1 m/s, of micro-roughness of 1 um; grows as speed^0.75 (Akay 2002, section V: rubbing
-        noise grows by 6 to 15 dB per tenfold speed, and with roughness to the power 0.4 to 1).
+        Rms surface speed in m/s, at 0.1 m/s, of micro-roughness of 1 um; grows as speed^0.75 (Akay 2002, section V:
+        rubbing noise grows by 6 to 15 dB per tenfold speed, and with roughness to the power 0.4 to 1).
     normal_strain, shear_strain
         Newtons at the piezo per newton of normal and tangential contact force.
     pad_radiation, shear_radiation

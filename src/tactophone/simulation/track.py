@@ -44,8 +44,8 @@ class Material:
     patchiness
         Relative rms of the friction coefficient along the surface.
     hiss
-        Relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of speed. Felt
-        in the finger, hardly heard in the air: sliding sideways moves no air.
+        Relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of speed.
+        Felt in the finger, hardly heard in the air: sliding sideways moves no air.
     snag_spacing, snag_strength
         Mean distance in m of places that hold the tip and suddenly let it go, and the friction coefficient lost there.
     """
