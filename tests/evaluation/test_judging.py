@@ -44,7 +44,7 @@ class LoudIsRough:
 
 
 def test_each_recording_is_judged_from_a_fresh_start(tmp_path: Path) -> None:
-    judge = judge_with(LoudIsRough())
+    judge = judge_with(lambda rate: LoudIsRough(), channels=2)
     recordings = open_dataset(audiofolder(tmp_path)).recordings
     first, again = judge(recordings[0]), judge(recordings[0])
     judge(recordings[1])
@@ -53,7 +53,7 @@ def test_each_recording_is_judged_from_a_fresh_start(tmp_path: Path) -> None:
 
 
 def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
-    judge = judge_with(LoudIsRough())
+    judge = judge_with(lambda rate: LoudIsRough(), channels=2)
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     loud = Recording(write_sound(tmp_path / "loud.wav", level=0.5), "slate", Touch.ROUGH)
     unknown = Recording(loud.path, "other", None)
@@ -66,10 +66,16 @@ def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
 def test_nothing_in_contact_says_what_to_do(tmp_path: Path) -> None:
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     with pytest.raises(DatasetError, match="the contact gate never opened"):
-        scores_of([judge_with(LoudIsRough())(quiet)], "authors")
+        scores_of([judge_with(lambda rate: LoudIsRough(), channels=2)(quiet)], "authors")
 
 
 def test_a_file_that_is_no_sound_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_text("words")
     with pytest.raises(DatasetError, match=r"a\.wav: cannot be read as sound"):
-        judge_with(LoudIsRough())(Recording(tmp_path / "a.wav", "slate"))
+        judge_with(lambda rate: LoudIsRough(), channels=2)(Recording(tmp_path / "a.wav", "slate"))
+
+
+def test_a_file_with_too_few_channels_is_named(tmp_path: Path) -> None:
+    mono = Recording(write_sound(tmp_path / "a.wav", channels=1), "slate", Touch.ROUGH)
+    with pytest.raises(DatasetError, match="has 1 channel, but the model hears 2"):
+        judge_with(lambda rate: LoudIsRough(), channels=2)(mono)

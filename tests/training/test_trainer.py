@@ -31,7 +31,10 @@ def made(*, seconds: float = 2.0, seed: int = 0) -> Windows:
 
 
 def quick(**changes: object) -> Recipe:
-    return replace(paper("general"), **{"hop": 64, "batch_size": 64, "epochs": 3, "learning_rate": 1e-3, **changes})
+    return replace(
+        paper("general"),
+        **{"hop": 64, "batch_size": 64, "epochs": 3, "learning_rate": 1e-3, "least_steps": 0, **changes},
+    )
 
 
 def same(one: dict[str, FloatArray], other: dict[str, FloatArray]) -> bool:

@@ -19,6 +19,7 @@ VERBS: dict[str, str] = {
     "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
+    "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""

@@ -11,12 +11,12 @@ from tactophone.errors import DatasetError
 def add_choice(parser: argparse.ArgumentParser) -> None:
     """Add ``--where``."""
     parser.add_argument(
-        "--where", action="append", default=[], metavar="KEY=VALUE[,VALUE...]",
+        "--where", action="append", metavar="KEY=VALUE[,VALUE...]",
         help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
     )  # fmt: skip
 
 
-def choose(folder: Path, wanted: list[str]) -> Dataset:
+def choose(folder: Path, wanted: list[str] | None) -> Dataset:
     """Open a data set, keep what ``--where`` wants, and leave out what cannot be used, naming it on stderr.
 
     Raises
@@ -25,7 +25,7 @@ def choose(folder: Path, wanted: list[str]) -> Dataset:
         If nothing is left.
     """
     dataset = open_dataset(folder)
-    for wish in wanted:
+    for wish in wanted or ():
         dataset = _where(dataset, wish)
     kept, problems = usable(dataset)
     for problem in problems:

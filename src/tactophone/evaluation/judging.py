@@ -2,15 +2,15 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
+from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, collect, rough_score
+from tactophone.perception import Model, detector_for
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
 
 READ_SIZE = 1 << 16
@@ -43,33 +43,47 @@ Judge = Callable[[Recording], Judgement]
 """Whoever can judge a recording: a detector made ready, or a method that was trained."""
 
 
-def judge_with(detector: Detector) -> Judge:
-    """Make a judge of a streaming detector; it is reset before each recording."""
+def judge_with(opened: Callable[[int], Detector], *, channels: int) -> Judge:
+    """Make a judge of streaming detectors.
+
+    Parameters
+    ----------
+    opened
+        Gives a fresh detector for sound of a sample rate, in Hz.
+    channels
+        How many it hears; the recording's own order is put right.
+    """
 
     def judge(recording: Recording) -> Judgement:
-        detector.reset()
-        return judgement(recording, predict(detector, recording.path))
+        return judgement(recording, _predict(opened, recording, channels))
 
     return judge
 
 
-def predict(detector: Detector, path: Path) -> list[Prediction]:
-    """Push a file's sound through a detector, in blocks.
+def judge_of(model: Model) -> Judge:
+    """Make a judge of a model, run as the live system runs it."""
+    return judge_with(lambda rate: detector_for(model, sample_rate=rate), channels=model.card.channels)
 
-    Raises
-    ------
-    DatasetError
-        If the file cannot be read.
-    """
+
+def _predict(opened: Callable[[int], Detector], recording: Recording, channels: int) -> list[Prediction]:
+    order = channel_order(recording, wanted=channels)
     predictions: list[Prediction] = []
     try:
-        with soundfile.SoundFile(path) as file:
-            start = 0
+        with soundfile.SoundFile(recording.path) as file:
+            if max(order) >= file.channels:
+                raise DatasetError(
+                    f"{recording.path}: has {file.channels} channel, but the model hears {channels}; "
+                    "take a one-channel model"
+                )
+            detector, start = opened(file.samplerate), 0
             for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
-                predictions += detector.push(AudioBlock(samples, file.samplerate, start))
+                sound = np.ascontiguousarray(samples[:, order])
+                predictions += detector.push(AudioBlock(sound, file.samplerate, start))
                 start += len(samples)
     except (soundfile.LibsndfileError, OSError) as error:
-        raise DatasetError(f"{path}: cannot be read as sound ({error}); run `tactophone dataset check`") from error
+        raise DatasetError(
+            f"{recording.path}: cannot be read as sound ({error}); run `tactophone dataset check`"
+        ) from error
     return predictions + detector.flush()
 
 

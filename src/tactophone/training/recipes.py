@@ -47,7 +47,8 @@ class Recipe:
     """Everything that decides a training run but the sound and the seed.
 
     ``hop`` is in samples at 2 kHz: the authors take every window (1), which neither trains better nor finishes
-    (docs/training.md); ``noise`` is the standard deviation of the Gaussian noise added to each window.
+    (docs/training.md); ``noise`` is the standard deviation of the Gaussian noise added to each window. Epochs go on
+    until there were ``least_steps`` batches: five epochs of a few minutes of sound teach nothing.
     """
 
     variant: Variant
@@ -60,6 +61,7 @@ class Recipe:
     batch_size: int = 1000
     learning_rate: float = 1e-4
     hop: int = 21
+    least_steps: int = 500
     precision: Precision = "float32"
 
     @property

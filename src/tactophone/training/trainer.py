@@ -74,12 +74,13 @@ def train(
     if done:
         checkpoint.restore(done, network, optimiser)
     loss = float("nan")
-    of, written = _count_steps(windows, recipe, seed), time.monotonic()
-    for step, which in _schedule(windows, recipe, seed=seed, skip=done.steps if done else 0):
+    epochs, written = _epochs(windows, recipe, seed), time.monotonic()
+    skip = done.steps if done else 0
+    for step, which in _schedule(windows, recipe, seed=seed, epochs=len(epochs), skip=skip):
         features, labels = _batch(windows, which, noise=recipe.noise, seed=(seed, step))
         new = _learn(network, optimiser, features, labels, recipe=recipe)
         loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
-        report(Progress(step + 1, of, loss))
+        report(Progress(step + 1, sum(epochs), loss))
         if saved and time.monotonic() - written > SAVE_EVERY:
             checkpoint.save(saved, Checkpoint(identity, step + 1, checkpoint.state_of(network, optimiser)))
             written = time.monotonic()
@@ -102,18 +103,24 @@ def _network(recipe: Recipe, seed: int, initial: Weights | None) -> PaperNetwork
         return PaperNetwork(channels=recipe.channels)
 
 
-def _schedule(windows: Windows, recipe: Recipe, *, seed: int, skip: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
+def _epochs(windows: Windows, recipe: Recipe, seed: int) -> list[int]:
+    """Count the batches of each epoch that the recipe asks for."""
+    steps: list[int] = []
+    while len(steps) < recipe.epochs or sum(steps) < recipe.least_steps:
+        which, _ = grid(windows, hop=recipe.hop, seed=seed, epoch=len(steps))
+        steps.append(-(-len(which) // recipe.batch_size))
+    return steps
+
+
+def _schedule(
+    windows: Windows, recipe: Recipe, *, seed: int, epochs: int, skip: int
+) -> Iterator[tuple[int, NDArray[np.intp]]]:
     step = 0
-    for epoch in range(recipe.epochs):
+    for epoch in range(epochs):
         for which in batches(windows, hop=recipe.hop, size=recipe.batch_size, seed=seed, epoch=epoch):
             if step >= skip:
                 yield step, which
             step += 1
-
-
-def _count_steps(windows: Windows, recipe: Recipe, seed: int) -> int:
-    sizes = (len(grid(windows, hop=recipe.hop, seed=seed, epoch=epoch)[0]) for epoch in range(recipe.epochs))
-    return sum(-(-size // recipe.batch_size) for size in sizes)
 
 
 def _batch(

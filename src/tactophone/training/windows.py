@@ -41,6 +41,10 @@ class Windows:
     def __len__(self) -> int:
         return len(self.starts)
 
+    def __str__(self) -> str:
+        shares = (f"{np.mean(self.labels == touch):.0%} {touch.name.lower()}" for touch in Touch)
+        return f"{len(self)} windows, {', '.join(shares)}"
+
     def take(self, which: NDArray[np.intp]) -> FloatArray:
         """Copy some windows out: float32, shape ``(windows, 512, channels)``."""
         views = sliding_window_view(self.signal, SIZE, axis=0)

@@ -1,0 +1,154 @@
+"""``tactophone train``: from labelled recordings to a model file."""
+
+import argparse
+import importlib.util
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tactophone.cli import terminal
+from tactophone.cli.choosing import add_choice, choose
+from tactophone.dataset import Dataset
+from tactophone.errors import ConfigError
+from tactophone.training.recipes import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
+
+if TYPE_CHECKING:
+    from tactophone.perception import Gate
+    from tactophone.training.making import Course
+
+_OVERRIDES = {
+    "epochs": (int, "passes over the windows, 1 or more"),
+    "least_steps": (int, "least number of batches, whatever the epochs, 0 or more"),
+    "batch_size": (int, "windows a batch, 1 or more; the paper has 6000"),
+    "hop": (int, "samples at 2 kHz from one window to the next, 1 or more; the paper's authors have 1"),
+    "learning_rate": (float, "of Adam, over 0"),
+    "noise": (float, "standard deviation of the noise added to each window, of full scale, 0 or more"),
+}
+"""Numbers of a recipe that options may change; their defaults are the recipe's."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
+    parser.add_argument("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
+    add_choice(parser)
+    add_recipe(parser)
+    parser.add_argument(
+        "--from", type=Path, dest="start", metavar="MODEL", help="go on from this model's parameters, not random ones"
+    )
+    parser.add_argument(
+        "--restart", action="store_true", help="begin anew even if a killed run of this very training could go on"
+    )
+
+
+def add_recipe(parser: argparse.ArgumentParser) -> None:
+    """Add the options that make a recipe."""
+    standard = paper("general")
+    parser.add_argument("--recipe", choices=["paper"], default="paper", help="what to train")
+    parser.add_argument("--variant", choices=VARIANTS, default="general", help="which of the paper's three models")
+    parser.add_argument(
+        "--following", choices=FOLLOWING, default="paper",
+        help="the paper's text or its authors' code, where they differ: docs/training.md",
+    )  # fmt: skip
+    for name, (kind, line) in _OVERRIDES.items():
+        option = f"--{name.replace('_', '-')}"
+        told = f"{line} (default: {getattr(standard, name):g})"
+        parser.add_argument(option, type=kind, default=None, metavar="N", help=told)
+    parser.add_argument(
+        "--precision", choices=PRECISIONS, default=standard.precision,
+        help="of the network's arithmetic; bfloat16 is faster on processors that have it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of all that is random; the same seed gives the same bits (default: 0)"
+    )
+    parser.add_argument(
+        "--gate", metavar="DBFS",
+        help="level from which there is contact, -200 to 0 dBFS RMS, or 'off' for sound that is all contact "
+        "(default: -26 RMS with the paper, -46 mean absolute with its authors)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--opus", type=int, metavar="KBPS",
+        help="pass the sound through the link's Opus at this bitrate first, in kbit/s, 16 to 512; wants 48 kHz",
+    )  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Train and write the model file."""
+    course = course_of(args)
+    dataset = choose(args.data, args.where)
+    saved = args.out.with_name(args.out.name + ".unfinished.npz")
+    if args.restart:
+        saved.unlink(missing_ok=True)
+    _train(args.out, course, dataset, saved=saved)
+    saved.unlink(missing_ok=True)
+    print(args.out)
+    return 0
+
+
+def course_of(args: argparse.Namespace) -> "Course":
+    """Turn the options into a training run.
+
+    Raises
+    ------
+    ConfigError
+        If an option is out of range, or torch is not installed.
+    """
+    _prepare_torch()
+    from tactophone.link import Codec
+    from tactophone.training.making import Course
+
+    recipe = _recipe(args)
+    codec = None
+    if args.opus is not None:
+        if not 16 <= args.opus <= 512:
+            raise ConfigError(f"--opus {args.opus}: from 16 to 512 kbit/s")
+        codec = Codec("opus", channels=recipe.channels, packet_size=480, bitrate_bps=1000 * args.opus)
+    return Course(recipe, args.seed, codec, getattr(args, "start", None), _gate(args.gate))
+
+
+def _prepare_torch() -> None:
+    for name in ("torch", "onnx"):
+        if importlib.util.find_spec(name) is None:
+            raise ConfigError(f"training needs {name}, which is not installed: pip install 'tactophone[train]'")
+    # Threads that spin while they wait ruin each other as soon as anything else runs: a step took ten times as long
+    # beside one busy neighbour. Read by OpenMP when torch is first imported.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+
+def _recipe(args: argparse.Namespace) -> Recipe:
+    changes = {name: getattr(args, name) for name in _OVERRIDES if getattr(args, name) is not None}
+    for name, value in changes.items():
+        least = 0 if name in ("noise", "least_steps") else 1e-9 if name == "learning_rate" else 1
+        if not least <= value < float("inf"):
+            raise ConfigError(f"--{name.replace('_', '-')} {value:g}: {_OVERRIDES[name][1]}")
+    return replace(paper(args.variant, following=args.following), precision=args.precision, **changes)
+
+
+def _gate(text: str | None) -> "Gate | None":
+    from tactophone.perception import Gate
+
+    if text is None:
+        return None
+    try:
+        return Gate(-200.0 if text == "off" else float(text))
+    except ValueError:
+        raise ConfigError(f"--gate {text}: wanted a level of -200 to 0 dBFS, or 'off'") from None
+
+
+def _train(out: Path, course: "Course", dataset: Dataset, *, saved: Path) -> None:
+    from tactophone.training.making import find_windows, learn, write_trained
+    from tactophone.training.trainer import Progress
+
+    with terminal.progress("reading") as bar:
+        task = bar.add_task("", total=len(dataset.recordings), note="")
+        windows = find_windows(course, dataset.recordings, report=lambda done: bar.update(task, completed=done))
+    terminal.log().print(f"{len(dataset.recordings)} recordings, {len(dataset.surfaces)} surfaces: {windows}")
+    with terminal.progress("training") as bar:
+        task = bar.add_task("", total=None, note="")
+
+        def show(told: Progress) -> None:
+            bar.update(task, completed=told.steps, total=told.of, note=f"loss {told.loss:.4f}")
+
+        weights = learn(course, windows, saved=saved, report=show)
+    write_trained(out, course, weights, dataset=dataset)
