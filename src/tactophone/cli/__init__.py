@@ -20,6 +20,7 @@ VERBS: dict[str, str] = {
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
+    "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""

@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_recipe(parser: argparse.ArgumentParser) -> None:
+def add_recipe(parser: argparse._ActionsContainer) -> None:
     """Add the options that make a recipe."""
     standard = paper("general")
     parser.add_argument("--recipe", choices=["paper"], default="paper", help="what to train")

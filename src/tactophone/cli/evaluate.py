@@ -1,0 +1,171 @@
+"""``tactophone evaluate``: how well a model, or a way of training one, tells rough from smooth."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+
+from tactophone.cli import terminal
+from tactophone.cli.choosing import add_choice, choose
+from tactophone.cli.train import add_recipe, course_of
+from tactophone.dataset import Dataset, Fold, split
+from tactophone.dataset.splits import NAMES
+from tactophone.errors import ConfigError
+from tactophone.evaluation.crossvalidation import Cache, Method, cross_validate, default_cache, shuffle_labels
+from tactophone.evaluation.judging import Judgement, judge_of
+from tactophone.evaluation.metrics import RULES, Rule
+from tactophone.evaluation.report import Report, make_report
+from tactophone.perception import model_path, read_model
+
+_MEASURES = {
+    "balanced_accuracy": "balanced accuracy",
+    "smooth_accuracy": "smooth called smooth, of smooth",
+    "rough_accuracy": "rough called rough, of rough",
+    "false_positive_rate": "smooth called rough, of smooth",
+    "auc": "area under ROC curve",
+    "recall_at_1": "rough recall at 1 % false positives",
+    "rough_as_rough": "rough called rough, of all",
+    "rough_as_smooth": "rough called smooth, of all",
+    "smooth_as_rough": "smooth called rough, of all",
+    "smooth_as_smooth": "smooth called smooth, of all",
+}
+
+_HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument(
+        "model", nargs="?", metavar="MODEL",
+        help="a model file or the name of a shipped one; leave it away to cross-validate a recipe",
+    )  # fmt: skip
+    parser.add_argument("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
+    add_choice(parser)
+    parser.add_argument(
+        "--split", metavar="NAME", default="leave-one-surface-out",
+        help=f"how to cross-validate a recipe: {', '.join(NAMES)}",
+    )  # fmt: skip
+    parser.add_argument(
+        "--baselines", type=int, nargs="?", const=1, default=0, metavar="N",
+        help="cross-validate level alone, and the recipe on labels shuffled over surfaces N times (default: 0; if "
+        "given without N: 1)",
+    )  # fmt: skip
+    parser.add_argument("--by-recording", action="store_true", help="list every recording, not surfaces alone")
+    parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
+    parser.add_argument("--no-cache", action="store_true", help="train folds anew even if their results are known")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    add_recipe(parser.add_argument_group("the recipe that is cross-validated, without MODEL"))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Score a model, or cross-validate a recipe with its baselines."""
+    if args.note and not args.model:
+        raise ConfigError("--note writes into a model's card: name the MODEL")
+    dataset = choose(args.data, args.where)
+    reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
+    if args.note:
+        _note(args, next(iter(reports.values())), dataset)
+    if args.json:
+        terminal.print_json({name: report.as_json() for name, report in reports.items()})
+        return 0
+    _print(reports, by_recording=args.by_recording)
+    return 0
+
+
+def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
+    model = read_model(model_path(args.model))
+    judge = judge_of(model)
+    judged: list[Judgement] = []
+    if model.card.training.get("sha256") == dataset.fingerprint:
+        terminal.log().print("beware: the model was trained on these very recordings")
+    with terminal.progress("judging") as bar:
+        for recording in bar.track(dataset.recordings, task_id=bar.add_task("", note="")):
+            judged.append(judge(recording))
+    return _report(judged)
+
+
+def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
+    course = course_of(args)
+    # torch has been prepared: the methods may now import it.
+    from tactophone.evaluation.methods import LevelMethod, PaperMethod
+
+    cache = None if args.no_cache else default_cache()
+    method = PaperMethod(course)
+    reports = {method.name: _report(_judge_folds(method, split(dataset, args.split), cache))}
+    if args.baselines:
+        level = LevelMethod(course.recipe.channels)
+        reports[level.name] = _report(_judge_folds(level, split(dataset, args.split), cache))
+    for seed in range(args.baselines):
+        shuffled = shuffle_labels(dataset, seed=seed)
+        judged = _judge_folds(method, split(shuffled, args.split), cache)
+        reports[f"shuffled labels, {seed + 1}"] = _report(judged)
+    return reports
+
+
+def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[Judgement]:
+    with terminal.progress(method.name) as bar:
+        task = bar.add_task("", total=len(folds), note="")
+        return cross_validate(
+            method, folds, cache=cache, report=lambda done, name: bar.update(task, completed=done, note=name)
+        )
+
+
+def _report(judged: Sequence[Judgement]) -> Report:
+    with terminal.progress("drawing surfaces") as bar:
+        task = bar.add_task("", total=None, note="")
+        return make_report(judged, report=lambda done: bar.update(task, completed=done))
+
+
+def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
+    from tactophone.training.export import add_scores
+
+    told: dict[str, Any] = {
+        "dataset": dataset.name,
+        "surfaces": report.surfaces,
+        "recordings": report.recordings,
+        "contact": report.contact,
+    }
+    for rule, measures in report.rules.items():
+        told[rule] = {name: asdict(value) for name, value in measures.items()}
+    add_scores(model_path(args.model), args.note, told)
+
+
+def _print(reports: dict[str, Report], *, by_recording: bool) -> None:
+    first = next(iter(reports.values()))
+    terminal.out().print(
+        f"{first.recordings} recordings of {first.surfaces} surfaces, {first.updates} updates, contact in "
+        f"{first.contact:.0%} of them; in brackets: 90 % of draws of the surfaces"
+    )
+    if len(reports) > 1:
+        for rule in RULES:
+            terminal.out().print(_comparison(reports, rule))
+    terminal.out().print(_measures(first))
+    terminal.out().print(_rows(first, by_recording=by_recording))
+
+
+def _comparison(reports: dict[str, Report], rule: Rule) -> Table:
+    table = Table("", *(_MEASURES[name] for name in _HEADLINE), title=f"{rule} rule", title_justify="left")
+    for name, report in reports.items():
+        table.add_row(name, *(str(report.rules[rule][measure]) for measure in _HEADLINE))
+    return table
+
+
+def _measures(report: Report) -> Table:
+    table = Table("", *(f"{rule} rule" for rule in RULES))
+    for name, line in _MEASURES.items():
+        table.add_row(line, *(str(report.rules[rule][name]) for rule in RULES))
+    return table
+
+
+def _rows(report: Report, *, by_recording: bool) -> Table:
+    rows = report.by_recording if by_recording else report.by_surface
+    table = Table("recording" if by_recording else "surface", "label", "updates", "contact", "authors", "two-class")
+    for row in rows:
+        shares = (row.contact, row.authors, row.two_class)
+        told = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
+        table.add_row(row.name, row.label, str(row.updates), *told)
+    return table
