@@ -139,6 +139,7 @@ class FaultWatch:
     """
 
     def __init__(self, sample_rate: int, reference: Reference | None = None) -> None:
+        self.sample_rate = sample_rate
         self._signs = VitalSigns(sample_rate)
         self._reference = reference or Reference()
         self.reset()
