@@ -76,7 +76,9 @@ class Run:
         sure = np.full(3, 0.04)
         sure[self.touch] = 0.92
         belief = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
-        tick = Tick(AudioBlock(samples, RATE, step * STEP), (belief,), HapticCommand(amplitude, frequency, times[-1]))
+        tick = Tick(
+            AudioBlock(samples, RATE, step * STEP), (belief,), (HapticCommand(amplitude, frequency, times[-1]),)
+        )
         self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))
         self.telemetry.update(self.state, now=time.monotonic())
 

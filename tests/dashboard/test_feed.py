@@ -14,7 +14,7 @@ RATE = 48_000
 
 def publish(telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9) -> None:
     belief = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
-    telemetry.publish(Tick(AudioBlock(sound, RATE, start), (belief,), None), now=now)
+    telemetry.publish(Tick(AudioBlock(sound, RATE, start), (belief,), ()), now=now)
 
 
 @pytest.mark.parametrize("size", [17, 480, 509, 4800])

@@ -98,7 +98,7 @@ export class Chart {
     return {
       width,
       height,
-      padding: [6, 1, this.options.times ? 0 : 6, 0],
+      padding: [6, 5, this.options.times ? 0 : 6, 0],
       cursor: { show: false },
       legend: { show: false },
       scales: { x: { time: false, range: () => [this.#now - span, this.#now] }, y: { range: y } },

@@ -94,7 +94,7 @@ function scopePicture() {
   const chart = new Chart($("scope"), {
     span: SCOPE.span,
     lines: [line("felt", { width: 1.5 })],
-    y: () => [-1, 1],
+    y: () => [-1.15, 1.15],
     splits: () => [-1, 0, 1],
     label: (value) => tell(value),
     times: true,
