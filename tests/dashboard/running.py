@@ -3,11 +3,13 @@
 import threading
 import time
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
+from tactophone.dashboard.stones import Point
 from tactophone.telemetry import Fault, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, Prediction, Tick, Touch
 
@@ -15,9 +17,14 @@ RATE, STEP = 48_000, 480
 
 
 class Run:
-    """Writes 100 ticks a second; obeys ``mute``, ``arm`` and levels as a runtime does."""
+    """Writes 100 ticks a second; obeys ``mute``, ``arm`` and levels as a runtime does.
 
-    def __init__(self, name: str) -> None:
+    With an ``inbox`` it is led like `simulation.StoneBox`, and knows at once what it touches.
+    """
+
+    def __init__(self, name: str, inbox: Connection | None = None) -> None:
+        self._inbox = inbox
+        self._order: tuple[int, ...] = ()
         self.telemetry = Telemetry(name)
         self.touch = Touch.NONE
         self.state = State(
@@ -51,6 +58,7 @@ class Run:
         begin, step = time.monotonic(), 0
         while not self._ended.wait(max(0.0, begin + step * STEP / RATE - time.monotonic())):
             self._obey()
+            self._follow()
             self._step(step)
             step += 1
 
@@ -63,6 +71,15 @@ class Run:
                 self.state = _changed(self.state, profile=request.text)
             else:
                 self.state = _changed(self.state, **{request.action: request.value})
+
+    def _follow(self) -> None:
+        while self._inbox is not None and self._inbox.poll():
+            word, *arguments = self._inbox.recv()
+            if word == "lay":
+                self._order = arguments[0]
+            else:
+                stone = Point(0, *arguments).stone
+                self.touch = Touch(self._order[stone]) if stone >= 0 and self._order else Touch.NONE
 
     def _step(self, step: int) -> None:
         loud = {Touch.NONE: 3e-4, Touch.SMOOTH: 0.02, Touch.ROUGH: 0.12}[self.touch]

@@ -1,5 +1,6 @@
 """The page an operator looks at: the only room that imports asyncio."""
 
-from tactophone.dashboard.process import ADDRESS, Page, watch
+from tactophone.dashboard.process import ADDRESS, Page, play, watch
+from tactophone.dashboard.stones import Box
 
-__all__ = ["ADDRESS", "Page", "watch"]
+__all__ = ["ADDRESS", "Box", "Page", "play", "watch"]

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from tactophone.dashboard.security import Guard
+from tactophone.dashboard.stones import Box
 from tactophone.errors import TactophoneError
 
 if TYPE_CHECKING:
@@ -81,6 +82,17 @@ def _dashboard(name: str) -> "web.Application":
     from tactophone.dashboard.server import dashboard
 
     return dashboard(name)
+
+
+def play(box: Box, address: str = ADDRESS) -> Page:
+    """Serve the stone box's page."""
+    return Page(partial(_stone_box, box), address)
+
+
+def _stone_box(box: Box) -> "web.Application":
+    from tactophone.dashboard.box import stone_box
+
+    return stone_box(box)
 
 
 def _listen(address: str) -> socket.socket:

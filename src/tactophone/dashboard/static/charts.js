@@ -4,6 +4,7 @@ import uPlot from "./vendor/uPlot.esm.js";
 
 const GUTTER = 46; // px left of every chart, so that the times of all stand below one another
 const COLOURS = ["ink", "soft", "rule", "contact", "air", "none", "smooth", "rough", "felt", "warn"];
+const TOUCH_COLOURS = ["none", "smooth", "rough"];
 const palette = {};
 
 function readPalette() {
@@ -11,21 +12,26 @@ function readPalette() {
   for (const name of COLOURS) palette[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
-/** A colour of the style sheet, in the theme of this moment. */
-export function colour(name) {
-  return palette[name];
-}
-
 /** One line of a chart; `fill` tints what lies below it. */
-export function line(name, { width = 1.5, dash, fill = false, stepped = false } = {}) {
+export function line(name, { width = 1.5, dash, fill = false } = {}) {
   return {
     stroke: () => palette[name],
     fill: fill ? () => `color-mix(in srgb, ${palette[name]} 22%, transparent)` : undefined,
-    paths: stepped ? uPlot.paths.stepped({ align: 1 }) : undefined,
     width,
     dash,
     points: { show: false },
   };
+}
+
+/** Runs of equal values as coloured blocks: what is believed above, what is true below. */
+export function stripes(plot, [times, believed, truth]) {
+  [[believed, [1.1, 1.9]], [truth, [0.1, 0.9]]].forEach(([values, rows]) => {
+    for (let k = 0, from = 0; k < values.length; k++) {
+      if (k + 1 < values.length && values[k + 1] === values[from]) continue;
+      if (values[from] >= 0) plot.block([times[from], times[Math.min(k + 1, times.length - 1)]], rows, TOUCH_COLOURS[values[from]]);
+      from = k + 1;
+    }
+  });
 }
 
 export class Chart {
@@ -35,7 +41,7 @@ export class Chart {
 
   /**
    * @param node where it goes
-   * @param options.span     seconds shown
+   * @param options.span     seconds shown, or what tells them
    * @param options.lines    one `line` a column after the time
    * @param options.y        () => [low, high]
    * @param options.splits   y values with a grid line
@@ -86,6 +92,11 @@ export class Chart {
     ctx.fillRect(left, top, Math.max(right - left, 0), this.#plot.valToPos(low, "y", true) - top);
   }
 
+  get #span() {
+    const { span } = this.options;
+    return typeof span === "function" ? span() : span;
+  }
+
   #fit() {
     const { clientWidth: width, clientHeight: height } = this.node;
     if (!width || !height) return;
@@ -94,14 +105,14 @@ export class Chart {
   }
 
   #settings(width, height) {
-    const { lines, between, over, y, span } = this.options;
+    const { lines, between, over, y } = this.options;
     return {
       width,
       height,
       padding: [6, 5, this.options.times ? 0 : 6, 0],
       cursor: { show: false },
       legend: { show: false },
-      scales: { x: { time: false, range: () => [this.#now - span, this.#now] }, y: { range: y } },
+      scales: { x: { time: false, range: () => [this.#now - this.#span, this.#now] }, y: { range: y } },
       axes: [this.#timeAxis(), this.#valueAxis()],
       series: [{}, ...lines],
       bands: between && [{ series: between, fill: () => lines[between[0] - 1].stroke() }],
@@ -110,7 +121,7 @@ export class Chart {
   }
 
   #timeAxis() {
-    const { span, scale, times } = this.options;
+    const { scale, times } = this.options;
     const steps = [1, 0.8, 0.6, 0.4, 0.2, 0];
     const tell = (value) => (value ? `−${Math.round(value * scale)}` : "0");
     return {
@@ -120,8 +131,8 @@ export class Chart {
       stroke: () => palette.soft,
       grid: { stroke: () => palette.rule, width: 1 },
       ticks: { show: false },
-      splits: () => steps.map((step) => this.#now - step * span),
-      values: () => (times ? steps.map((step) => tell(step * span)) : steps.map(() => "")),
+      splits: () => steps.map((step) => this.#now - step * this.#span),
+      values: () => (times ? steps.map((step) => tell(step * this.#span)) : steps.map(() => "")),
     };
   }
 

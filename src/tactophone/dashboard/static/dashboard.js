@@ -1,6 +1,6 @@
 // The operator's page: takes what the feed brings, draws it once for each picture of the screen.
 
-import { Chart, line } from "./charts.js";
+import { Chart, line, stripes } from "./charts.js";
 import { Controls } from "./controls.js";
 import { dbfs, percent, put, showFaults, showLatency, showLink, tell } from "./figures.js";
 import { Feed } from "./live.js";
@@ -13,7 +13,6 @@ const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
 const CLIPPED = 0.999;
 const CALM = 250; // ms between pictures for who wants little motion
 const TOUCHES = ["no contact", "smooth", "rough"];
-const TOUCH_COLOURS = ["none", "smooth", "rough"];
 // Columns of the tick track, after message.py's TICK_COLUMNS.
 const [, NONE, SMOOTH, ROUGH, ROUGHNESS, LEVEL, AMPLITUDE, FREQUENCY, TOUCH, TRUTH] = Array(10).keys();
 
@@ -77,17 +76,6 @@ function history(id, columns, options) {
     const all = ticks.after(now - BELIEF_SPAN);
     chart.draw([all[0], ...columns.map((column) => all[column])], now);
   };
-}
-
-/** Runs of equal values as coloured blocks: what is believed above, what is true below. */
-function stripes(plot, [times, believed, truth]) {
-  [[believed, [1.1, 1.9]], [truth, [0.1, 0.9]]].forEach(([values, rows]) => {
-    for (let k = 0, from = 0; k < values.length; k++) {
-      if (k + 1 < values.length && values[k + 1] === values[from]) continue;
-      if (values[from] >= 0) plot.block([times[from], times[Math.min(k + 1, times.length - 1)]], rows, TOUCH_COLOURS[values[from]]);
-      from = k + 1;
-    }
-  });
 }
 
 function scopePicture() {

@@ -1,0 +1,144 @@
+"""The stone box in a real browser, over a run that knows at once what it touches."""
+
+import json
+import math
+import os
+import time
+from collections.abc import Iterator
+from multiprocessing import Pipe
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+
+from tactophone.dashboard import Box, Page, play
+from tactophone.types import Touch
+from tests.dashboard.conftest import resize
+from tests.dashboard.running import Run
+from tests.dashboard.test_page import text, wait
+
+pytestmark = pytest.mark.realtime
+
+ORDER = (Touch.SMOOTH, Touch.ROUGH, Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH)
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    return tmp_path / "results.jsonl"
+
+
+@pytest.fixture
+def led() -> Iterator[tuple[Run, Box]]:
+    inbox, hand = Pipe(duplex=False)
+    with Run(f"test-box-{os.getpid()}", inbox) as run:
+        yield run, Box(run.telemetry.name, [ORDER, ORDER[::-1]], 7, hand, Path())
+
+
+@pytest.fixture
+def box(led: tuple[Run, Box], results: Path) -> Iterator[Page]:
+    _, box = led
+    with play(Box(box.name, box.orders, box.seed, box.hand, results)) as page:
+        yield page
+
+
+def begin(browser: webdriver.Chrome, box: Page, *, trainer: bool = False) -> None:
+    browser.get(box.url)
+    wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled())
+    if trainer:
+        browser.find_element(By.ID, "trainer").click()
+    browser.find_element(By.ID, "begin").click()
+
+
+def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True) -> None:
+    """Press on a stone and move back and forth over it."""
+    stage = browser.find_element(By.ID, "stage")
+    width, height = stage.rect["width"], stage.rect["height"]
+    actions = ActionBuilder(browser, duration=30)
+    for k in range(16):
+        along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.9 * k)) / 0.555 - 0.5
+        place = (0, int(height * along)) if height > width else (int(width * along), 0)
+        actions.pointer_action.move_to(stage, *place)
+        if k == 0:
+            actions.pointer_action.pointer_down()
+    if lift:
+        actions.pointer_action.pointer_up()
+    actions.perform()
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_round_is_played_to_its_end_by_moving_the_pointer(
+    browser: webdriver.Chrome, box: Page, results: Path, width: int
+) -> None:
+    resize(browser, width, 844)
+    begin(browser, box)
+    for stone in range(5):
+        stroke(browser, stone)
+        time.sleep(0.2)
+    marks = browser.find_elements(By.CSS_SELECTOR, "#marks button")
+    done = browser.find_element(By.ID, "done")
+    marks[1].click()
+    assert not done.is_enabled()
+    marks[4].click()
+    done.click()
+    wait(browser, lambda: text(browser, "verdict") == "Both are right.")
+    (line,) = results.read_text().splitlines()
+    result = json.loads(line)
+    assert (result["correct"], result["choices"], result["seed"]) == (2, [1, 4], 7)
+    assert all(count >= 2 for count in result["strokes"])
+    assert 0 < result["round_trip"] < 1
+    stones = [node.text for node in browser.find_elements(By.CSS_SELECTOR, "#lifted .slot")]
+    assert stones == ["smooth", "rough ✓", "smooth", "smooth", "rough ✓"]
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
+def test_nothing_gives_a_stone_away_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
+    begin(browser, box)
+    looks = []
+    for stone in range(5):
+        stroke(browser, stone, lift=False)
+        time.sleep(0.3)
+        looks.append(text(browser, "told"))
+        stroke(browser, stone)
+    assert looks == [""] * 5
+    slots = browser.find_elements(By.CSS_SELECTOR, "#stage .slot")
+    assert {(slot.get_attribute("class"), slot.size["width"]) for slot in slots} == {("slot", slots[0].size["width"])}
+    assert "rough" not in browser.execute_script("return document.querySelector('#stage').outerHTML")
+
+
+def test_the_trainer_says_what_is_felt_and_the_round_does_not_count(
+    browser: webdriver.Chrome, box: Page, results: Path
+) -> None:
+    begin(browser, box, trainer=True)
+    stroke(browser, 1, lift=False)
+    wait(browser, lambda: text(browser, "told") == "rough under the finger, rough felt")
+    stroke(browser, 0, lift=False)
+    wait(browser, lambda: text(browser, "told") == "smooth under the finger, smooth felt")
+    body = browser.find_element(By.TAG_NAME, "body")
+    body.send_keys("12")
+    browser.find_element(By.ID, "done").click()
+    wait(browser, lambda: text(browser, "verdict") == "One of two is right.")
+    assert json.loads(results.read_text())["trainer"] is True
+    assert "so far" not in text(browser, "score")
+
+
+def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, led: tuple[Run, Box]) -> None:
+    begin(browser, box)
+    stage = browser.find_element(By.ID, "stage")
+    stage.send_keys(Keys.ARROW_LEFT * 27, " ")
+    wait(browser, lambda: led[0].touch is Touch.ROUGH)
+    stage.send_keys(" ")
+    wait(browser, lambda: led[0].touch is Touch.NONE)
+    stage.send_keys("2", "5")
+    assert browser.find_element(By.ID, "done").is_enabled()
+
+
+def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page, led: tuple[Run, Box]) -> None:
+    begin(browser, box)
+    stroke(browser, 4, lift=False)
+    wait(browser, lambda: led[0].touch is Touch.ROUGH)
+    browser.get("about:blank")
+    wait(browser, lambda: led[0].touch is Touch.NONE)
+    ActionBuilder(browser).clear_actions()
