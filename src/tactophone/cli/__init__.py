@@ -16,6 +16,9 @@ from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
     "pair": "make this machine's key, and tell it which other machine to trust",
+    "loopback": "run robot and operator as two processes on this machine: a first try",
+    "send": "the robot's side: hear the finger, and send it sealed to the operator",
+    "receive": "the operator's side: receive, judge and feel",
     "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",

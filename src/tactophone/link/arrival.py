@@ -25,16 +25,18 @@ STALENESS = 0.06
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Heard:
-    """A block, and whether it is too old to be judged."""
+    """A block, whether it is too old to be judged, and how long (s) its packet waited for one before it."""
 
     block: AudioBlock
     stale: bool = False
+    waited: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting:
     payload: Payload
     own: bool
+    came: float
 
 
 class Arrival:
@@ -97,8 +99,8 @@ class Arrival:
         if not self._waiting:
             self._since = now
         for payload in packet.earlier:
-            self._keep(self._unwrap(payload.timestamp), _Waiting(payload, own=False))
-        self._keep(position, _Waiting(packet.payload, own=True))
+            self._keep(self._unwrap(payload.timestamp), _Waiting(payload, own=False, came=now))
+        self._keep(position, _Waiting(packet.payload, own=True, came=now))
 
     def _keep(self, position: int, waiting: _Waiting) -> None:
         if position >= self._next and (waiting.own or position not in self._waiting):
@@ -122,7 +124,7 @@ class Arrival:
                 continue
             self.reception.stats.packets_recovered += not waiting.own
             self._size = len(samples)
-            heard.append(self._emit(samples, now, concealed=False))
+            heard.append(self._emit(samples, now, concealed=False, came=waiting.came))
 
     def _fill(self, heard: list[Heard], now: float) -> None:
         """Bridge the hole before the oldest that waits, and go on from there."""
@@ -146,15 +148,15 @@ class Arrival:
         self.reception.stats.samples_concealed += size
         self.reception.stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
         self.reception.stats.concealment_events += 1
-        yield self._emit(samples, now, concealed=True)
+        yield self._emit(samples, now, concealed=True, came=now)
 
-    def _emit(self, samples: FloatArray, now: float, *, concealed: bool) -> Heard:
+    def _emit(self, samples: FloatArray, now: float, *, concealed: bool, came: float) -> Heard:
         block = AudioBlock(samples, CLOCK_RATE, self._next, concealed)
         self._next = block.end
         stale = now - block.start / CLOCK_RATE - self._envelope.least > STALENESS
         self.reception.stats.samples_received += block.size
         self.reception.stats.packets_skipped += stale
-        return Heard(block, stale)
+        return Heard(block, stale, waited=now - came)
 
     def _decoder_for(self, payload: Payload) -> Decoder:
         if self._decoder is None or self._decoder.kind != payload.kind:

@@ -19,14 +19,15 @@ import numpy as np
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
 from tactophone.haptics import PROFILES, Limits, Oscillator, open_profile
-from tactophone.link import Believed, Connected, Heard, News, ReceivingEnd, UdpSocket
-from tactophone.pipeline import Walk
-from tactophone.runtime import tuning
+from tactophone.link import Heard, News, ReceivingEnd, UdpSocket
+from tactophone.pipeline import Receiver
+from tactophone.runtime import budget, tuning
+from tactophone.runtime.budget import Neighbour
 from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
 from tactophone.runtime.supervisor import Birth
 from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post
-from tactophone.telemetry import MARKS, Fault, Request, State, Telemetry
-from tactophone.types import AudioBlock, FloatArray, HapticCommand, Tick
+from tactophone.telemetry import MARKS, Fault, Request, State, Telemetry, Watcher
+from tactophone.types import FloatArray, HapticCommand, Tick
 
 HOUSEKEEPING = 0.02
 """Seconds between two looks at mailbox, devices and counters."""
@@ -34,16 +35,25 @@ HOUSEKEEPING = 0.02
 LONGEST_RECEIVE = 0.005
 """Seconds that the network thread waits for a datagram, before it gives up on a missing packet: a packet's length."""
 
+BUDGET_EVERY = 1.0
+"""Seconds between two reckonings of the latency budget."""
+
 SILENT_LINK = 0.5
 """Seconds without sound or belief after which the line counts as silent, in words."""
 
-_RECEIVED, _DECODED, _JUDGED, _RENDERED = (MARKS.index(name) for name in ("received", "decoded", "judged", "rendered"))
+_RECEIVED, _RELEASED, _DECODED, _JUDGED, _RENDERED = map(MARKS.index, MARKS[2:])
 
 
 class Operator:
-    """The operator's side while it runs; a context manager."""
+    """The operator's side while it runs; a context manager.
 
-    def __init__(self, settings: Settings, birth: Birth) -> None:
+    Parameters
+    ----------
+    robot
+        Name of the robot's run, where that is on this machine: whence the truth and the robot's part of the budget.
+    """
+
+    def __init__(self, settings: Settings, birth: Birth, *, robot: str = "") -> None:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
         self._settings, self._birth = settings, birth
@@ -54,10 +64,13 @@ class Operator:
         self._oscillator = Oscillator(Limits(ceiling=feel.ceiling))
         self._actuator = open_actuator(settings, self._render)
         self._end = ReceivingEnd(open_session(settings, call=False))
-        self._walk, self._channels = open_walk_for(settings, channels=2), 2
+        self._channels = 2
+        self._receiver = Receiver(self._end, open_walk_for(settings, channels=self._channels))
+        self._neighbour = Neighbour(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = 0
         self._heard_at = time.monotonic()
+        self._budgeted_at = 0.0
         self._warnings: tuple[Fault, ...] = ()
         self._enforce()
         self._thread = threading.Thread(target=self._guarded, args=(self._follow_network,), daemon=True)
@@ -92,6 +105,7 @@ class Operator:
         self._obey(self._telemetry.requests())
         self._actuator.device.revive()
         self._show_counts()
+        self._show_budget(now)
         self._telemetry.update(self._state(now), now=now)
 
     def _obey(self, requests: list[Request]) -> None:
@@ -105,9 +119,9 @@ class Operator:
         """Change how is judged or mapped; a profile or threshold that is not to be had is refused."""
         try:
             if request.action == "profile":
-                self._walk.profile = open_profile(request.text)
+                self._receiver.walk.profile = open_profile(request.text)
             elif -120.0 <= request.value <= 0.0:
-                self._walk.judge.threshold_dbfs = request.value
+                self._receiver.walk.judge.threshold_dbfs = request.value
             else:
                 return False
         except TactophoneError:
@@ -135,16 +149,25 @@ class Operator:
             "command_faults": faults["command"],
             "stale_fades": faults["stale"],
             "emergency_stops": self._guard.stops,
-            "sound_faults": self._walk.faults["sound"],
-            "model_faults": self._walk.faults["model"],
+            "sound_faults": self._receiver.walk.faults["sound"],
+            "model_faults": self._receiver.walk.faults["model"],
         }
         for name, total in counts.items():
             self._telemetry.count(name, total - self._telemetry.counter(name))
         for name, value in {**self._end.gauges, "device_latency": device.latency}.items():
             self._telemetry.gauge(name, value)
 
+    def _show_budget(self, now: float) -> None:
+        if now - self._budgeted_at < BUDGET_EVERY:
+            return
+        self._budgeted_at = now
+        self._neighbour.look()
+        found = budget.operators_part(Watcher(self._birth.name), self._neighbour.watcher, self._actuator.device.latency)
+        for stage, duration in found.items():
+            self._telemetry.gauge(f"latency_{stage}", duration)
+
     def _state(self, now: float) -> State:
-        walk, guard = self._walk, self._guard
+        walk, guard = self._receiver.walk, self._guard
         peer = self._end.session.peer
         return State(
             role="operator",
@@ -171,7 +194,7 @@ class Operator:
             failure = self._end.session.failure
             yield Fault("link", f"no robot has called: {failure or 'start `tactophone send` there'}")
         elif silent > SILENT_LINK:
-            yield Fault("silence", f"no sound from the robot for {silent:.0f} s: look at its microphones and the line")
+            yield Fault("silence", "connected, but no sound comes from the robot: look at its microphones and the line")
 
     def _guarded(self, work: Callable[[], None]) -> None:
         """Run the thread's work; whatever ends it ends the whole side, silently."""
@@ -194,35 +217,36 @@ class Operator:
             post(self._end, self._socket)
 
     def _take(self, news: News, *, received: float) -> None:
-        match news:
-            case Heard(block, stale):
-                position = (self._end.origin + block.end) % (1 << 32)
-                self._telemetry.mark(_RECEIVED, position, now=received)
-                self._telemetry.mark(_DECODED, position, now=time.monotonic())
-                self._feel(self._walk_for(block.channels).push(block), position, stale=stale)
-            case Believed(prediction, stale):
-                position = round(prediction.end * SAMPLE_RATE)
-                silence = AudioBlock(np.zeros((0, 2), np.float32), SAMPLE_RATE, start=position)
-                tick = Tick(silence, (prediction,), (self._walk.feel(prediction),))
-                self._feel(tick, (self._end.origin + position) % (1 << 32), stale=stale)
-            case Connected():
-                self._walk.reset()
+        if isinstance(news, Heard):
+            end = self._position(news.block.end)
+            self._telemetry.mark(_RECEIVED, end, now=received - news.waited)
+            self._telemetry.mark(_RELEASED, end, now=received)
+            self._telemetry.mark(_DECODED, end, now=time.monotonic())
+            self._match_channels(news.block.channels)
+        tick = self._receiver.take(news)
+        if tick is not None:
+            self._feel(tick)
+        self._heard_at = received
 
-    def _walk_for(self, channels: int) -> Walk:
-        """Give the walk for so many microphones; it changes once, when another robot calls."""
+    def _position(self, samples: int) -> int:
+        """Turn samples since the stream began into the timestamp on the wire."""
+        return (self._end.origin + samples) % (1 << 32)
+
+    def _match_channels(self, channels: int) -> None:
+        """Have the walk for so many microphones; it changes once, when another robot calls."""
         if channels != self._channels:
-            self._walk, self._channels = open_walk_for(self._settings, channels=channels), channels
-        return self._walk
+            self._receiver.walk, self._channels = open_walk_for(self._settings, channels=channels), channels
 
-    def _feel(self, tick: Tick, position: int, *, stale: bool) -> None:
-        """Hand a step's commands to the oscillator, unless the sound behind them is old."""
+    def _feel(self, tick: Tick) -> None:
+        """Hand a step's newest command to the oscillator, as the guard allows it."""
+        end = self._position(tick.block.end)
         felt = tuple(self._bounded(command) for command in tick.commands)
-        if felt and not stale:
+        if felt:
             self._oscillator.submit(felt[-1])
-            self._submitted = position
-        now = self._heard_at = time.monotonic()
-        self._telemetry.mark(_JUDGED, position, now=now)
-        self._telemetry.publish(dataclasses.replace(tick, commands=felt), now=now)
+            self._submitted = end
+        now = time.monotonic()
+        self._telemetry.mark(_JUDGED, end, now=now)
+        self._telemetry.publish(dataclasses.replace(tick, commands=felt), now=now, truth=self._neighbour.truth())
 
     def _bounded(self, command: HapticCommand) -> HapticCommand:
         return dataclasses.replace(command, amplitude=self._guard.amplitude(command.amplitude))
@@ -240,11 +264,11 @@ class Operator:
             telemetry.mark(_RENDERED, submitted, now=time.monotonic())
 
 
-def run_operator(settings: Settings, birth: Birth) -> None:
+def run_operator(settings: Settings, birth: Birth, *, robot: str = "") -> None:
     """Be the operator's side, in this process, until SIGTERM; SIGUSR1 is the emergency stop."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
-    with Operator(settings, birth) as operator:
+    with Operator(settings, birth, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         tuning.settle()
         while not (terminated.is_set() or operator.ended.is_set() or birth.orphaned):

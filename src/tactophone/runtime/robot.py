@@ -11,25 +11,38 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.link import UdpSocket
-from tactophone.runtime import tuning
+from tactophone.pipeline import Sender
+from tactophone.runtime import budget, tuning
 from tactophone.runtime.pacing import paced
 from tactophone.runtime.supervisor import Birth
 from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, open_walk_for, post
-from tactophone.telemetry import MARKS, Fault, State, Telemetry
-from tactophone.types import AudioBlock, Tick
+from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.types import AudioBlock
 
 HOUSEKEEPING = 0.05
 """Seconds between two looks at devices, counters and the parent process."""
+
+BUDGET_EVERY = 1.0
+"""Seconds between two reckonings of the latency budget."""
 
 LONGEST_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram, before it lets time pass for the session."""
 
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
+
+
+@runtime_checkable
+class KnowsTruth(Protocol):
+    """A source that knows what its finger truly touches, because it is simulated or labelled."""
+
+    def truth_now(self) -> int:
+        """Which `Touch` it was at the end of the newest block; -1 when that is not known."""
+        ...
 
 
 class Robot:
@@ -54,9 +67,11 @@ class Robot:
         self._resources = ExitStack()
         self._source = open_source(settings)
         self._end = open_sending_end(settings, self._source.channels)
-        self._judge = open_walk_for(settings, channels=self._source.channels).judge if settings.link.judge else None
+        judge = open_walk_for(settings, channels=self._source.channels).judge if settings.link.judge else None
+        self._sender = Sender(self._end, judge)
         self._lock = threading.Lock()
         self._birth = birth
+        self._budgeted_at = 0.0
         self._warnings: tuple[Fault, ...] = ()
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), daemon=True)
@@ -97,6 +112,10 @@ class Robot:
         self._telemetry.gauge("loss_ratio", loss)
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
+        if now - self._budgeted_at >= BUDGET_EVERY:
+            self._budgeted_at = now
+            for stage, duration in budget.robots_part(Watcher(self._birth.name), self._end.codec).items():
+                self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
         if peer is None:
             words = f"no operator at {self._settings.link.peer}:{self._settings.link.port} yet"
@@ -110,7 +129,7 @@ class Robot:
             role="robot",
             muted_because="",
             source=capture.source,
-            detector=self._judge.detector.name if self._judge else "",
+            detector=self._sender.judge.detector.name if self._sender.judge else "",
             channels=self._source.channels,
         )
 
@@ -141,19 +160,16 @@ class Robot:
 
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
-        predictions = tuple(self._judge.push(block)) if self._judge else ()
         with self._lock:
-            if self._judge is None:
-                self._end.push(block)
-            for prediction in predictions:
-                self._end.tell(prediction)
+            tick = self._sender.push(block)
             post(self._end, self._socket)
             origin = self._end.origin
         now = time.monotonic()
         if origin is not None:
             self._telemetry.mark(_CAPTURED, (origin + block.end) % (1 << 32), now=captured)
             self._telemetry.mark(_SENT, (origin + block.end) % (1 << 32), now=now)
-        self._telemetry.publish(Tick(block, predictions, ()), now=now)
+        truth = self._source.truth_now() if isinstance(self._source, KnowsTruth) else -1
+        self._telemetry.publish(tick, now=now, truth=truth)
 
     def _follow_network(self) -> None:
         tuning.prioritize_thread(self._settings.process.priority)
@@ -174,6 +190,7 @@ def run_robot(settings: Settings, birth: Birth, *, open_source: OpenSource = ope
     """Be the robot's side, in this process, until SIGTERM or the sound's end."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, birth, open_source=open_source) as robot:
         tuning.settle()
         while not (terminated.is_set() or robot.ended.is_set() or birth.orphaned):

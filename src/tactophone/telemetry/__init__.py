@@ -7,7 +7,7 @@ wish, and the runtime owns the truth.
 """
 
 from tactophone.telemetry.memory import TICK
-from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Fault, Request, State
+from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
 
@@ -17,6 +17,7 @@ __all__ = [
     "MARKS",
     "STAGES",
     "TICK",
+    "Action",
     "Fault",
     "Pulse",
     "Request",

@@ -44,7 +44,7 @@ COUNTERS: dict[str, str] = {
 STAGES = ("capture", "encode", "network", "playout", "decode", "judge", "render", "device")
 """The latency budget in the order of the walk; each has a gauge ``latency_<stage>``, its median in seconds."""
 
-MARKS = ("captured", "sent", "received", "decoded", "judged", "rendered")
+MARKS = ("captured", "sent", "received", "released", "decoded", "judged", "rendered")
 """Moments in the life of a stretch of sound, each noted with the RTP timestamp at which that stretch ends; what lies
 between two of them is a stage of the budget."""
 

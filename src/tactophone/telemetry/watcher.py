@@ -18,8 +18,8 @@ STALE_AFTER = 1.0
 """Seconds without a sign of life after which a run counts as stalled; a live one gives some every 0.1 s."""
 
 _CALLBACKS = list(COUNTERS).index("callbacks")
-_AMPLITUDE = list(GAUGES).index("output_amplitude")
-_PERIOD = list(GAUGES).index("device_period")
+_GAUGE = {name: index for index, name in enumerate(GAUGES)}
+_AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +114,15 @@ class Watcher:
         return Pulse(
             int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
         )
+
+    def newest_tick(self) -> NDArray[np.void] | None:
+        """Copy the newest tick alone; ``None`` before the first."""
+        ticks, end = self._ring("tick", max(0, int(self._memory["tick_count"]) - 1))
+        return ticks[-1:] if end and len(ticks) else None
+
+    def gauge(self, name: str) -> float:
+        """Read one gauge of `GAUGES`."""
+        return float(self._memory["gauges"][_GAUGE[name]])
 
     def marks(self, name: str) -> NDArray[np.void]:
         """Copy the newest marks of one kind of `MARKS`, of dtype `MARK`."""

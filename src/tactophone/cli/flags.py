@@ -1,0 +1,42 @@
+"""Settings on the command line: ``--config``, ``--set``, and short flags for those that are set most often."""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+from tactophone import config
+from tactophone.config import Settings
+
+
+def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
+    """Declare ``--config`` and ``--set``, and each flag with the words, range and default of the setting it stands for.
+
+    Parameters
+    ----------
+    flags
+        Option and dotted name, such as ``{"--peer": "link.peer"}``.
+    """
+    known = {entry.name: entry for entry in config.entries()}
+    group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
+    group.add_argument("--config", type=Path, metavar="FILE", help="TOML file of settings; flags go before it")
+    for option, name in flags.items():
+        entry = known[name]
+        words = entry.words.replace("%", "%%")
+        if isinstance(entry.default, bool):
+            group.add_argument(option, dest=name, action="store_const", const="true", help=words)
+            continue
+        choices = f": {', '.join(entry.choices)}" if entry.choices else ""
+        shown = "none" if entry.default == "" else entry.default
+        group.add_argument(option, dest=name, metavar="VALUE", help=f"{words}{choices} (default: {shown})")
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
+    )
+
+
+def settings_of(args: argparse.Namespace) -> Settings:
+    """Give the settings asked for: defaults < ``--config`` < flags < ``--set``."""
+    settings = config.read(args.config) if args.config else Settings()
+    for name, value in vars(args).items():
+        if "." in name and value is not None:
+            settings = config.change(settings, [f"{name}={value}"])
+    return config.change(settings, args.set)

@@ -1,0 +1,63 @@
+"""``tactophone loopback``: robot and operator as two processes of this machine, for a first try."""
+
+import argparse
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from tactophone.cli import face, flags, outcome, page, sources
+from tactophone.runtime import Supervisor, run_operator, run_robot
+from tactophone.runtime.pairing import on_one_machine
+from tactophone.simulation.network import network
+from tactophone.simulation.proxy import ImpairmentProxy
+
+FLAGS = {
+    "--source": "capture.source",
+    "--device": "capture.device",
+    "--actuator": "output.actuator",
+    "--output": "output.device",
+    "--codec": "link.codec",
+    "--packet": "link.packet_duration",
+    "--judge": "link.judge",
+    "--model": "judge.model",
+    "--profile": "feel.profile",
+    "--ceiling": "feel.ceiling",
+    "--muted": "feel.muted",
+    "--name": "process.name",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    flags.add_settings(parser, FLAGS)
+    parser.add_argument(
+        "--network",
+        default="clean",
+        metavar="LINE",
+        help="what the line does to packets: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
+        "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (shares 0 to 1, seconds)",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the line's losses and delays")
+    page.add_arguments(parser)
+    outcome.add_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run both sides until interrupted, or until the sound ends."""
+    settings = flags.settings_of(args)
+    name = settings.process.name or "loopback"
+    with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
+        robot, operator = on_one_machine(settings, Path(folder))
+        receive = partial(run_operator, robot=f"{name}-robot")
+        receiving = stack.enter_context(Supervisor(receive, operator, name=name))
+        if args.network != "clean":
+            line = ImpairmentProxy(("127.0.0.1", operator.link.port), network(args.network), seed=args.seed)
+            port = stack.enter_context(line).address[1]
+            robot = replace(robot, link=replace(robot.link, port=port))
+        send = partial(run_robot, open_source=sources.open_source)
+        sending = stack.enter_context(Supervisor(send, robot, name=f"{name}-robot"))
+        with page.shown(args, name):
+            ended = face.follow([receiving, sending], name, duration=args.duration)
+    return outcome.print_outcome(args, ended)

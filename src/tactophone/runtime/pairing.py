@@ -1,0 +1,28 @@
+"""Robot and operator on one machine: two fresh identities that know each other, for as long as a run lasts."""
+
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+from tactophone.config import Settings
+from tactophone.link import Identity, Peers
+
+
+def on_one_machine(settings: Settings, folder: Path) -> tuple[Settings, Settings]:
+    """Give the robot's and the operator's settings: paired in ``folder``, meeting at a free port of the loopback."""
+    robot, operator = Identity.create("robot"), Identity.create("operator")
+    robot.save(folder / "robot")
+    operator.save(folder / "operator")
+    Peers({operator.fingerprint: "operator"}).save(folder / "robot")
+    Peers({robot.fingerprint: "robot"}).save(folder / "operator")
+    common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
+    return (
+        replace(settings, link=replace(common, identity=str(folder / "robot"))),
+        replace(settings, link=replace(common, identity=str(folder / "operator"))),
+    )
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,43 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.cli import main
+
+from ..models import write_tiny_model
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def arguments(tmp_path: Path) -> list[str]:
+    """Feel two seconds of a rough tone, recorded at another rate than the line's, in a file."""
+    tone = 0.5 * np.sin(2 * np.pi * 400 / 44_100 * np.arange(2 * 44_100))
+    soundfile.write(tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100)
+    model = write_tiny_model(tmp_path / "tiny.onnx", gain=1e3)
+    source = ["--source", "file", "--device", str(tmp_path / "stroke.wav"), "--set", "capture.loop=false"]
+    output = ["--actuator", "file", "--output", str(tmp_path / "vibration.wav"), "--ceiling", "0.25"]
+    return ["loopback", *source, *output, "--model", str(model), "--name", f"test-{tmp_path.name}", "--json"]
+
+
+@pytest.mark.parametrize("line", ["clean", "wifi"])
+def test_a_recording_crosses_the_line_and_is_felt(
+    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments, "--network", line]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["counters"]["packets_received"] > 300
+    assert told["restarts"] == 0
+    vibration, rate = soundfile.read(tmp_path / "vibration.wav")
+    assert rate == 48_000
+    assert 0.2 < np.abs(vibration).max() <= 0.25
+
+
+def test_an_unknown_port_or_file_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*arguments, "--device", "nowhere.wav"]) == 1
+    assert "nowhere.wav" in capsys.readouterr().err
+    assert main([*arguments, "--ceiling", "7"]) == 1
+    assert "0 to 1 of full drive" in capsys.readouterr().err
