@@ -142,7 +142,7 @@ class HapticCommand:
 class Tick:
     """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt.
 
-    There is one command for each prediction.
+    There is one command for each prediction, or none at all when they came too late to be felt.
     """
 
     block: AudioBlock

@@ -19,6 +19,8 @@ VERBS: dict[str, str] = {
     "loopback": "run robot and operator as two processes on this machine: a first try",
     "send": "the robot's side: hear the finger, and send it sealed to the operator",
     "receive": "the operator's side: receive, judge and feel",
+    "feel": "feel recordings: write the vibration, its timeline and a picture beside each other",
+    "model": "show what a model file says of itself",
     "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",

@@ -4,6 +4,7 @@ from tactophone.haptics.actuator import Actuator, clocked_actuator, jack_actuato
 from tactophone.haptics.limits import Limits
 from tactophone.haptics.mapping import PROFILES, PaperProfile, open_profile
 from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.playback import Playback
 
 __all__ = [
     "PROFILES",
@@ -11,6 +12,7 @@ __all__ = [
     "Limits",
     "Oscillator",
     "PaperProfile",
+    "Playback",
     "clocked_actuator",
     "jack_actuator",
     "open_profile",

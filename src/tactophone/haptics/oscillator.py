@@ -63,7 +63,7 @@ class Oscillator:
     def __init__(self, limits: Limits | None = None, *, sample_rate: int = 48_000) -> None:
         self.limits = limits or Limits()
         self.faults: Counter[str] = Counter()
-        self._sample_rate = sample_rate
+        self.sample_rate = sample_rate
         self._patience = round(self.limits.patience * sample_rate)
         self._settled = math.ceil(SETTLED * self.limits.settling * sample_rate)
         self._counts = np.arange(1.0, LONGEST + 1)
@@ -137,7 +137,7 @@ class Oscillator:
             here, self._phase, self._frequency_gap = 0.0, 0.0, 0.0
         else:
             turns = self._frequency * self._age + self._frequency_gap * decay_sum
-            self._phase = (self._phase + turns / self._sample_rate) % 1.0
+            self._phase = (self._phase + turns / self.sample_rate) % 1.0
             self._frequency_gap = self._frequency + self._frequency_gap * decay - frequency
         self._amplitude, self._amplitude_gap = amplitude, here - amplitude
         self._frequency, self._age = frequency, 0 if here or amplitude else self._settled
@@ -165,7 +165,7 @@ class Oscillator:
         phases *= self._frequency
         np.multiply(self._decay_sum[first : first + size], self._frequency_gap, out=envelope)
         phases += envelope
-        phases *= 1 / self._sample_rate
+        phases *= 1 / self.sample_rate
         phases += self._phase
         # Whole turns are taken off before the sine: it is exact and fast near zero only.
         np.remainder(phases, 1.0, out=phases)

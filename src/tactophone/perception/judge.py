@@ -9,6 +9,10 @@ from tactophone.types import AudioBlock, Detector, Prediction, Touch
 BEAT = 0.02
 """Longest time, in s, without a belief: where windows come more rarely, the newest is told again."""
 
+WINDOW_MARGIN_DB = 6.0
+"""How far under the threshold a window in contact may lie and still be told: it looks back over 64 times the sound that
+the gate does, so that single impacts, loud enough for the gate, count for less in it."""
+
 LONGEST_GAP = 0.25
 """Seconds of lost sound, about a window, over which what was heard before still counts."""
 
@@ -35,6 +39,7 @@ class Judge:
 
     def __init__(self, detector: Detector, gate: ContactGate | None = None) -> None:
         self.detector, self._gate = detector, gate
+        self.threshold_dbfs = detector.threshold_dbfs
         self._begin(0)
 
     @property
@@ -45,13 +50,14 @@ class Judge:
     @property
     def threshold_dbfs(self) -> float:
         """Level of contact; may be set at any time."""
-        return self.detector.threshold_dbfs
+        return self._threshold_dbfs
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
+        self._threshold_dbfs = level_dbfs
+        self.detector.threshold_dbfs = level_dbfs - WINDOW_MARGIN_DB * bool(self._gate)
         if self._gate:
-            self._gate.threshold_dbfs += level_dbfs - self.detector.threshold_dbfs
-        self.detector.threshold_dbfs = level_dbfs
+            self._gate.threshold_dbfs = level_dbfs
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound in; give the beliefs that it leads to, oldest first."""
@@ -91,7 +97,7 @@ class Judge:
     def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
         """Put windows and changes of contact in the order in which they became known, to the sample."""
         events: list[tuple[int, Contact | Prediction]] = [(round(one.time * rate), one) for one in contacts]
-        # A third of a sample covers the rounding of times; windows of rates with no common step end between samples.
+        # A thousandth of a sample covers the rounding of times; at rates with no common step windows end between samples.
         events += [(math.floor((one.end + self.latency) * rate + 1e-3), one) for one in predictions]
         events.sort(key=lambda event: event[0])
         told = (self._hear(one) if isinstance(one, Contact) else self._believe(self._shifted(one)) for _, one in events)

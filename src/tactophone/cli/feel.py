@@ -1,0 +1,184 @@
+"""``tactophone feel``: recordings in; the vibration that a finger would feel, and how it came about, out."""
+
+import argparse
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.markup import escape
+
+from tactophone.capture import FileSource
+from tactophone.cli import terminal
+from tactophone.dataset import Segment, find_recording
+from tactophone.errors import ConfigError, TactophoneError
+from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
+from tactophone.evaluation.figures import draw_feeling
+from tactophone.haptics import PROFILES, Limits
+from tactophone.perception import shipped_models
+from tactophone.pipeline import Walk, open_walk
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add(
+        "recordings", nargs="+", type=Path, metavar="RECORDING",
+        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone",
+    )  # fmt: skip
+    add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; it is made if need be")
+    add(
+        "--model", default="", metavar="NAME|FILE",
+        help=f"a model file, or one that ships ({', '.join(shipped_models()) or 'none'}); "
+        "default: the shipped one for the recording's channels",
+    )  # fmt: skip
+    add("--profile", default="paper", metavar="NAME", help=f"how belief becomes vibration: {', '.join(PROFILES)}")
+    add(
+        "--contact", choices=("fast", "window"), default="fast",
+        help="tell contact within milliseconds, or by the model's whole window as in the paper",
+    )  # fmt: skip
+    add("--threshold", type=float, metavar="DBFS", help="level of contact, in dBFS, -120 to 0; default: the model's")
+    add("--ceiling", type=float, default=1.0, help="greatest amplitude, 0 to 1 of full drive")
+    add("--plot", action="store_true", help="draw a picture of what was heard, believed and felt")
+    add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Feel each recording; one that fails is named, and the others go on."""
+    _check(args)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {args.out}: cannot be made ({error.strerror}); name a folder of your own") from error
+    results = []
+    for path, stem in _stems(args.recordings):
+        try:
+            results.append(_feel(path, stem, args))
+        except (TactophoneError, OSError) as error:
+            told = str(error)
+            terminal.complain(told if told.startswith(str(path)) else f"{path}: {told}")
+            continue
+        if not args.json:
+            _print(results[-1])
+    if args.json:
+        terminal.print_json([result.as_json() for result in results])
+    return 0 if len(results) == len(args.recordings) else 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Result:
+    path: Path
+    model: str
+    profile: str
+    label: str
+    summary: Summary
+    files: dict[str, Path]
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "recording": str(self.path),
+            "model": self.model,
+            "profile": self.profile,
+            "label": self.label or None,
+            **asdict(self.summary),
+            "speed": self.summary.speed,
+            "files": {kind: str(path) for kind, path in self.files.items()},
+        }
+
+
+def _check(args: argparse.Namespace) -> None:
+    if not 0 <= args.ceiling <= 1:
+        raise ConfigError(f"--ceiling {args.ceiling}, but it lies from 0 to 1 of full drive")
+    if args.threshold is not None and not -120 <= args.threshold <= 0:
+        raise ConfigError(f"--threshold {args.threshold}, but it lies from -120 to 0 dBFS")
+
+
+def _stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
+    """Name the results of each recording after it; a second ``a.wav`` from another folder becomes ``a-2``."""
+    taken: set[str] = set()
+    stems = []
+    for path in paths:
+        stem, number = path.stem, 2
+        while stem in taken:
+            stem, number = f"{path.stem}-{number}", number + 1
+        taken.add(stem)
+        stems.append((path, stem))
+    return stems
+
+
+def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
+    source = FileSource(path)
+    walk = _open_walk(source, args)
+    outputs = Outputs.beside(args.out, stem, json=args.json)
+    with terminal.progress("feeling") as bar:
+        task = bar.add_task("", total=source.size, note=escape(path.name))
+        summary, feeling = feel(source, walk, outputs, watch=lambda tick: bar.update(task, completed=tick.block.end))
+    files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
+    if outputs.timeline_json:
+        files["timeline_json"] = outputs.timeline_json
+    truth = _truth(path, source.duration)
+    label = "/".join(dict.fromkeys(one.word for one in truth))
+    if args.plot:
+        files["picture"] = args.out / f"{stem}.feel.png"
+        _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)
+    return _Result(path, walk.judge.detector.name, walk.profile.name, label, summary, files)
+
+
+def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
+    walk = open_walk(
+        args.model,
+        sample_rate=source.sample_rate,
+        channels=source.channels,
+        profile=args.profile,
+        limits=Limits(ceiling=args.ceiling),
+        fast_contact=args.contact == "fast",
+    )
+    if args.threshold is not None:
+        walk.judge.threshold_dbfs = args.threshold
+    if source.channels == 1 and not args.model:
+        terminal.complain(f"{source.path}: one channel, so judged by the one-channel model {walk.judge.detector.name}")
+    return walk
+
+
+def _truth(path: Path, duration: float) -> tuple[Segment, ...]:
+    recording = find_recording(path)
+    if recording is None:
+        return ()
+    whole = recording.known("label")
+    return recording.segments or ((Segment(0.0, duration, whole),) if whole else ())
+
+
+def _title(path: Path, walk: Walk, label: str) -> str:
+    known = f", labelled {label}" if label else ""
+    return f"{path.name}{known}: judged by {walk.judge.detector.name}, felt as {walk.profile.name}"
+
+
+def _draw(path: Path, feeling: Feeling, outputs: Outputs, *, title: str, truth: tuple[Segment, ...]) -> None:
+    draw_feeling(
+        path,
+        timeline=outputs.timeline,
+        microphones=feeling.microphones,
+        vibration=feeling.vibration,
+        title=title,
+        truth=truth,
+    )
+
+
+def _print(result: _Result) -> None:
+    summary, show = result.summary, terminal.out().print
+    label = f"; labelled {result.label}" if result.label else ""
+    head = f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s, judged by {escape(result.model)}{label}"
+    show(head, soft_wrap=True)
+    show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
+    if not summary.contact:
+        show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was touch)")
+    if summary.faults:
+        show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
+    for kind, path in result.files.items():
+        show(f"  {kind:10} {escape(str(path))}", soft_wrap=True)
+    show(f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound")
+
+
+def _percent(share: float) -> str:
+    return "none" if math.isnan(share) else f"{100 * share:.0f} %"

@@ -1,0 +1,72 @@
+"""``tactophone model``: what a model file says of itself."""
+
+import argparse
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from tactophone.cli import terminal
+from tactophone.perception import ModelCard, model_path, read_model, shipped_models
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's actions and their arguments."""
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    line = "show a model's card: what it hears, when it speaks, what it learnt from, how well it does"
+    show = actions.add_parser("show", help=line, description=line, formatter_class=terminal.HelpFormatter)
+    show.add_argument(
+        "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
+    )
+    show.add_argument("--json", action="store_true", help="print the card as JSON")
+    show.set_defaults(action=_show)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the chosen action."""
+    code: int = args.action(args)
+    return code
+
+
+def _show(args: argparse.Namespace) -> int:
+    path = model_path(args.model)
+    card = read_model(path).card
+    if args.json:
+        terminal.print_json({"file": str(path), "bytes": path.stat().st_size, **json.loads(card.to_json())})
+        return 0
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("file", escape(f"{path} ({path.stat().st_size / 1e6:.1f} MB)"))
+    for name, words in _lines(card):
+        table.add_row(name, escape(words))
+    terminal.out().print(table)
+    return 0
+
+
+def _lines(card: ModelCard) -> list[tuple[str, str]]:
+    duration, hop = card.window_size / card.sample_rate, float(card.hop) / card.sample_rate
+    gate, rule = card.gate, card.decision
+    lines = [
+        ("model", f"{card.name}, of kind {card.kind}"),
+        ("hears", f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz"),
+        ("window", f"{card.window_size} samples, {1000 * duration:.1f} ms; one every {1000 * hop:.2f} ms"),
+        ("contact", f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window"),
+        ("rough", f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row"),
+    ]
+    for name in ("settings", "training", "scores"):
+        lines += [(f"{name}: {key}", value) for key, value in _flat(getattr(card, name))]
+    return [*lines, ("licence", card.licence or "not stated")]
+
+
+def _flat(entries: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """List nested entries by dotted names."""
+    lines = []
+    for key, value in entries.items():
+        if isinstance(value, Mapping):
+            lines += _flat(value, f"{prefix}{key}.")
+        else:
+            lines.append((prefix + key, f"{value:.3f}" if isinstance(value, float) else str(value)))
+    return lines

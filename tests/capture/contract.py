@@ -1,0 +1,57 @@
+"""What every source promises, whatever is behind it; ``make`` gives a source that can be heard for 50 ms at least."""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+
+from tactophone.types import Source
+
+HEARD = 0.05
+"""Seconds that each promise listens."""
+
+
+def blocks_are_as_announced(make: Callable[[], Source]) -> None:
+    source = make()
+    with source:
+        block = next(iter(source))
+    assert block.samples.dtype == np.float32
+    assert (block.channels, block.sample_rate) == (source.channels, source.sample_rate)
+    assert block.size > 0
+
+
+def blocks_follow_one_another(make: Callable[[], Source]) -> None:
+    source = make()
+    with source:
+        blocks, heard = [], 0
+        for block in source:
+            blocks.append(block)
+            heard += block.size
+            if heard >= HEARD * source.sample_rate:
+                break
+    assert all(after.start == before.end for before, after in itertools.pairwise(blocks))
+
+
+def what_was_given_stays_as_it_is(make: Callable[[], Source]) -> None:
+    with make() as source:
+        blocks = iter(source)
+        first = next(blocks)
+        kept = first.samples.copy()
+        next(blocks)
+        np.testing.assert_array_equal(first.samples, kept)
+
+
+def it_can_be_left_in_the_middle(make: Callable[[], Source]) -> None:
+    with make() as source:
+        next(iter(source))
+    assert list(source) == []
+
+
+ALL = (
+    blocks_are_as_announced,
+    blocks_follow_one_another,
+    what_was_given_stays_as_it_is,
+    it_can_be_left_in_the_middle,
+)
+
+__all__ = ["ALL", "HEARD"]

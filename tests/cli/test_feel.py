@@ -1,0 +1,92 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.cli import main
+from tests.models import write_tiny_model
+from tests.sounds import tone
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> str:
+    return str(write_tiny_model(tmp_path / "tiny.onnx"))
+
+
+def record(path: Path, *, frequency: float = 400.0, sample_rate: int = 48_000) -> str:
+    path.parent.mkdir(exist_ok=True)
+    soundfile.write(path, tone(frequency, sample_rate=sample_rate), sample_rate)
+    return str(path)
+
+
+def test_everything_lies_beside_each_other(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "new" / "out"
+    assert main(["feel", record(tmp_path / "a.wav"), "--model", model, "--out", str(out), "--plot", "--json"]) == 0
+    (result,) = json.loads(capsys.readouterr().out)
+    assert sorted(path.name for path in out.iterdir()) == [
+        "a.feel.png", "a.haptic.wav", "a.timeline.csv", "a.timeline.json",
+    ]  # fmt: skip
+    assert set(result["files"].values()) == {str(path) for path in out.iterdir()}
+    assert result["rough"] > 0.5
+    assert result["model"] == "tiny"
+
+
+@pytest.mark.parametrize("sample_rate", [2_000, 2_200, 11_025, 44_100, 96_000])
+def test_any_rate_feels_alike(model: str, tmp_path: Path, sample_rate: int) -> None:
+    path = record(tmp_path / "a.wav", sample_rate=sample_rate)
+    assert main(["feel", path, "--model", model, "--out", str(tmp_path)]) == 0
+    wave, rate = soundfile.read(tmp_path / "a.haptic.wav")
+    assert (rate, len(wave)) == (48_000, 52_800)
+    assert np.abs(wave[24_000:48_000]).max() > 0.99
+
+
+def test_a_file_that_fails_is_named_and_the_others_go_on(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.wav").write_text("no sound")
+    paths = [str(tmp_path / "bad.wav"), record(tmp_path / "good.wav"), str(tmp_path / "none.wav")]
+    assert main(["feel", *paths, "--model", model, "--out", str(tmp_path)]) == 1
+    printed = capsys.readouterr()
+    assert [line.split(": ")[1] for line in printed.err.splitlines()] == [paths[0], paths[2]]
+    assert "good.haptic.wav" in printed.out
+
+
+def test_recordings_of_one_name_do_not_overwrite_each_other(model: str, tmp_path: Path) -> None:
+    paths = [record(tmp_path / "x" / "a.wav"), record(tmp_path / "y" / "a.wav", frequency=100)]
+    assert main(["feel", *paths, "--model", model, "--out", str(tmp_path)]) == 0
+    assert {path.name for path in tmp_path.glob("*.wav")} == {"a.haptic.wav", "a-2.haptic.wav"}
+
+
+def test_a_known_label_is_told(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = record(tmp_path / "a.wav")
+    (tmp_path / "metadata.csv").write_text("file_name,surface,label\na.wav,slate,rough\n")
+    assert main(["feel", path, "--model", model, "--out", str(tmp_path)]) == 0
+    assert "labelled rough" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ceiling", "2"], "from 0 to 1 of full drive"),
+        (["--threshold", "5"], "from -120 to 0 dBFS"),
+        (["--profile", "papr"], "did you mean paper"),
+    ],
+)
+def test_a_wrong_setting_is_one_line(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    assert main(["feel", record(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path), *arguments]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_threshold_over_everything_feels_nothing_and_says_why(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = record(tmp_path / "a.wav")
+    assert main(["feel", path, "--model", model, "--out", str(tmp_path), "--threshold", "0"]) == 0
+    assert "loudest window: -9.0 dBFS" in capsys.readouterr().out
+    assert not soundfile.read(tmp_path / "a.haptic.wav")[0].any()
