@@ -97,7 +97,7 @@ class Judge:
     def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
         """Put windows and changes of contact in the order in which they became known, to the sample."""
         events: list[tuple[int, Contact | Prediction]] = [(round(one.time * rate), one) for one in contacts]
-        # A thousandth of a sample covers the rounding of times; at rates with no common step windows end between samples.
+        # A thousandth of a sample covers the rounding of times; at odd rates windows end between two samples.
         events += [(math.floor((one.end + self.latency) * rate + 1e-3), one) for one in predictions]
         events.sort(key=lambda event: event[0])
         told = (self._hear(one) if isinstance(one, Contact) else self._believe(self._shifted(one)) for _, one in events)
