@@ -25,3 +25,11 @@ def blocks(samples: FloatArray, size: int, *, sample_rate: int = 48_000) -> Iter
     """Cut sound into blocks of a size."""
     for start in range(0, len(samples), size):
         yield AudioBlock(samples[start : start + size], sample_rate, start)
+
+
+def strokes(*, duration: float = 2.0) -> FloatArray:
+    """A rough stroke from 0.5 to 1.0 s, a smooth one from 1.5 s to the end, 60 dB over silence."""
+    samples = noise(level_dbfs=-80, duration=duration, channels=1)
+    samples[24_000:48_000] += tone(400, duration=0.5)
+    samples[72_000:] += tone(100, duration=duration - 1.5)
+    return samples

@@ -8,7 +8,7 @@ import soundfile
 from tactophone.capture import FileSource
 from tactophone.evaluation.feeling import TAIL, Outputs, Summary, feel
 from tactophone.haptics import Limits
-from tactophone.pipeline import open_walk
+from tactophone.walk import open_walk
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone
 

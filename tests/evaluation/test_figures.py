@@ -8,7 +8,7 @@ from tactophone.capture import FileSource
 from tactophone.dataset import Segment
 from tactophone.evaluation.feeling import Outputs, feel
 from tactophone.evaluation.figures import draw_feeling
-from tactophone.pipeline import open_walk
+from tactophone.walk import open_walk
 from tests.models import write_tiny_model
 from tests.sounds import noise
 

@@ -17,7 +17,7 @@ from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
 from tactophone.evaluation.figures import draw_feeling
 from tactophone.haptics import PROFILES, Limits
 from tactophone.perception import shipped_models
-from tactophone.pipeline import Walk, open_walk
+from tactophone.walk import Walk, open_walk
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

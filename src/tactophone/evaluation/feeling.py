@@ -15,8 +15,8 @@ import soundfile
 from tactophone.evaluation.envelope import Envelope
 from tactophone.evaluation.timeline import TimelineWriter
 from tactophone.haptics import Oscillator, Playback
-from tactophone.pipeline import Walk
 from tactophone.types import AudioBlock, Source, Tick, Touch
+from tactophone.walk import Walk
 
 HAPTIC_RATE = 48_000
 """Hz of the vibration's file."""
