@@ -1,0 +1,51 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+from tactophone.perception import read_model
+from tests.cli.test_train import QUICK
+from tests.dataset.folders import audiofolder
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def sound(tmp_path: Path) -> str:
+    return str(audiofolder(tmp_path / "sound"))
+
+
+def test_scores_a_model_and_writes_them_into_its_card(
+    tmp_path: Path, sound: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = tmp_path / "a.onnx"
+    main(["train", sound, "--out", str(model), *QUICK])
+    capsys.readouterr()
+    assert main(["evaluate", str(model), "--data", sound, "--note", "stones", "--json"]) == 0
+    captured = capsys.readouterr()
+    report = json.loads(captured.out)[str(model)]
+    assert (report["recordings"], report["surfaces"]) == (8, 4)
+    assert 0 <= report["rules"]["two-class"]["balanced_accuracy"]["value"] <= 1
+    assert "trained on these very recordings" in captured.err
+    assert read_model(model).card.scores["stones"]["surfaces"] == 4
+
+
+def test_cross_validates_a_recipe_beside_its_baselines(sound: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = ["evaluate", "--data", sound, "--split", "2-fold", "--baselines", "1", *QUICK]
+    assert main(told) == 0
+    table = capsys.readouterr().out
+    for row in ("authors/general", "level alone", "shuffled 1", "area under ROC curve", "stone 03"):
+        assert row in table
+    assert main([*told, "--json"]) == 0
+    reports = json.loads(capsys.readouterr().out)
+    # The rough stones of this folder are simply louder.
+    assert reports["level alone"]["rules"]["two-class"]["balanced_accuracy"]["value"] == 1.0
+
+
+def test_a_note_needs_a_model(sound: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", "--data", sound, "--note", "x"]) == 1
+    assert "name the MODEL" in capsys.readouterr().err
