@@ -2,8 +2,10 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 from tactophone.cli import main
+from tactophone.training.networks import PaperNetwork
 from tests.models import write_tiny_model
 
 
@@ -32,3 +34,23 @@ def test_what_is_no_model_is_one_line(content: bytes, tmp_path: Path, capsys: py
     assert main(["model", "show", str(path)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert str(path) in line
+
+
+@pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
+def test_a_published_model_is_made_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    torch.jit.script(PaperNetwork()).save("general.pt")
+    assert main(["model", "import", "general.pt"]) == 0
+    assert capsys.readouterr().out == "general.onnx\n"
+    assert main(["model", "show", "general.onnx"]) == 0
+    assert "authors-general" in capsys.readouterr().out
+
+
+def test_a_published_model_that_is_none_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "general.pt").write_bytes(b"\x80\x04pickled")
+    assert main(["model", "import", str(tmp_path / "general.pt")]) == 1
+    told = capsys.readouterr().err
+    assert "a plain pickle, which could run anything; it was not opened" in told
+    assert told.count("\n") == 1

@@ -1,14 +1,16 @@
-"""``tactophone model``: what a model file says of itself."""
+"""``tactophone model``: what a model file says of itself, and the authors' published models made ours."""
 
 import argparse
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
 from tactophone.cli import terminal
+from tactophone.cli.train import prepare_torch
 from tactophone.perception import ModelCard, model_path, read_model, shipped_models
 
 
@@ -22,12 +24,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     show.add_argument("--json", action="store_true", help="print the card as JSON")
     show.set_defaults(action=_show)
+    line = (
+        "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt); such a file "
+        "is a program that torch runs while loading: import only from a source you trust"
+    )
+    published = actions.add_parser("import", help=line, description=line, formatter_class=terminal.HelpFormatter)
+    published.add_argument("source", type=Path, metavar="FILE.pt", help="the TorchScript file")
+    published.add_argument(
+        "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
+    )
+    published.set_defaults(action=_import)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the chosen action."""
     code: int = args.action(args)
     return code
+
+
+def _import(args: argparse.Namespace) -> int:
+    prepare_torch()
+    from tactophone.training.importing import import_published
+
+    out = args.out or Path(args.source.stem + ".onnx")
+    import_published(args.source, out)
+    print(out)
+    return 0
 
 
 def _show(args: argparse.Namespace) -> int:

@@ -64,8 +64,9 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     )
     parser.add_argument(
         "--gate", metavar="DBFS",
-        help="level from which there is contact, -200 to 0 dBFS RMS, or 'off' for sound that is all contact "
-        "(default: -26 RMS with the paper, -46 mean absolute with its authors)",
+        help="level from which the model will feel contact, -200 to 0 dBFS RMS; or 'off' for recordings that hold "
+        "nothing but contact: every window is trained on and judged (default: -26 RMS with the paper, -46 mean "
+        "absolute with its authors)",
     )  # fmt: skip
     parser.add_argument(
         "--opus", type=int, metavar="KBPS",
@@ -94,7 +95,7 @@ def course_of(args: argparse.Namespace) -> "Course":
     ConfigError
         If an option is out of range, or torch is not installed.
     """
-    _prepare_torch()
+    prepare_torch()
     from tactophone.link import Codec
     from tactophone.training.making import Course
 
@@ -107,7 +108,14 @@ def course_of(args: argparse.Namespace) -> "Course":
     return Course(recipe, args.seed, codec, getattr(args, "start", None), _gate(args.gate))
 
 
-def _prepare_torch() -> None:
+def prepare_torch() -> None:
+    """Make sure that training can run, before torch is first imported.
+
+    Raises
+    ------
+    ConfigError
+        If the extra is not installed.
+    """
     for name in ("torch", "onnx"):
         if importlib.util.find_spec(name) is None:
             raise ConfigError(f"training needs {name}, which is not installed: pip install 'tactophone[train]'")
@@ -122,7 +130,10 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         least = 0 if name in ("noise", "least_steps") else 1e-9 if name == "learning_rate" else 1
         if not least <= value < float("inf"):
             raise ConfigError(f"--{name.replace('_', '-')} {value:g}: {_OVERRIDES[name][1]}")
-    return replace(paper(args.variant, following=args.following), precision=args.precision, **changes)
+    recipe = replace(paper(args.variant, following=args.following), precision=args.precision, **changes)
+    if args.gate == "off":
+        return replace(recipe, labelling=replace(recipe.labelling, threshold=0.0, relative=False))
+    return recipe
 
 
 def _gate(text: str | None) -> "Gate | None":

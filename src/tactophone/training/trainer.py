@@ -39,16 +39,8 @@ class Progress:
     loss: float
 
 
-def train(
-    windows: Windows,
-    recipe: Recipe,
-    *,
-    seed: int = 0,
-    saved: Path | None = None,
-    initial: Weights | None = None,
-    report: Callable[[Progress], None] = lambda progress: None,
-) -> dict[str, FloatArray]:
-    """Train the paper's network on windows; give its parameters.
+class Run:
+    """A training run: iterate it to go through it, a batch at a time.
 
     The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
     interrupted or not.
@@ -63,28 +55,71 @@ def train(
         Where to keep a checkpoint; if there is one of this very run, the run goes on from it.
     initial
         Parameters to begin from, instead of random ones.
-    report
-        Called after each batch.
+
+    Attributes
+    ----------
+    network
+        As it stands after the last batch.
     """
-    _prepare_torch()
-    network = _network(recipe, seed, initial)
-    optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, fused=True)
-    identity = _identity(windows, recipe, seed=seed, initial=initial)
-    done = checkpoint.load(saved, identity=identity) if saved else None
-    if done:
-        checkpoint.restore(done, network, optimiser)
-    loss = float("nan")
-    epochs, written = _epochs(windows, recipe, seed), time.monotonic()
-    skip = done.steps if done else 0
-    for step, which in _schedule(windows, recipe, seed=seed, epochs=len(epochs), skip=skip):
-        features, labels = _batch(windows, which, noise=recipe.noise, seed=(seed, step))
-        new = _learn(network, optimiser, features, labels, recipe=recipe)
-        loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
-        report(Progress(step + 1, sum(epochs), loss))
-        if saved and time.monotonic() - written > SAVE_EVERY:
-            checkpoint.save(saved, Checkpoint(identity, step + 1, checkpoint.state_of(network, optimiser)))
-            written = time.monotonic()
-    return weights_of(network)
+
+    def __init__(
+        self,
+        windows: Windows,
+        recipe: Recipe,
+        *,
+        seed: int = 0,
+        saved: Path | None = None,
+        initial: Weights | None = None,
+    ) -> None:
+        _prepare_torch()
+        self._windows, self._recipe, self._seed, self._saved = windows, recipe, seed, saved
+        self.network = _network(recipe, seed, initial)
+        self._optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
+        self._identity = _identity(windows, recipe, seed=seed, initial=initial)
+        self._skip = self._restore()
+
+    def __iter__(self) -> Iterator[Progress]:
+        epochs = _epochs(self._windows, self._recipe, self._seed)
+        loss, written = float("nan"), time.monotonic()
+        for step, which in self._schedule(len(epochs)):
+            features, labels = _batch(self._windows, which, noise=self._recipe.noise, seed=(self._seed, step))
+            new = _learn(self.network, self._optimiser, features, labels, recipe=self._recipe)
+            loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
+            yield Progress(step + 1, sum(epochs), loss)
+            if self._saved and time.monotonic() - written > SAVE_EVERY:
+                arrays = checkpoint.state_of(self.network, self._optimiser)
+                checkpoint.save(self._saved, Checkpoint(self._identity, step + 1, arrays))
+                written = time.monotonic()
+
+    def _restore(self) -> int:
+        done = checkpoint.load(self._saved, identity=self._identity) if self._saved else None
+        if done:
+            checkpoint.restore(done, self.network, self._optimiser)
+        return done.steps if done else 0
+
+    def _schedule(self, epochs: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        recipe, step = self._recipe, 0
+        for epoch in range(epochs):
+            for which in batches(self._windows, hop=recipe.hop, size=recipe.batch_size, seed=self._seed, epoch=epoch):
+                if step >= self._skip:
+                    yield step, which
+                step += 1
+
+
+def train(
+    windows: Windows,
+    recipe: Recipe,
+    *,
+    seed: int = 0,
+    saved: Path | None = None,
+    initial: Weights | None = None,
+    report: Callable[[Progress], None] = lambda progress: None,
+) -> dict[str, FloatArray]:
+    """Go through a whole :class:`Run`, telling ``report`` of each batch; give the network's parameters."""
+    run = Run(windows, recipe, seed=seed, saved=saved, initial=initial)
+    for progress in run:
+        report(progress)
+    return weights_of(run.network)
 
 
 def _prepare_torch() -> None:
@@ -110,17 +145,6 @@ def _epochs(windows: Windows, recipe: Recipe, seed: int) -> list[int]:
         which, _ = grid(windows, hop=recipe.hop, seed=seed, epoch=len(steps))
         steps.append(-(-len(which) // recipe.batch_size))
     return steps
-
-
-def _schedule(
-    windows: Windows, recipe: Recipe, *, seed: int, epochs: int, skip: int
-) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    step = 0
-    for epoch in range(epochs):
-        for which in batches(windows, hop=recipe.hop, size=recipe.batch_size, seed=seed, epoch=epoch):
-            if step >= skip:
-                yield step, which
-            step += 1
 
 
 def _batch(
