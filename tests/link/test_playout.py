@@ -88,11 +88,24 @@ def test_late_and_doubled_packets_are_counted() -> None:
     sent = Departure(PCM, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0))).push(AudioBlock(tone(1), RATE))
     playout = Playout(block_size=BLOCK)
     late = sent.pop(50)
-    for step, packet in enumerate(sent[:400]):
+    for step, packet in enumerate(sent[:180]):
         playout.push(packet, now=step * 0.002)
         playout.push(packet, now=step * 0.002)
-    for block in range(300):
+    for block in range(150):
         playout.pull(now=block * BLOCK / RATE)
-    playout.push(late, now=0.8)
-    assert playout.reception.stats.packets_duplicated == 400
+    playout.push(late, now=0.4)
+    playout.pull(now=0.4)
+    assert playout.reception.stats.packets_duplicated == 180
     assert playout.reception.stats.packets_late == 1
+
+
+@pytest.mark.parametrize(("sent", "given"), [(1, 2), (2, 1)])
+def test_channels_are_fitted_to_the_listener(sent: int, given: int) -> None:
+    codec = Codec("pcm16", channels=sent, packet_size=96)
+    departure = Departure(codec, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
+    playout = Playout(block_size=96, channels=given)
+    for step, packet in enumerate(departure.push(AudioBlock(tone(1)[:, :sent], RATE))):
+        playout.push(packet, now=step * 0.002)
+        block = playout.pull(now=step * 0.002)
+    assert block.shape == (96, given)
+    assert block.any(axis=0).all()

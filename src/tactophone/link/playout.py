@@ -7,6 +7,7 @@ out as the new fades in.
 """
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -25,19 +26,24 @@ LONGEST_GUESS = 0.02
 FADE = 120
 """Samples of a fade: 2.5 ms, a twelfth of the shortest burst that is felt as vibration (Sci. Rep. 15:5057, 2025)."""
 
+_MOST_QUEUED = 400
+"""Packets kept for a listener who does not pull: a second of 2.5 ms each."""
+
 _FADE_ANGLES = np.linspace(0, np.pi / 2, FADE, dtype=np.float32)[:, np.newaxis]
 _LONGEST_BRIDGE = round(LONGEST_GUESS * CLOCK_RATE)
 
 
 class Playout:
-    """Puts one stream back together by the listener's clock. Belongs to one thread.
+    """Puts one stream back together by the listener's clock.
+
+    ``push`` only queues, so that a network thread may call it while an actuator's thread calls ``pull``.
 
     Parameters
     ----------
     block_size
         Samples asked for at once.
     channels
-        1 or 2.
+        Of the sound given, 1 or 2; a stream of one fills both, of two the first is contact.
 
     Attributes
     ----------
@@ -49,6 +55,7 @@ class Playout:
         self.reception = Reception()
         self.pace = Pace(block_size=block_size)
         self._block_size, self._channels = block_size, channels
+        self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_MOST_QUEUED)
         self._waiting: dict[int, tuple[Payload, bool]] = {}
         self._origin: int | None = None
         self._newest = self._packet_size = 0
@@ -68,6 +75,25 @@ class Playout:
 
     def push(self, packet: Packet, *, now: float) -> None:
         """Take a packet that has come, in any order."""
+        self._arrived.append((packet, now))
+
+    def pull(self, *, now: float) -> FloatArray:
+        """Give the block of shape ``(block_size, channels)`` that is due at ``now``; silence where there is nothing."""
+        while self._arrived:
+            self._accept(*self._arrived.popleft())
+        step = self.pace.step(self._block_size, now=now)
+        if math.isnan(self.pace.position):
+            return np.zeros((self._block_size, self._channels), np.float32)
+        if step.jumped:
+            self._move(round(self.pace.position - self._block_size))
+        while len(self._ready) < self._block_size:
+            wanted = math.ceil((self._block_size - len(self._ready)) * step.speed) + 1
+            block = self._resampler.process(self._read(wanted), 1 / step.speed)
+            self._ready = np.concatenate([self._ready, block.reshape(-1, self._channels)])
+        block, self._ready = self._ready[: self._block_size], self._ready[self._block_size :]
+        return block
+
+    def _accept(self, packet: Packet, now: float) -> None:
         stats, own = self.reception.stats, packet.payload
         if not self.reception.count(packet.sequence, own.timestamp, len(own.content), now=now):
             return
@@ -85,20 +111,6 @@ class Playout:
         for payload in packet.earlier:
             self._waiting.setdefault(self._unwrap(payload.timestamp), (payload, False))
         self._waiting[start] = (own, True)
-
-    def pull(self, *, now: float) -> FloatArray:
-        """Give the block of shape ``(block_size, channels)`` that is due at ``now``; silence where there is nothing."""
-        step = self.pace.step(self._block_size, now=now)
-        if math.isnan(self.pace.position):
-            return np.zeros((self._block_size, self._channels), np.float32)
-        if step.jumped:
-            self._move(round(self.pace.position - self._block_size))
-        while len(self._ready) < self._block_size:
-            wanted = math.ceil((self._block_size - len(self._ready)) * step.speed) + 1
-            block = self._resampler.process(self._read(wanted), 1 / step.speed)
-            self._ready = np.concatenate([self._ready, block.reshape(-1, self._channels)])
-        block, self._ready = self._ready[: self._block_size], self._ready[self._block_size :]
-        return block
 
     def _move(self, place: int) -> None:
         """Go on from elsewhere."""
@@ -165,6 +177,7 @@ class Playout:
     def _go_on(self, samples: FloatArray, *, fresh: bool) -> FloatArray:
         """Join samples to what went before; where they are fresh, fade from the one into the other."""
         assert self._place is not None
+        samples = np.broadcast_to(samples[:, : self._channels], (len(samples), self._channels))
         self._place += len(samples)
         self.reception.stats.samples_received += len(samples)
         self._apart = False

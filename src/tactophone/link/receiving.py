@@ -9,6 +9,7 @@ from tactophone.link.arrival import STALENESS, Arrival, Heard
 from tactophone.link.belief import read_belief
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, ahead, parse
+from tactophone.link.playout import Playout
 from tactophone.link.report import SenderReport, parse_report
 from tactophone.link.sending import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
@@ -39,11 +40,18 @@ class ReceivingEnd:
     ----------
     reorder
         Packets that may wait for one that is missing: 0 or 1.
+    playout_block
+        Samples asked for at once of the clocked buffer, for profiles that render the sound itself; 0: there is none.
+
+    Attributes
+    ----------
+    playout
+        The clocked buffer of the session at hand, to pull sound from in step with the actuator; ``None`` without one.
     """
 
-    def __init__(self, session: Session, *, reorder: int = 1) -> None:
+    def __init__(self, session: Session, *, reorder: int = 1, playout_block: int = 0) -> None:
         self.session = session
-        self._reorder = reorder
+        self._reorder, self._playout_block = reorder, playout_block
         self._past: Counter[str] = Counter()
         self._ssrcs = (0, 0)
         self._next_report = 0.0
@@ -68,6 +76,7 @@ class ReceivingEnd:
             "redundancy": float(self._depth),
             "loss_ratio": self._loss,
             "bitrate_bps": self._meter.bitrate_bps,
+            "playout_delay": self.playout.pace.margin if self.playout else 0.0,
         }
 
     @property
@@ -99,6 +108,7 @@ class ReceivingEnd:
 
     def _begin(self) -> None:
         self._arrival = Arrival(reorder=self._reorder)
+        self.playout = Playout(block_size=self._playout_block) if self._playout_block else None
         self._beliefs = _Beliefs()
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0
@@ -120,6 +130,8 @@ class ReceivingEnd:
                     given += self._believe(packet, now)
                 else:
                     packets.append(packet)
+                    if self.playout:
+                        self.playout.push(packet, now=now)
         return given + self._arrival.push(packets, now=now)
 
     def _parse(self, datagram: bytes) -> Packet | None:

@@ -1,0 +1,74 @@
+"""One handshake alone; whole sessions are in test_session."""
+
+from itertools import product
+
+import pytest
+
+from tactophone.link import Peers
+from tactophone.link.handshake import LIFETIME, Handshake, Handshakes, hello_random, is_hello
+
+from .lines import OPERATOR, ROBOT, STRANGER
+
+
+def shaken(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, Handshake | None]:
+    """Let robot and operator agree, but lose the datagrams of these numbers."""
+    calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
+    answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    robot, operator, number = calling.call(now=0.0), None, 0
+    for step in range(round(duration / 0.01)):
+        now = step * 0.01
+        robot.poll(now)
+        for datagram in robot.outgoing():
+            number += 1
+            if number in lost:
+                continue
+            if operator is not None and not is_hello(datagram):
+                operator.receive(datagram, now=now)
+            elif operator is None:
+                operator, replies = answering.answer(datagram, source="robot", now=now)
+                for reply in replies:
+                    robot.receive(reply, now=now)
+        if operator is not None:
+            operator.poll(now)
+            for datagram in operator.outgoing():
+                number += 1
+                if number not in lost:
+                    robot.receive(datagram, now=now)
+    return robot, operator
+
+
+@pytest.mark.parametrize("lost", [set(), *({k} for k in range(1, 8)), *({a, b} for a, b in product((2, 3), (4, 5, 6)))])
+def test_any_lost_datagram_is_repeated(lost: set[int]) -> None:
+    robot, operator = shaken(lost)
+    assert operator is not None
+    assert robot.agreement is not None
+    assert operator.agreement is not None
+    assert robot.agreement.secrets.outbound == operator.agreement.secrets.inbound
+    assert robot.agreement.secrets.local_ssrc == operator.agreement.secrets.remote_ssrc
+    assert (robot.agreement.peer, operator.agreement.peer) == ("operator", "robot")
+
+
+def test_every_handshake_makes_other_keys() -> None:
+    keys = set()
+    for _ in range(3):
+        robot, _ = shaken(set(), duration=0.1)
+        assert robot.agreement is not None
+        keys |= {robot.agreement.secrets.outbound, robot.agreement.secrets.inbound}
+    assert len(keys) == 6
+
+
+def test_a_handshake_without_an_answer_gives_up() -> None:
+    robot, _ = shaken(set(range(1, 1_000)), duration=LIFETIME + 0.5)
+    assert robot.failure == f"no answer within {LIFETIME:g} s"
+    assert robot.outgoing() == []
+
+
+def test_a_hello_is_told_by_its_bytes_and_keeps_its_random() -> None:
+    robot = Handshakes(STRANGER, Peers()).call(now=0.0)
+    (hello,) = robot.outgoing()
+    robot.poll(0.2)
+    (repeated,) = robot.outgoing()
+    assert is_hello(hello)
+    assert hello_random(hello) == hello_random(repeated)
+    assert not is_hello(hello[:40])
+    assert not is_hello(b"\x80" + hello[1:])
