@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import replace
 
 from tactophone.haptics import Limits, open_profile
-from tactophone.perception import ContactGate, Judge, default_model, open_detector
+from tactophone.perception import Judge, default_model, open_judge
 from tactophone.types import AudioBlock, HapticCommand, Prediction, Profile, Tick
 
 
@@ -90,6 +90,5 @@ def open_walk(
     ModelError, ConfigError
         If there is no such model or profile, or the model cannot judge such sound.
     """
-    detector = open_detector(model or default_model(channels), sample_rate=sample_rate)
-    gate = ContactGate(detector.threshold_dbfs, sample_rate=sample_rate) if fast_contact else None
-    return Walk(Judge(detector, gate), open_profile(profile), limits)
+    judge = open_judge(model or default_model(channels), sample_rate=sample_rate, fast_contact=fast_contact)
+    return Walk(judge, open_profile(profile), limits)

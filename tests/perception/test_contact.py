@@ -2,6 +2,8 @@ import numpy as np
 import pytest
 
 from tactophone.perception.contact import HOLD, Contact, ContactGate
+from tactophone.perception.loudness import LoudnessRule
+from tactophone.types import AudioBlock
 from tests.sounds import UGLY_SIZES, blocks, noise
 
 
@@ -14,6 +16,15 @@ def stroke(start: float, end: float) -> np.ndarray:
     samples = noise(level_dbfs=-80, duration=1.0, channels=1)
     samples[round(start * 48_000) : round(end * 48_000)] += noise(duration=end - start, channels=1)
     return samples
+
+
+@pytest.mark.parametrize(("level_dbfs", "touching"), [(-38.5, True), (-41.5, False)])
+@pytest.mark.parametrize("rule", ["rms", "mean_absolute"])
+def test_the_level_is_of_the_rule_at_hand(rule: LoudnessRule, level_dbfs: float, touching: bool) -> None:
+    gate = ContactGate(-40, sample_rate=48_000, rule=rule)
+    # A square wave is as loud by either rule; both say 2 dB less or more of other sound.
+    square = np.full((4800, 1), 10 ** (level_dbfs / 20), np.float32)
+    assert gate.push(AudioBlock(square, 48_000))[-1].touching == touching
 
 
 @pytest.mark.parametrize("size", UGLY_SIZES)

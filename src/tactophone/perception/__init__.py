@@ -11,6 +11,7 @@ from tactophone.perception.shipped import (
     detector_for,
     model_path,
     open_detector,
+    open_judge,
     shipped_models,
 )
 
@@ -29,6 +30,7 @@ __all__ = [
     "detector_for",
     "model_path",
     "open_detector",
+    "open_judge",
     "read_model",
     "rough_share",
     "shipped_models",

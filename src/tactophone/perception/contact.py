@@ -11,8 +11,10 @@ The paper has no such gate (its own looks at the whole window): `feel --contact 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.perception.garbage import PLAUSIBLE_PEAK
+from tactophone.perception.loudness import LoudnessRule
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 STEP_RATE = 1000
@@ -53,7 +55,9 @@ class ContactGate:
     Parameters
     ----------
     threshold_dbfs
-        RMS level from which there is contact.
+        Level from which there is contact.
+    rule
+        Loudness that the level is of.
     sample_rate
         Of the sound to come, in Hz; its steps are whole samples, so that 44.1 kHz is watched 1002 times a second.
 
@@ -66,23 +70,25 @@ class ContactGate:
     Contact(time=0.011, touching=True)
     """
 
-    def __init__(self, threshold_dbfs: float, *, sample_rate: int) -> None:
+    def __init__(self, threshold_dbfs: float, *, sample_rate: int, rule: LoudnessRule = "rms") -> None:
         self._step_size = max(1, sample_rate // STEP_RATE)
         self._sample_rate = sample_rate
+        # Loudness is a mean of |x| to this power; so are the levels that it is compared with.
+        self._power = 2 if rule == "rms" else 1
         self.threshold_dbfs = threshold_dbfs
         self._hold = round(HOLD * sample_rate / self._step_size)
         self.reset()
 
     @property
     def threshold_dbfs(self) -> float:
-        """RMS level from which there is contact; may be set at any time."""
+        """Level from which there is contact; may be set at any time."""
         return self._threshold_dbfs
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
         self._threshold_dbfs = level_dbfs
-        self._open_from = 10 ** (level_dbfs / 10)
-        self._close_under = 10 ** ((level_dbfs - RELEASE_DB) / 10)
+        self._open_from = 10 ** (self._power * level_dbfs / 20)
+        self._close_under = 10 ** (self._power * (level_dbfs - RELEASE_DB) / 20)
 
     @property
     def latency(self) -> float:
@@ -102,25 +108,37 @@ class ContactGate:
         sound = np.concatenate((self._rest, block.samples[:, CONTACT]))
         whole = len(sound) // self._step_size * self._step_size
         self._rest = sound[whole:]
-        with np.errstate(over="ignore", invalid="ignore"):
-            steps = sound[:whole].reshape(-1, self._step_size).astype(np.float64)
-            fresh = np.square(steps).sum(axis=1) / self._step_size
-        fresh[~(np.abs(steps).max(axis=1, initial=0) <= PLAUSIBLE_PEAK)] = np.nan
-        powers = np.concatenate((self._powers, fresh))
+        powers = np.concatenate((self._powers, self._measure(sound[:whole].reshape(-1, self._step_size))))
         self._powers = powers[len(powers) - SPAN + 1 :]
-        return [step for start in range(len(fresh)) if (step := self._step(powers[start : start + SPAN]))]
+        return [step for level in _running_mean(powers).tolist() if (step := self._step(level))]
 
-    def _step(self, powers: np.ndarray) -> Contact | None:
-        power = sum(powers.tolist()) / SPAN
+    def _measure(self, steps: FloatArray) -> NDArray[np.float64]:
+        """Give each step's power, or mean absolute value; not a number where it holds garbage."""
+        loud = np.abs(steps).astype(np.float64)
+        sane = loud.max(axis=1, initial=0) <= PLAUSIBLE_PEAK
+        measured = np.where(sane[:, None], loud, np.nan) ** self._power
+        mean: NDArray[np.float64] = measured.sum(axis=1) / self._step_size
+        return mean
+
+    def _step(self, level: float) -> Contact | None:
         before = self._touching
         self._steps += 1
-        if power >= self._close_under:
+        if level >= self._close_under:
             self._quiet = 0
-            self._touching = before or power >= self._open_from
+            self._touching = before or level >= self._open_from
         else:
             self._quiet += 1
-            # A power that is not a number is below nothing, and no touch: garbage closes the gate at once.
-            self._touching = before and self._quiet < self._hold and power < self._close_under
+            # A level that is not a number is below nothing, and no touch: garbage closes the gate at once.
+            self._touching = before and self._quiet < self._hold and level < self._close_under
         if self._touching == before and self._steps % BEAT:
             return None
         return Contact(self._steps * self._step_size / self._sample_rate, self._touching)
+
+
+def _running_mean(powers: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Average ``SPAN`` neighbours, added in the same order for each."""
+    count = len(powers) - SPAN + 1
+    total = powers[:count].copy()
+    for shift in range(1, SPAN):
+        total += powers[shift : shift + count]
+    return total / SPAN

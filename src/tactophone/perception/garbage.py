@@ -8,9 +8,13 @@ from tactophone.types import AudioBlock, FloatArray
 PLAUSIBLE_PEAK = 8.0
 """Times full scale. Float files and mixers may pass 1 a little; 18 dB over it is a broken driver or decoder."""
 
+_NOTHING = np.empty(0, np.intp)
+
 
 def find_garbage(samples: FloatArray) -> NDArray[np.intp]:
     """Give the indices of the samples at which any channel is garbage."""
+    if np.abs(samples).max(initial=0) <= PLAUSIBLE_PEAK:
+        return _NOTHING
     # Written so that a comparison with NaN, which is always false, counts as garbage.
     return np.flatnonzero(~(np.abs(samples) <= PLAUSIBLE_PEAK).all(axis=1))
 
@@ -29,7 +33,7 @@ class GarbageFilter:
     """
 
     def __init__(self) -> None:
-        self._found = np.empty(0, np.intp)
+        self._found = _NOTHING
         self._count = 0
 
     def clean(self, block: AudioBlock) -> AudioBlock:
@@ -48,5 +52,7 @@ class GarbageFilter:
 
         Ask in ascending order of ``start``: what lies before it is forgotten.
         """
+        if not len(self._found):
+            return False
         self._found = self._found[np.searchsorted(self._found, start) :]
         return bool(len(self._found)) and bool(self._found[0] < end)

@@ -5,7 +5,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from tactophone.errors import ModelError
+from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import PaperDetector
+from tactophone.perception.judge import Judge
 from tactophone.perception.model import Model, read_model
 from tactophone.types import Detector
 
@@ -52,6 +54,20 @@ def open_detector(name: str, *, sample_rate: int) -> Detector:
         If there is no such model, or this version cannot run it.
     """
     return detector_for(read_model(model_path(name)), sample_rate=sample_rate)
+
+
+def open_judge(name: str, *, sample_rate: int, fast_contact: bool = True) -> Judge:
+    """Open a model with a contact gate of the same threshold beside it; without one if contact shall not be fast.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or this version cannot run it.
+    """
+    model = read_model(model_path(name))
+    gate = model.card.gate
+    watch = ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule) if fast_contact else None
+    return Judge(detector_for(model, sample_rate=sample_rate), watch)
 
 
 def detector_for(model: Model, *, sample_rate: int) -> Detector:

@@ -5,7 +5,6 @@ every sound buffer: 512 samples at 48 kHz are 21 1/3 samples at 2 kHz, so that i
 apart. Only windows full of real sound are judged: the first one ends ``size`` samples into the stream.
 """
 
-import math
 from fractions import Fraction
 
 import numpy as np
@@ -62,7 +61,8 @@ class Windower:
         return windows
 
     def _next_end(self) -> int:
-        return self._size + math.floor(self._count * self._hop)
+        # In whole numbers, as products of fractions take as long as a spectrum.
+        return self._size + self._count * self._hop.numerator // self._hop.denominator
 
     def _forget(self, before: int) -> None:
         unneeded = max(0, before - self._first)

@@ -1,0 +1,146 @@
+"""What judging and rendering cost: one update paced as a robot sees it, a recording's speed, memory, import.
+
+    python benchmarks/live_compute.py [--model NAME|FILE]
+
+Every figure comes from a process of its own, on one thread, without torch. An update is all that the operator's side
+does in one hop: resample, spectrum, network, contact gate, decision, command, and the rendering of as much vibration.
+It is *paced*: between two updates the process sleeps, so that its caches are as cold as in use (a loop without pauses
+is several times faster and says nothing). Wall clock and processor time stand side by side: on a machine that does
+other things too, the difference is theirs.
+"""
+
+import argparse
+import json
+import math
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+RATE = 48_000
+HOP_SIZE = 512
+UPDATES = 2_000
+FEEL_DURATION = 120
+IMPORTS = 9
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--model", default="paper", help="a two-channel model; default: the shipped one")
+    parser.add_argument("--child", choices=("paced", "import"), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.child == "paced":
+        print(json.dumps(paced(args.model)))
+    elif args.child == "import":
+        print(json.dumps(import_once()))
+    else:
+        print_table(args.model)
+
+
+def print_table(model: str) -> None:
+    update = child("--child", "paced", "--model", model)
+    imports = [child("--child", "import") for _ in range(IMPORTS)]
+    speed = feel_speed(model)
+    wall, processor = update["wall"], update["processor"]
+    rows = [
+        ("update, median", "<= 0.6 ms", f"{wall[50]:.2f} ms", f"{processor[50]:.2f} ms"),
+        ("update, p99", "<= 1.2 ms", f"{wall[99]:.2f} ms", f"{processor[99]:.2f} ms"),
+        ("`feel`, two channels at 48 kHz", ">= 20 x", f"{speed['wall']:.0f} x", f"{speed['processor']:.0f} x"),
+        ("memory, live side", "<= 120 MB", f"{update['memory_mb']:.0f} MB", ""),
+        ("`import tactophone`", "<= 0.3 s", f"{statistics.median(one['wall'] for one in imports):.3f} s",
+         f"{statistics.median(one['processor'] for one in imports):.3f} s"),
+    ]  # fmt: skip
+    print(f"Model `{model}`, {UPDATES} updates at a hop of {1000 * HOP_SIZE / RATE:.2f} ms, torch loaded: no.\n")
+    print("| what | goal | wall | processor |\n|---|---|--:|--:|")
+    for row in rows:
+        print(f"| {' | '.join(row)} |")
+
+
+def child(*arguments: str) -> dict:
+    """Run this script again, in a process of its own, on one thread."""
+    command = [sys.executable, __file__, *arguments]
+    done = subprocess.run(command, env=os.environ | ONE_THREAD, stdout=subprocess.PIPE, check=True)
+    return json.loads(done.stdout)
+
+
+def paced(model: str) -> dict:
+    import numpy as np
+
+    from tactophone.haptics import Oscillator
+    from tactophone.types import AudioBlock
+    from tactophone.walk import open_walk
+
+    walk, oscillator = open_walk(model, sample_rate=RATE, channels=2), Oscillator()
+    out = np.empty(HOP_SIZE, np.float32)
+    wall, processor = np.empty(UPDATES), np.empty(UPDATES)
+    due = time.perf_counter()
+    for n, samples in enumerate(strokes(UPDATES)):
+        block = AudioBlock(samples, RATE, n * HOP_SIZE)
+        due += HOP_SIZE / RATE
+        time.sleep(max(0.0, due - time.perf_counter()))
+        began, worked = time.perf_counter(), time.thread_time()
+        for command in walk.push(block).commands:
+            oscillator.submit(command)
+        oscillator.render(out)
+        wall[n], processor[n] = time.perf_counter() - began, time.thread_time() - worked
+    if "torch" in sys.modules:
+        raise SystemExit("torch was loaded: the figures would not be the live side's")
+    return {
+        "wall": percentiles(wall[50:]),  # the first half second has no whole window yet
+        "processor": percentiles(processor[50:]),
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
+    }
+
+
+def percentiles(times: Any) -> list[float]:
+    """Give the percentiles 0 to 100, in ms."""
+    import numpy as np
+
+    return [float(value) for value in np.percentile(times, range(101)) * 1e3]
+
+
+def import_once() -> dict:
+    began, worked = time.perf_counter(), time.process_time()
+    import tactophone  # noqa: F401
+
+    return {"wall": time.perf_counter() - began, "processor": time.process_time() - worked}
+
+
+def feel_speed(model: str) -> dict:
+    """Feel a recording with the command itself; its start counts in its processor time, not in its wall clock."""
+    import soundfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "strokes.wav"
+        with soundfile.SoundFile(recording, "w", samplerate=RATE, channels=2) as file:
+            for samples in strokes(FEEL_DURATION * RATE // HOP_SIZE):
+                file.write(samples)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run(
+            [sys.executable, "-m", "tactophone", "feel", str(recording), "--model", model, "--out", folder, "--json"],
+            stdout=subprocess.PIPE, check=True, env=os.environ | ONE_THREAD,
+        )  # fmt: skip
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    worked = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"wall": json.loads(done.stdout)[0]["speed"], "processor": FEEL_DURATION / worked}
+
+
+def strokes(count: int) -> Iterator[Any]:
+    """Give blocks of noise that comes and goes like strokes, contact and air; what it is costs nothing."""
+    import numpy as np
+
+    rng = np.random.default_rng(0)
+    for n in range(count):
+        strength = 0.1 * max(0.0, math.sin(2 * math.pi * n * HOP_SIZE / RATE))
+        yield rng.standard_normal((HOP_SIZE, 2), np.float32) * np.float32([strength, 0.1 * strength])
+
+
+if __name__ == "__main__":
+    main()
