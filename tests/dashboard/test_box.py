@@ -1,7 +1,6 @@
 """The stone box in a real browser, over a run that knows at once what it touches."""
 
 import json
-import math
 import os
 import time
 from collections.abc import Iterator
@@ -16,9 +15,8 @@ from selenium.webdriver.common.keys import Keys
 
 from tactophone.dashboard import Box, Page, play
 from tactophone.types import Touch
-from tests.dashboard.conftest import resize
+from tests.browser import resize, stroke, text, wait
 from tests.dashboard.running import Run
-from tests.dashboard.test_page import text, wait
 
 pytestmark = pytest.mark.realtime
 
@@ -50,22 +48,6 @@ def begin(browser: webdriver.Chrome, box: Page, *, trainer: bool = False) -> Non
     if trainer:
         browser.find_element(By.ID, "trainer").click()
     browser.find_element(By.ID, "begin").click()
-
-
-def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True) -> None:
-    """Press on a stone and move back and forth over it."""
-    stage = browser.find_element(By.ID, "stage")
-    width, height = stage.rect["width"], stage.rect["height"]
-    actions = ActionBuilder(browser, duration=30)
-    for k in range(16):
-        along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.9 * k)) / 0.555 - 0.5
-        place = (0, int(height * along)) if height > width else (int(width * along), 0)
-        actions.pointer_action.move_to(stage, *place)
-        if k == 0:
-            actions.pointer_action.pointer_down()
-    if lift:
-        actions.pointer_action.pointer_up()
-    actions.perform()
 
 
 @pytest.mark.parametrize("width", [390, 1280])

@@ -2,29 +2,19 @@
 
 import itertools
 import time
-from collections.abc import Callable
 
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
 
 from tactophone.dashboard import Page
 from tactophone.telemetry import Fault
 from tactophone.types import Touch
-from tests.dashboard.conftest import resize
+from tests.browser import resize, text, wait
 from tests.dashboard.running import Run
 
 pytestmark = pytest.mark.realtime
-
-
-def text(browser: webdriver.Chrome, name: str) -> str:
-    return browser.find_element(By.ID, name).text
-
-
-def wait(browser: webdriver.Chrome, true: Callable[[], object], seconds: float = 10) -> None:
-    WebDriverWait(browser, seconds, poll_frequency=0.02).until(lambda _: true())
 
 
 def open_page(browser: webdriver.Chrome, page: Page) -> None:

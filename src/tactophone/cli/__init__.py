@@ -16,6 +16,7 @@ from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
     "pair": "make this machine's key, and tell it which other machine to trust",
+    "play": "the stone box, in a browser: find the rough ones of five stones by touch alone",
     "loopback": "run robot and operator as two processes on this machine: a first try",
     "send": "the robot's side: hear the finger, and send it sealed to the operator",
     "receive": "the operator's side: receive, judge and feel",

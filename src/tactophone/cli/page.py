@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_address(group)
 
 
-def add_address(group: "argparse._ArgumentGroup") -> None:
+def add_address(group: "argparse._ActionsContainer") -> None:
     """Add where a page listens."""
     group.add_argument(
         "--dashboard-address",

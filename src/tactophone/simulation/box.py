@@ -16,6 +16,10 @@ BLOCK_SIZE = 128
 """Samples a block, unless told otherwise: moves are taken every 2.7 ms."""
 
 
+SETTLE = 480
+"""Samples rendered before a finger is used; the first ever also compile the kernels, which takes seconds."""
+
+
 class StoneBox:
     """A `tactophone.types.Source` whose finger is led by messages.
 
@@ -86,4 +90,5 @@ def _over(order: tuple[Touch, ...], seed: int) -> SimulatedFinger:
     middle, depth = scene.placed[2].centre
     finger = SimulatedFinger(scene, seed=seed, place=(middle, depth))
     finger.move(middle, depth, LIFT)
+    finger.render(SETTLE)
     return finger

@@ -14,12 +14,12 @@ export class Speaker {
   /** `onHeard(time)`: the first vibration after silence left the loudspeaker at that time of `performance.now()`. */
   constructor(onHeard) {
     this.onHeard = onHeard;
-    if (navigator.vibrate) setInterval(() => this.#buzz(), BUZZ);
   }
 
   /** Browsers give sound only after a press of a button: call this from one. */
   async start() {
     if (this.#context) return this.#context.resume();
+    if (navigator.vibrate) setInterval(() => this.#buzz(), BUZZ);
     this.#context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
     await this.#context.audioWorklet.addModule(new URL("./vibration.js", import.meta.url));
     this.#node = new AudioWorkletNode(this.#context, "vibration", { numberOfInputs: 0, outputChannelCount: [1] });

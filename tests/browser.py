@@ -1,0 +1,74 @@
+"""A real browser, without a window, for the tests of pages."""
+
+import math
+import shutil
+from collections.abc import Callable, Iterator
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio", "--no-first-run")
+"""No sandbox, because containers forbid it its name spaces; it only ever sees our own page."""
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[webdriver.Chrome]:
+    """A browser, without a window; the tests that need it are skipped where Debian's packages are missing."""
+    program, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if program is None or driver is None:
+        pytest.skip("no chromium and chromedriver here: scripts/system-packages installs them")
+    options = webdriver.ChromeOptions()
+    options.binary_location = program
+    for flag in (*FLAGS, "--autoplay-policy=no-user-gesture-required"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    browser = webdriver.Chrome(options, Service(driver))
+    yield browser
+    browser.quit()
+
+
+@pytest.fixture
+def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
+    """The browser, at a laptop's size; whatever it complained about fails the test."""
+    chromium.get_log("browser")
+    resize(chromium, 1280, 900)
+    yield chromium
+    chromium.get("about:blank")
+    assert [entry["message"] for entry in chromium.get_log("browser")] == []
+
+
+def resize(browser: webdriver.Chrome, width: int, height: int) -> None:
+    """Take the size of a window, or of a phone."""
+    phone = width < 500
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 2 if phone else 1, "mobile": phone}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+
+def text(browser: webdriver.Chrome, name: str) -> str:
+    """What stands in the element of that id."""
+    return browser.find_element(By.ID, name).text
+
+
+def wait(browser: webdriver.Chrome, true: Callable[[], object], seconds: float = 10) -> None:
+    """Wait until it is true, and fail if that takes too long."""
+    WebDriverWait(browser, seconds, poll_frequency=0.02).until(lambda _: true())
+
+
+def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True) -> None:
+    """Press on a stone and move back and forth over it."""
+    stage = browser.find_element(By.ID, "stage")
+    width, height = stage.rect["width"], stage.rect["height"]
+    actions = ActionBuilder(browser, duration=30)
+    for k in range(16):
+        along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.9 * k)) / 0.555 - 0.5
+        place = (0, int(height * along)) if height > width else (int(width * along), 0)
+        actions.pointer_action.move_to(stage, *place)
+        if k == 0:
+            actions.pointer_action.pointer_down()
+    if lift:
+        actions.pointer_action.pointer_up()
+    actions.perform()
