@@ -1,6 +1,6 @@
 """Sound to bytes and back, a packet's worth at a time: lossless PCM for a local network, Opus for the rest.
 
-Why Opus is set as it is (all measured with libopus 1.3.1, ``docs/benchmarks.md``):
+Why Opus is set as it is (measured with libopus 1.3.1; ``benchmarks/codec.py`` shows what each setting costs and keeps):
 
 - *Restricted low delay*: look-ahead of 2.5 ms in place of 6.5.
 - *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant
