@@ -1,0 +1,182 @@
+"""The paper's recording protocol as a state machine: keys and sound in, the sound of a take out; no terminal, no file.
+
+Time is counted in samples of the sound itself, so that simulated sound runs through it as fast as it comes.
+
+::
+
+    READY --go--> COUNTDOWN --> RECORDING --> JUDGED --go--> READY (next take) ... DONE
+                                 |    ^         |
+                                 go   go        +--retake--> READY (same take)
+                                 v    |
+                                 PAUSED
+"""
+
+import enum
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+from tactophone.dataset.layouts import PRESSURES
+from tactophone.types import AudioBlock
+
+DURATION = 30.0
+"""Seconds of a take (paper, section III)."""
+
+COUNTDOWN = 3.0
+"""Seconds between the key and the take: the hand has to get back to the finger."""
+
+
+@dataclass(frozen=True, slots=True)
+class TakePlan:
+    """One of the protocol's takes: how to stroke, and how hard."""
+
+    stroke: str
+    pressure: str = ""
+
+    @property
+    def name(self) -> str:
+        """As the paper's authors name the file; their word for strong is *loud*.
+
+        >>> TakePlan("long", "strong").name, TakePlan("wiggle").name
+        ('long_loud', 'wiggle')
+        """
+        if not self.pressure:
+            return self.stroke
+        words = {paper: authors for authors, paper in PRESSURES.items()}
+        return f"{self.stroke}_{words[self.pressure]}"
+
+    @property
+    def instruction(self) -> str:
+        """What to do, in words."""
+        if not self.pressure:
+            return "wiggle to and fro without a pause, at whatever pressure feels natural"
+        lengths = {"long": "long strokes, from end to end", "short": "short strokes, a centimetre or two"}
+        return f"{lengths[self.stroke]}, {self.pressure} pressure; lift off between them now and then"
+
+
+PROTOCOL = (
+    *(TakePlan(stroke, pressure) for stroke in ("long", "short") for pressure in ("light", "medium", "strong")),
+    TakePlan("wiggle"),
+)
+"""Long and short strokes at light, medium and strong pressure, and one take of wiggles (paper, section III)."""
+
+
+class Stage(enum.StrEnum):
+    """Where the session stands."""
+
+    READY = "ready"
+    COUNTDOWN = "countdown"
+    RECORDING = "recording"
+    PAUSED = "paused"
+    JUDGED = "judged"
+    DONE = "done"
+
+
+class Key(enum.StrEnum):
+    """What the user can ask for."""
+
+    GO = "go"
+    RETAKE = "retake"
+    QUIT = "quit"
+
+
+_ON_GO = {
+    Stage.READY: Stage.COUNTDOWN,
+    Stage.RECORDING: Stage.PAUSED,
+    Stage.PAUSED: Stage.RECORDING,
+}
+
+
+class Protocol:
+    """Walks through takes.
+
+    Parameters
+    ----------
+    takes
+        In order.
+    sample_rate
+        Of the sound to come, in Hz.
+    done
+        Names of takes that need not be made any more.
+    duration, countdown
+        Of a take, and before it, in s.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> protocol = Protocol(PROTOCOL, sample_rate=1000, duration=1, countdown=1)
+    >>> protocol.press(Key.GO)
+    >>> sound = AudioBlock(np.zeros((1500, 2), np.float32), 1000)
+    >>> protocol.push(sound).size, protocol.stage.value, protocol.take.name
+    (500, 'recording', 'long_light')
+    """
+
+    def __init__(
+        self,
+        takes: Sequence[TakePlan],
+        *,
+        sample_rate: int,
+        done: Collection[str] = (),
+        duration: float = DURATION,
+        countdown: float = COUNTDOWN,
+    ) -> None:
+        self.takes = tuple(take for take in takes if take.name not in done)
+        self._size = round(duration * sample_rate)
+        self._countdown_size = round(countdown * sample_rate)
+        self._rate = sample_rate
+        self._place = 0
+        self.pauses: tuple[float, ...] = ()
+        self._enter(Stage.READY if self.takes else Stage.DONE)
+
+    @property
+    def take(self) -> TakePlan:
+        """The take at hand; the last one when all are done."""
+        return self.takes[min(self._place, len(self.takes) - 1)]
+
+    @property
+    def number(self) -> int:
+        """Of the take at hand, from 1."""
+        return self._place + 1
+
+    @property
+    def remaining(self) -> float:
+        """Seconds left of the countdown or the take."""
+        return self._left / self._rate
+
+    def press(self, key: Key) -> None:
+        """Do what a key asks where it makes sense, and nothing elsewhere."""
+        if key is Key.QUIT:
+            self._enter(Stage.DONE)
+        elif key is Key.RETAKE and self.stage in (Stage.RECORDING, Stage.PAUSED, Stage.JUDGED):
+            self._enter(Stage.READY)
+        elif key is Key.GO and self.stage is Stage.JUDGED:
+            self._place += 1
+            self._enter(Stage.READY if self._place < len(self.takes) else Stage.DONE)
+        elif key is Key.GO and self.stage in _ON_GO:
+            if self.stage is Stage.RECORDING:
+                self.pauses += (round((self._size - self._left) / self._rate, 3),)
+            self._enter(_ON_GO[self.stage])
+
+    def push(self, block: AudioBlock) -> AudioBlock:
+        """Let time pass; give the part of the sound, perhaps empty, that belongs to the take at hand."""
+        skipped = 0
+        if self.stage is Stage.COUNTDOWN:
+            skipped = min(self._left, block.size)
+            self._left -= skipped
+            if self._left == 0:
+                self._enter(Stage.RECORDING)
+        taken = min(self._left, block.size - skipped) if self.stage is Stage.RECORDING else 0
+        self._left -= taken
+        if self.stage is Stage.RECORDING and self._left == 0:
+            self._enter(Stage.JUDGED)
+        samples = block.samples[skipped : skipped + taken]
+        return AudioBlock(samples, block.sample_rate, block.start + skipped, block.concealed)
+
+    def _enter(self, stage: Stage) -> None:
+        before = getattr(self, "stage", None)
+        self.stage = stage
+        if stage is Stage.COUNTDOWN:
+            self._left, self.pauses = self._countdown_size, ()
+        elif stage is Stage.RECORDING and before is not Stage.PAUSED:
+            self._left = self._size
+        elif stage not in (Stage.RECORDING, Stage.PAUSED):
+            self._left = 0
