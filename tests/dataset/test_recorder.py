@@ -11,17 +11,17 @@ from tactophone.simulation import TAKES, find
 from tactophone.simulation.sensor_faults import FaultSpan, FaultySource
 from tactophone.simulation.volunteer import Volunteer
 
-SUBJECT = Subject("Lava stone", Touch.ROUGH, material="basalt", scenario="table", session="2026-01-01")
-SECONDS = 3.0
+SUBJECT = Subject("Whiteboard", Touch.SMOOTH, material="enamel", scenario="table", session="2026-01-01")
+SECONDS = 6.0
 
 
 def plan(root: Path, takes: int = 2) -> Plan:
-    return Plan(root, Reference(threshold_dbfs=-56.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
+    return Plan(root, Reference(threshold_dbfs=-37.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
 
 
 def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = "") -> Recorder:
     """A whole session with a simulated person, in virtual time."""
-    volunteer = Volunteer(find("lava stone"), gain_db=-32)
+    volunteer = Volunteer(find("whiteboard"), gain_db=-12)
     source = FaultySource(volunteer, [FaultSpan(fault)] if fault else [])
     recorder = Recorder(SUBJECT, plan(root, takes), known, sample_rate=48_000, channels=2)
     blocks = iter(source)
@@ -42,9 +42,9 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
     assert [one.known("verdict") for one in recorder.made] == ["good"] * 3
     assert {soundfile.info(one.path).duration for one in dataset.recordings} == {SECONDS}
     first = dataset.recordings[0]
-    assert first.path == tmp_path / "lava-stone" / "table" / "long_light.flac"
-    assert (first.surface, first.label, first.scenario) == ("Lava stone", Touch.ROUGH, "table")
-    assert (first.known("material"), first.known("pressure"), first.known("stroke")) == ("basalt", "light", "long")
+    assert first.path == tmp_path / "whiteboard" / "table" / "long_light.flac"
+    assert (first.surface, first.label, first.scenario) == ("Whiteboard", Touch.SMOOTH, "table")
+    assert (first.known("material"), first.known("pressure"), first.known("stroke")) == ("enamel", "light", "long")
 
 
 def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_quitting_keeps_what_was_recorded(tmp_path: Path) -> None:
     recorder.close()
     (kept,) = open_dataset(tmp_path).recordings
     assert soundfile.info(kept.path).duration == 1.0
-    assert "ends after 1.0 of 3 s" in kept.known("verdict")
+    assert "ends after 1.0 of 6 s" in kept.known("verdict")
 
 
 def test_retaking_before_the_end_keeps_nothing(tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ from tactophone.types import CONTACT, AudioBlock
 LEAST_CONTACT = 0.1
 """Share of a take: light touches of smooth things are heard for a fifth of the time in the paper's own set-up."""
 
-CLIPPED_SHARE = 2e-3
+CLIPPED_SHARE = 5e-3
+"""More than single peaks of hard strokes."""
 PRESSURE_STEP_DB = 1.5
 """By which one pressure must be louder than the one under it: twice what two takes of one pressure differ by."""
 
