@@ -6,8 +6,8 @@ READY   = $(VENV)/.ready
 
 .PHONY: demo test lint types imports unit realtime clean
 
-demo: $(READY)  ## feel something, with no hardware: prints where the picture and the sound are
-	$(BIN)/python -m tactophone --version
+demo: $(READY)  ## feel a smooth and a rough stone, with no hardware: prints where picture and sound are
+	$(BIN)/python -m tactophone demo
 
 test: lint types imports unit realtime  ## everything CI checks
 

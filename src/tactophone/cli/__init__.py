@@ -15,6 +15,7 @@ from tactophone.cli import terminal
 from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
+    "demo": "feel a smooth and a rough stone with no hardware: picture, sound, numbers",
     "pair": "make this machine's key, and tell it which other machine to trust",
     "play": "the stone box, in a browser: find the rough ones of five stones by touch alone",
     "loopback": "run robot and operator as two processes on this machine: a first try",

@@ -50,7 +50,7 @@ def estimate(
         times = _draw(strata, surfaces=len(scores.names), rng=rng)
         drawn.append(measure(scores, times[scores.surface]))
         report(done + 1)
-    return {name: _interval(value, [one[name] for one in drawn]) for name, value in measure(scores).items()}
+    return {name: interval(value, [one[name] for one in drawn]) for name, value in measure(scores).items()}
 
 
 def _strata(scores: Scores) -> list[NDArray[np.intp]]:
@@ -65,8 +65,9 @@ def _draw(strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.G
     return times
 
 
-def _interval(value: float, drawn: Sequence[float]) -> Estimate:
-    if not drawn or np.isnan(drawn).all():
+def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Estimate:
+    """Give a score the interval that the middle 90 % of its draws span."""
+    if not len(drawn) or np.isnan(drawn).all():
         return Estimate(value, float("nan"), float("nan"))
     low, high = np.nanquantile(drawn, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
     return Estimate(value, float(low), float(high))

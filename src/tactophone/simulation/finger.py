@@ -96,13 +96,13 @@ class Electronics(NamedTuple):
         In Hz.
     """
 
-    contact_gain: float = 2.4
+    contact_gain: float = 1.8
     air_gain: float = 1.2
     contact_corner: float = 50.0
     air_corner: float = 75.0
-    contact_hum_dbfs: float = -30.0
-    contact_noise_dbfs: float = -35.5
-    contact_rumble_dbfs: float = -33.0
+    contact_hum_dbfs: float = -32.5
+    contact_noise_dbfs: float = -38.0
+    contact_rumble_dbfs: float = -36.0
     air_noise_dbfs: float = -72.0
     room_dbfs: float = -59.0
     motor_air_dbfs: float = -62.0

@@ -1,0 +1,40 @@
+"""Is the simulated data set hard in the paper's way? Prints docs/simulator-realism.md's first table.
+
+python benchmarks/hardness.py DIR     (DIR: tactophone simulate dataset DIR --objects all --seconds 5)
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from tactophone.dataset import open_dataset
+from tactophone.evaluation.crossvalidation import default_cache
+from tactophone.evaluation.hardness import RECALL, measure_hardness
+from tactophone.evaluation.methods import PaperMethod
+from tactophone.training.making import Course
+from tactophone.training.recipes import paper
+
+HOP = 64
+"""Samples at 2 kHz between training windows: half a million a fold, where the score is flat (docs/training.md)."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    dataset = open_dataset(parser.parse_args().folder)
+    methods = [PaperMethod(Course(replace(paper(variant), hop=HOP))) for variant in ("general", "one-channel")]
+    found = measure_hardness(
+        dataset, methods, cache=default_cache(), report=lambda name: print(f"judging: {name}", file=sys.stderr)
+    )
+    print(f"| method | balanced accuracy | AUC | false positives at {RECALL:.0%} rough recall |")
+    print("|---|---|---|---|")
+    for row in found.rows:
+        print(f"| {row.name} | {row.balanced_accuracy} | {row.auc} | {row.false_positives} |")
+    print(f"\nTwo channels less one, false positives at {RECALL:.0%} recall, drawn in pairs: {found.difference}")
+    for label, level in found.air_over_contact_db.items():
+        print(f"Air over contact, {label}: {level.value:.1f} dB ({level.low:.1f} to {level.high:.1f})")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,30 @@
+"""The demonstration: a finger strokes a smooth stone, then a rough one, and slips off its edge."""
+
+import numpy as np
+
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.movement import Script, Visit, explore
+from tactophone.simulation.scene import row
+from tactophone.simulation.setup import COMPETITION, Setup
+from tactophone.simulation.source import SimulatedFinger
+
+STROKING = 3.0
+"""Seconds on each stone."""
+
+_START = (-0.03, 0.035)
+
+
+def demonstration(seed: int = 0) -> SimulatedFinger:
+    """Make the finger, with all that it will do in about ten seconds; the same seed does the same.
+
+    The stones are those of the competition, which no model that ships has been trained on.
+    """
+    rng = np.random.default_rng([0xDE30, seed])
+    scene = row([find("smooth competition stone"), find("rough competition stone")])
+    script = Script(rng, x=_START[0], y=_START[1])
+    script.hover(0.6)
+    for placed, slips in zip(scene.placed, (False, True), strict=True):
+        explore(script, placed, Visit(STROKING, force=1.3, speed=0.1, slips=slips))
+    script.hover(0.5)
+    setup = Setup.draw(seed, COMPETITION)
+    return SimulatedFinger(scene, script.moves, setup=setup, seed=seed, duration=script.time, place=_START)
