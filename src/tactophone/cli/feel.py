@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; it is made if need be")
     add(
-        "--model", default="", metavar="NAME|FILE",
+        "--model", metavar="NAME|FILE",
         help=f"a model file, or one that ships ({', '.join(shipped_models()) or 'none'}); "
         "default: the shipped one for the recording's channels",
     )  # fmt: skip
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="tell contact within milliseconds, or by the model's whole window as in the paper",
     )  # fmt: skip
     add("--threshold", type=float, metavar="DBFS", help="level of contact, in dBFS, -120 to 0; default: the model's")
-    add("--ceiling", type=float, default=1.0, help="greatest amplitude, 0 to 1 of full drive")
+    add("--ceiling", type=float, default=1.0, metavar="LEVEL", help="greatest amplitude, 0 to 1 of full drive")
     add("--plot", action="store_true", help="draw a picture of what was heard, believed and felt")
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
 
@@ -71,6 +71,7 @@ class _Result:
     path: Path
     model: str
     profile: str
+    chosen_for_mono: bool
     label: str
     summary: Summary
     files: dict[str, Path]
@@ -122,12 +123,13 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     if args.plot:
         files["picture"] = args.out / f"{stem}.feel.png"
         _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)
-    return _Result(path, walk.judge.detector.name, walk.profile.name, label, summary, files)
+    mono = source.channels == 1 and not args.model
+    return _Result(path, walk.judge.detector.name, walk.profile.name, mono, label, summary, files)
 
 
 def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
     walk = open_walk(
-        args.model,
+        args.model or "",
         sample_rate=source.sample_rate,
         channels=source.channels,
         profile=args.profile,
@@ -136,8 +138,6 @@ def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
     )
     if args.threshold is not None:
         walk.judge.threshold_dbfs = args.threshold
-    if source.channels == 1 and not args.model:
-        terminal.complain(f"{source.path}: one channel, so judged by the one-channel model {walk.judge.detector.name}")
     return walk
 
 
@@ -168,8 +168,8 @@ def _draw(path: Path, feeling: Feeling, outputs: Outputs, *, title: str, truth: 
 def _print(result: _Result) -> None:
     summary, show = result.summary, terminal.out().print
     label = f"; labelled {result.label}" if result.label else ""
-    head = f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s, judged by {escape(result.model)}{label}"
-    show(head, soft_wrap=True)
+    show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
+    show(f"  judged by  {escape(result.model)}{', as it has one channel' if result.chosen_for_mono else ''}")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     if not summary.contact:
         show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was touch)")

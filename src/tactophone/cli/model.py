@@ -59,7 +59,7 @@ def _show(args: argparse.Namespace) -> int:
         terminal.print_json({"file": str(path), "bytes": path.stat().st_size, **json.loads(card.to_json())})
         return 0
     table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", no_wrap=True)
+    table.add_column(style="dim", max_width=34, overflow="fold")
     table.add_column(overflow="fold")
     table.add_row("file", escape(f"{path} ({path.stat().st_size / 1e6:.1f} MB)"))
     for name, words in _lines(card):
@@ -78,17 +78,25 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ("contact", f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window"),
         ("rough", f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row"),
     ]
-    for name in ("settings", "training", "scores"):
-        lines += [(f"{name}: {key}", value) for key, value in _flat(getattr(card, name))]
-    return [*lines, ("licence", card.licence or "not stated")]
+    known = {name: getattr(card, name) for name in ("settings", "training", "scores")}
+    return [*lines, *_outline(known), ("licence", card.licence or "not stated")]
 
 
-def _flat(entries: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """List nested entries by dotted names."""
+def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, str]]:
+    """List nested entries under headings."""
     lines = []
     for key, value in entries.items():
-        if isinstance(value, Mapping):
-            lines += _flat(value, f"{prefix}{key}.")
-        else:
-            lines.append((prefix + key, f"{value:.3f}" if isinstance(value, float) else str(value)))
+        if not isinstance(value, Mapping):
+            lines.append((indent + key, _words(value)))
+        elif value:
+            lines += [(indent + key, ""), *_outline(value, indent + "  ")]
     return lines
+
+
+def _words(value: Any) -> str:
+    match value:
+        case [float(score), float(low), float(high)] if low <= score <= high and low < high:
+            return f"{score:.3f} ({low:.3f} to {high:.3f})"
+        case float():
+            return f"{value:.4g}"
+    return str(value)
