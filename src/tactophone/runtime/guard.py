@@ -49,7 +49,7 @@ class Guard:
 
     def stop(self) -> None:
         """Stop at once and stay stopped until armed; also the answer to SIGUSR1."""
-        self.stops += 1
+        self.stops += self.muted_because != EMERGENCY_STOP
         self.muted_because = EMERGENCY_STOP
 
     def obey(self, requests: Iterable[Request]) -> list[str]:

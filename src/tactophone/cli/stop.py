@@ -1,0 +1,12 @@
+"""``tactophone stop``: the emergency stop, from any terminal."""
+
+import argparse
+
+from tactophone.cli.asking import add_arguments, ask
+
+__all__ = ["add_arguments", "run"]
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask for it."""
+    return ask(args, "stop")
