@@ -23,6 +23,7 @@ VERBS: dict[str, str] = {
     "receive": "the operator's side: receive, judge and feel",
     "feel": "feel recordings: write the vibration, its timeline and a picture beside each other",
     "model": "show what a model file says of itself",
+    "latency": "measure with clicks how long from microphone to vibration, stage by stage",
     "stop": "emergency stop: nothing on this machine vibrates until somebody arms",
     "mute": "mute: nothing vibrates until somebody arms",
     "arm": "let vibration be felt again, after a stop, a mute or a restart",

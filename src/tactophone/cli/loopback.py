@@ -49,15 +49,15 @@ def run(args: argparse.Namespace) -> int:
     settings = flags.settings_of(args)
     name = settings.process.name or "loopback"
     with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
-        robot, operator = on_one_machine(settings, Path(folder))
-        receive = partial(run_operator, robot=f"{name}-robot")
+        robot, operator = on_one_machine(settings, Path(folder), name=name)
+        receive = partial(run_operator, robot=robot.process.name)
         receiving = stack.enter_context(Supervisor(receive, operator, name=name))
         if args.network != "clean":
             line = ImpairmentProxy(("127.0.0.1", operator.link.port), network(args.network), seed=args.seed)
             port = stack.enter_context(line).address[1]
             robot = replace(robot, link=replace(robot.link, port=port))
         send = partial(run_robot, open_source=sources.open_source)
-        sending = stack.enter_context(Supervisor(send, robot, name=f"{name}-robot"))
+        sending = stack.enter_context(Supervisor(send, robot, name=robot.process.name))
         with page.shown(args, name):
             ended = face.follow([receiving, sending], name, duration=args.duration)
     return outcome.print_outcome(args, ended)

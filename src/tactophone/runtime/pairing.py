@@ -4,12 +4,15 @@ import socket
 from dataclasses import replace
 from pathlib import Path
 
-from tactophone.config import Settings
+from tactophone.config import Link, Settings
 from tactophone.link import Identity, Peers
 
 
-def on_one_machine(settings: Settings, folder: Path) -> tuple[Settings, Settings]:
-    """Give the robot's and the operator's settings: paired in ``folder``, meeting at a free port of the loopback."""
+def on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
+    """Give the robot's and the operator's settings: paired in ``folder``, meeting at a free port of the loopback.
+
+    The operator's run is called ``name``, the robot's ``name-robot``.
+    """
     robot, operator = Identity.create("robot"), Identity.create("operator")
     robot.save(folder / "robot")
     operator.save(folder / "operator")
@@ -17,9 +20,13 @@ def on_one_machine(settings: Settings, folder: Path) -> tuple[Settings, Settings
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
     common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
     return (
-        replace(settings, link=replace(common, identity=str(folder / "robot"))),
-        replace(settings, link=replace(common, identity=str(folder / "operator"))),
+        _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
+        _side(settings, replace(common, identity=str(folder / "operator")), name),
     )
+
+
+def _side(settings: Settings, link: Link, name: str) -> Settings:
+    return replace(settings, link=link, process=replace(settings.process, name=name))
 
 
 def _free_port() -> int:

@@ -37,7 +37,9 @@ def open_device(settings: Settings) -> Source:
     """Make the microphones' source; others are opened by who knows them (the command line)."""
     capture = settings.capture
     if capture.source == "jack":
-        return jack_source(contact=capture.contact, air=capture.air, server=settings.process.jack_server)
+        process = settings.process
+        name = process.name or "tactophone-robot"
+        return jack_source(contact=capture.contact, air=capture.air, server=process.jack_server, name=name)
     if capture.source == "portaudio":
         return portaudio_source(capture.device, channels=2 if capture.air else 1)
     raise ConfigError(f"capture.source = {capture.source!r} is no device: this door opens jack and portaudio")
@@ -48,7 +50,9 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
     output = settings.output
     match output.actuator:
         case "jack":
-            return jack_actuator(render, port=output.port, server=settings.process.jack_server)
+            process = settings.process
+            name = process.name or "tactophone-operator"
+            return jack_actuator(render, port=output.port, server=process.jack_server, name=name)
         case "portaudio":
             return portaudio_actuator(render, device=output.device)
         case "file":

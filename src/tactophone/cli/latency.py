@@ -1,0 +1,111 @@
+"""``tactophone latency``: clicks through the running chain, and the budget stage by stage."""
+
+import argparse
+from contextlib import ExitStack
+
+import numpy as np
+from rich.table import Table
+
+from tactophone.cli import flags, terminal
+from tactophone.config import Settings
+from tactophone.devices import DummyServer
+from tactophone.evaluation.latency import Graph, Measured, measure
+from tactophone.runtime.wiring import SAMPLE_RATE
+from tactophone.telemetry import STAGES
+
+FLAGS = {
+    "--codec": "link.codec",
+    "--packet": "link.packet_duration",
+    "--model": "judge.model",
+    "--name": "process.name",
+}
+
+PERCENTILES = (50, 95, 99)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    flags.add_settings(parser, FLAGS)
+    parser.add_argument(
+        "--clicks", type=int, default=100, metavar="N", help="clicks to play, 10 to 2000, about 4 a second"
+    )
+    parser.add_argument("--dummy", action="store_true", help="start a JACK server without a sound card for this")
+    parser.add_argument(
+        "--period", type=int, default=128, metavar="N", help="samples a period of that server, 32 to 1024"
+    )
+    parser.add_argument(
+        "--click-to", default="", metavar="PORT", help="JACK port of a loudspeaker or cable into the microphones"
+    )
+    parser.add_argument(
+        "--felt-from", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator"
+    )
+    parser.add_argument("--json", action="store_true", help="print all figures for a program")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure and print."""
+    settings = flags.settings_of(args)
+    with ExitStack() as stack:
+        server = stack.enter_context(DummyServer(args.period)).name if args.dummy else settings.process.jack_server
+        graph = Graph(server, args.click_to, args.felt_from)
+        bar = stack.enter_context(terminal.progress("clicking"))
+        task = bar.add_task("", total=1.0, note="")
+        measured = measure(
+            settings, graph, clicks=args.clicks, progress=lambda share: bar.update(task, completed=share)
+        )
+    if args.json:
+        terminal.print_json(as_figures(measured))
+        return 0
+    terminal.out().print(_table(measured))
+    terminal.out().print(_words(measured, settings, dummy=args.dummy), soft_wrap=True)
+    return 0
+
+
+def as_figures(measured: Measured) -> dict[str, object]:
+    """Give percentiles in milliseconds, by stage and end to end."""
+    rows = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
+    percentiles = {name: _percentiles_ms(durations) for name, durations in rows.items()}
+    counts = {"clicks": measured.clicks, "missed": measured.missed, "period": measured.period}
+    return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
+
+
+def _sum(measured: Measured) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    return np.sum(list(measured.stages.values()), axis=0)
+
+
+def _percentiles_ms(durations: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> dict[str, float]:
+    if not len(durations):
+        return {}
+    return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
+
+
+def _table(measured: Measured) -> Table:
+    table = Table(title="milliseconds from a click to the first vibration", box=None, pad_edge=False)
+    table.add_column("stage")
+    for percentile in PERCENTILES:
+        table.add_column(f"p{percentile}", justify="right")
+    for stage in STAGES:
+        table.add_row(stage, *_cells(measured.stages[stage]))
+    table.add_row("sum of the stages", *_cells(_sum(measured)), style="bold")
+    table.add_row("end to end", *_cells(measured.end_to_end), style="bold")
+    return table
+
+
+def _cells(durations: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[str]:
+    return [f"{value:.2f}" for value in _percentiles_ms(durations).values()]
+
+
+def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
+    link = settings.link
+    codec = link.codec if link.codec == "pcm16" else f"Opus, {1000 * link.packet_duration:g} ms"
+    words = [
+        f"{measured.clicks} clicks, {measured.missed} not felt; periods of {measured.period} samples "
+        f"({1000 * measured.period / SAMPLE_RATE:.2f} ms); {codec}; sealed.",
+        f"Sum and end to end are measured with different clocks and differ by {1000 * measured.disagreement:.2f} ms in the mean.",
+    ]
+    if dummy:
+        words.append(
+            "A server without a card hands a period over at its beginning, so capture comes out up to a period early: "
+            "a card adds one period there, and one or two at the device."
+        )
+    return "\n".join(words)

@@ -1,0 +1,285 @@
+"""How long from a click at the microphones to the first vibration, and where the time goes.
+
+A client of the same JACK graph plays clicks into the robot's ports (or into a loudspeaker before its microphones) and
+records what the operator's port gives (or a sensor on the actuator). Two independent measures come of it:
+
+- *end to end*: by counting samples of one sound clock, from a click's first to the first that vibrates;
+- *the budget*: by following the very packet that made the finger vibrate, through the marks that both sides leave on
+  the machine's clock.
+
+They are taken with different clocks and must agree.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.config import Settings
+from tactophone.devices import JackClient
+from tactophone.errors import TactophoneError
+from tactophone.runtime import Supervisor, run_operator, run_robot
+from tactophone.runtime.pairing import on_one_machine
+from tactophone.telemetry import MARKS, STAGES, Watcher
+from tactophone.types import FloatArray
+
+RATE = 48_000
+BURST = 0.03
+"""Seconds of a click: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
+
+TONE = 300.0
+"""Hz of a click: where the sense of vibration is best, and within every codec's band."""
+
+PEAK = 0.8
+"""Of a click; its first sample is already the highest."""
+
+INTERVALS = (0.2, 0.25)
+"""Seconds between clicks, drawn evenly: the vibration has faded by then, and every phase of the period comes up."""
+
+FIRST = 1e-4
+"""Amplitude from which a sample vibrates, 80 dB under full drive; at rest, every sample is exactly zero."""
+
+LONGEST = 0.15
+"""Seconds after which a click counts as missed."""
+
+WARM_UP = 1.5
+"""Seconds of sound before the first click, in which estimates settle."""
+
+COLLECT_EVERY = 1.0
+"""Seconds between two looks at the marks, of which ten seconds' worth are kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Graph:
+    """Where the clicks go and where the vibration comes from; empty names mean the sides' own JACK ports."""
+
+    server: str = ""
+    click_to: str = ""
+    felt_from: str = ""
+
+    @property
+    def through_air(self) -> bool:
+        """Whether the way leads over hardware outside the graph."""
+        return bool(self.click_to)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What was measured, one entry a click, in seconds.
+
+    Parameters
+    ----------
+    clicks
+        How many were played; those missed are in no array.
+    end_to_end
+        By samples counted.
+    stages
+        By marks; for each stage of `tactophone.telemetry.STAGES`.
+    period
+        Samples a period of the JACK server.
+    """
+
+    clicks: int
+    end_to_end: NDArray[np.float64]
+    stages: dict[str, NDArray[np.float64]]
+    period: int
+
+    @property
+    def missed(self) -> int:
+        """Clicks that were not felt."""
+        return self.clicks - len(self.end_to_end)
+
+    @property
+    def disagreement(self) -> float:
+        """Seconds between the mean end to end and the mean of the budget's sum."""
+        total = np.sum([durations for durations in self.stages.values()], axis=0)
+        return float(abs(np.mean(total) - np.mean(self.end_to_end))) if np.size(total) else float("nan")
+
+
+def measure(
+    settings: Settings,
+    graph: Graph,
+    *,
+    clicks: int = 100,
+    seed: int = 0,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Measured:
+    """Run both sides on this machine, click, and measure.
+
+    Raises
+    ------
+    TactophoneError
+        When a side does not start, or the two do not connect.
+    """
+    with _running(settings, graph) as (robot, operator):
+        tester = Tester(clicks, seed=seed)
+        client = _wired(tester, graph, robot, operator)
+        client.open()
+        try:
+            marks = _collect(tester, Watcher(robot), Watcher(operator), progress)
+            period = client.period
+        finally:
+            client.close()
+    return analyse(tester, marks, period=period)
+
+
+class Tester:
+    """Plays clicks and records the vibration; ``process`` is for a JACK client. Everything is allocated beforehand."""
+
+    def __init__(self, clicks: int, *, seed: int = 0) -> None:
+        gaps = np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, clicks) * RATE
+        self.clicks: NDArray[np.int64] = (WARM_UP * RATE + np.cumsum(gaps)).astype(np.int64)
+        size = int(self.clicks[-1] + INTERVALS[1] * RATE)
+        self.played, self.felt = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(BURST * RATE)) / RATE)
+        for click in self.clicks:
+            self.played[click : click + len(burst)] = burst
+        self.position = 0
+        self._cycles = np.full((size // 16, 2), np.nan)
+        self._count = 0
+
+    @property
+    def done(self) -> bool:
+        """Whether all clicks have been played and their vibration has had its time."""
+        return self.position >= len(self.played)
+
+    @property
+    def cycles(self) -> NDArray[np.float64]:
+        """When each period began: its first sample, and the machine's clock in s."""
+        return self._cycles[: self._count]
+
+    def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+        """Be the JACK callback."""
+        size, position = len(outputs[0]), self.position
+        if position + size > len(self.played) or self._count >= len(self._cycles):
+            self.position = len(self.played)
+            for output in outputs:
+                output[:] = 0.0
+            return
+        self._cycles[self._count] = position, time.monotonic()
+        self._count += 1
+        for output in outputs:
+            output[:] = self.played[position : position + size]
+        self.felt[position : position + size] = inputs[0]
+        self.position = position + size
+
+    def onsets(self) -> Iterator[tuple[int, int]]:
+        """Give each click that was felt, with the first sample that vibrates after it."""
+        for click in self.clicks:
+            found = np.flatnonzero(np.abs(self.felt[click : click + int(LONGEST * RATE)]) > FIRST)
+            if len(found) and not np.abs(self.felt[click - 480 : click]).max() > FIRST:
+                yield int(click), int(click + found[0])
+
+    def clock(self, sample: int) -> float:
+        """The machine's clock at a sample: its period's beginning, and as far as it lies within."""
+        start, begun = self.cycles[np.searchsorted(self.cycles[:, 0], sample, side="right") - 1]
+        return float(begun + (sample - start) / RATE)
+
+
+def analyse(tester: Tester, marks: dict[str, NDArray[np.void]], *, period: int) -> Measured:
+    """Follow each click's packet through the marks."""
+    end_to_end, rows = [], []
+    for click, onset in tester.onsets():
+        moments = _moments(tester, marks, click, onset)
+        if moments is not None:
+            end_to_end.append((onset - click) / RATE)
+            rows.append(np.diff(moments))
+    table = np.array(rows).reshape(-1, len(STAGES))
+    stages = {stage: table[:, index] for index, stage in enumerate(STAGES)}
+    return Measured(len(tester.clicks), np.array(end_to_end), stages, period)
+
+
+def _moments(tester: Tester, marks: dict[str, NDArray[np.void]], click: int, onset: int) -> list[float] | None:
+    """Give the nine moments between which the eight stages lie; ``None`` when a mark of them is missing."""
+    began = tester.cycles[np.searchsorted(tester.cycles[:, 0], click, side="right") - 1, 1]
+    captured = _first_after(marks["captured"], began)
+    # The operator's callback of the same period ran before the tester's, so its mark is the last one before it.
+    played = tester.cycles[np.searchsorted(tester.cycles[:, 0], onset, side="right") - 1, 1]
+    rendered = _last_before(marks["rendered"], played)
+    if captured is None or rendered is None:
+        return None
+    end = int(rendered["position"])
+    times = [_time_at(marks[name], end) for name in ("sent", "received", "released", "decoded", "judged")]
+    found = [moment for moment in times if moment is not None]
+    if len(found) < len(times):
+        return None
+    return [tester.clock(click), float(captured["time"]), *found, float(rendered["time"]), tester.clock(onset)]
+
+
+def _first_after(marks: NDArray[np.void], moment: float) -> np.void | None:
+    index = int(np.searchsorted(marks["time"], moment))
+    return marks[index] if index < len(marks) else None
+
+
+def _last_before(marks: NDArray[np.void], moment: float) -> np.void | None:
+    index = int(np.searchsorted(marks["time"], moment)) - 1
+    return marks[index] if index >= 0 else None
+
+
+def _time_at(marks: NDArray[np.void], end: int) -> float | None:
+    """When sound up to a timestamp had come: at the first mark at it or less than half a second beyond."""
+    beyond = (marks["position"] - end) % (1 << 32)
+    found = np.flatnonzero(beyond < RATE // 2)
+    return float(marks["time"][found[0]]) if len(found) else None
+
+
+def _collect(
+    tester: Tester, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
+) -> dict[str, NDArray[np.void]]:
+    """Wait until the tester is done, and gather marks before they are written over."""
+    kept: dict[str, list[NDArray[np.void]]] = {name: [] for name in MARKS}
+    while not tester.done:
+        time.sleep(COLLECT_EVERY)
+        progress(tester.position / len(tester.played))
+        for name, found in kept.items():
+            found.append((robot if name in ("captured", "sent") else operator).marks(name))
+    return {name: _joined(found) for name, found in kept.items()}
+
+
+def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
+    whole = np.concatenate(parts)
+    _, first = np.unique(whole["time"], return_index=True)
+    return whole[first]
+
+
+@contextmanager
+def _running(settings: Settings, graph: Graph) -> Iterator[tuple[str, str]]:
+    """Run both sides; give the names of the robot's run and the operator's."""
+    capture, output, process = settings.capture, settings.output, settings.process
+    if not graph.through_air:
+        capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
+    settings = replace(
+        settings,
+        capture=replace(capture, source="jack"),
+        output=replace(output, actuator="jack"),
+        process=replace(process, jack_server=graph.server or process.jack_server),
+    )
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-")))
+        robot, operator = on_one_machine(settings, folder, name=process.name or "latency")
+        receive = partial(run_operator, robot=robot.process.name)
+        stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
+        stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
+        _await_connection(operator.process.name)
+        yield robot.process.name, operator.process.name
+
+
+def _await_connection(operator: str) -> None:
+    watcher = Watcher(operator)
+    for _ in range(500):
+        if watcher.snapshot().counters["packets_received"] > 10:
+            return
+        time.sleep(0.02)
+    raise TactophoneError("robot and operator did not connect within 10 s: run `tactophone loopback` to see why")
+
+
+def _wired(tester: Tester, graph: Graph, robot: str, operator: str) -> JackClient:
+    clicks = {"click": graph.click_to} if graph.through_air else {"contact": f"{robot}:contact", "air": f"{robot}:air"}
+    felt = {"felt": graph.felt_from or f"{operator}:vibration"}
+    return JackClient("tactophone-tester", tester.process, inputs=felt, outputs=clicks, server=graph.server)
