@@ -4,6 +4,7 @@ import argparse
 from contextlib import ExitStack
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from tactophone.cli import flags, terminal
@@ -26,20 +27,13 @@ PERCENTILES = (50, 95, 99)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
-    parser.add_argument(
-        "--clicks", type=int, default=100, metavar="N", help="clicks to play, 10 to 2000, about 4 a second"
-    )
-    parser.add_argument("--dummy", action="store_true", help="start a JACK server without a sound card for this")
-    parser.add_argument(
-        "--period", type=int, default=128, metavar="N", help="samples a period of that server, 32 to 1024"
-    )
-    parser.add_argument(
-        "--click-to", default="", metavar="PORT", help="JACK port of a loudspeaker or cable into the microphones"
-    )
-    parser.add_argument(
-        "--felt-from", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator"
-    )
-    parser.add_argument("--json", action="store_true", help="print all figures for a program")
+    add = parser.add_argument
+    add("--clicks", type=int, default=100, metavar="N", help="clicks to play, 10 to 2000, about 4 a second")
+    add("--dummy", action="store_true", help="start a JACK server without a sound card for this")
+    add("--period", type=int, default=128, metavar="N", help="samples a period of that server, 32 to 1024")
+    add("--click-to", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
+    add("--felt-from", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
+    add("--json", action="store_true", help="print all figures for a program")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -69,11 +63,12 @@ def as_figures(measured: Measured) -> dict[str, object]:
     return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
 
 
-def _sum(measured: Measured) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    return np.sum(list(measured.stages.values()), axis=0)
+def _sum(measured: Measured) -> NDArray[np.float64]:
+    total: NDArray[np.float64] = np.sum(list(measured.stages.values()), axis=0)
+    return total
 
 
-def _percentiles_ms(durations: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> dict[str, float]:
+def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     if not len(durations):
         return {}
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
@@ -91,7 +86,7 @@ def _table(measured: Measured) -> Table:
     return table
 
 
-def _cells(durations: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> list[str]:
+def _cells(durations: NDArray[np.float64]) -> list[str]:
     return [f"{value:.2f}" for value in _percentiles_ms(durations).values()]
 
 
@@ -101,7 +96,8 @@ def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
     words = [
         f"{measured.clicks} clicks, {measured.missed} not felt; periods of {measured.period} samples "
         f"({1000 * measured.period / SAMPLE_RATE:.2f} ms); {codec}; sealed.",
-        f"Sum and end to end are measured with different clocks and differ by {1000 * measured.disagreement:.2f} ms in the mean.",
+        "Sum and end to end are measured with different clocks; "
+        f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]
     if dummy:
         words.append(
