@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     inbox, hand = Pipe(duplex=False)
     box = Box(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, hand, args.results)
     with TemporaryDirectory(prefix="tactophone-") as folder:
-        robot, operator = on_one_machine(settings, Path(folder))
+        robot, operator = on_one_machine(settings, Path(folder), name=name)
         with (
             Supervisor(partial(run_operator, robot=f"{name}-robot"), operator, name=name) as receiving,
             Supervisor(partial(run_robot, open_source=partial(_lay, inbox)), robot, name=f"{name}-robot") as sending,

@@ -118,18 +118,18 @@ def measure(
         When a side does not start, or the two do not connect.
     """
     with _running(settings, graph) as (robot, operator):
-        tester = Tester(clicks, seed=seed)
-        client = _wired(tester, graph, robot, operator)
+        clicker = Clicker(clicks, seed=seed)
+        client = _wired(clicker, graph, robot, operator)
         client.open()
         try:
-            marks = _collect(tester, Watcher(robot), Watcher(operator), progress)
+            marks = _collect(clicker, Watcher(robot), Watcher(operator), progress)
             period = client.period
         finally:
             client.close()
-    return analyse(tester, marks, period=period)
+    return analyse(clicker, marks, period=period)
 
 
-class Tester:
+class Clicker:
     """Plays clicks and records the vibration; ``process`` is for a JACK client. Everything is allocated beforehand."""
 
     def __init__(self, clicks: int, *, seed: int = 0) -> None:
@@ -182,25 +182,25 @@ class Tester:
         return float(begun + (sample - start) / RATE)
 
 
-def analyse(tester: Tester, marks: dict[str, NDArray[np.void]], *, period: int) -> Measured:
+def analyse(clicker: Clicker, marks: dict[str, NDArray[np.void]], *, period: int) -> Measured:
     """Follow each click's packet through the marks."""
     end_to_end, rows = [], []
-    for click, onset in tester.onsets():
-        moments = _moments(tester, marks, click, onset)
+    for click, onset in clicker.onsets():
+        moments = _moments(clicker, marks, click, onset)
         if moments is not None:
             end_to_end.append((onset - click) / RATE)
             rows.append(np.diff(moments))
     table = np.array(rows).reshape(-1, len(STAGES))
     stages = {stage: table[:, index] for index, stage in enumerate(STAGES)}
-    return Measured(len(tester.clicks), np.array(end_to_end), stages, period)
+    return Measured(len(clicker.clicks), np.array(end_to_end), stages, period)
 
 
-def _moments(tester: Tester, marks: dict[str, NDArray[np.void]], click: int, onset: int) -> list[float] | None:
+def _moments(clicker: Clicker, marks: dict[str, NDArray[np.void]], click: int, onset: int) -> list[float] | None:
     """Give the nine moments between which the eight stages lie; ``None`` when a mark of them is missing."""
-    began = tester.cycles[np.searchsorted(tester.cycles[:, 0], click, side="right") - 1, 1]
+    began = clicker.cycles[np.searchsorted(clicker.cycles[:, 0], click, side="right") - 1, 1]
     captured = _first_after(marks["captured"], began)
-    # The operator's callback of the same period ran before the tester's, so its mark is the last one before it.
-    played = tester.cycles[np.searchsorted(tester.cycles[:, 0], onset, side="right") - 1, 1]
+    # The operator's callback of the same period ran before the clicker's, so its mark is the last one before it.
+    played = clicker.cycles[np.searchsorted(clicker.cycles[:, 0], onset, side="right") - 1, 1]
     rendered = _last_before(marks["rendered"], played)
     if captured is None or rendered is None:
         return None
@@ -209,7 +209,7 @@ def _moments(tester: Tester, marks: dict[str, NDArray[np.void]], click: int, ons
     found = [moment for moment in times if moment is not None]
     if len(found) < len(times):
         return None
-    return [tester.clock(click), float(captured["time"]), *found, float(rendered["time"]), tester.clock(onset)]
+    return [clicker.clock(click), float(captured["time"]), *found, float(rendered["time"]), clicker.clock(onset)]
 
 
 def _first_after(marks: NDArray[np.void], moment: float) -> np.void | None:
@@ -230,13 +230,13 @@ def _time_at(marks: NDArray[np.void], end: int) -> float | None:
 
 
 def _collect(
-    tester: Tester, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
+    clicker: Clicker, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
 ) -> dict[str, NDArray[np.void]]:
-    """Wait until the tester is done, and gather marks before they are written over."""
+    """Wait until the clicker is done, and gather marks before they are written over."""
     kept: dict[str, list[NDArray[np.void]]] = {name: [] for name in MARKS}
-    while not tester.done:
+    while not clicker.done:
         time.sleep(COLLECT_EVERY)
-        progress(tester.position / len(tester.played))
+        progress(clicker.position / len(clicker.played))
         for name, found in kept.items():
             found.append((robot if name in ("captured", "sent") else operator).marks(name))
     return {name: _joined(found) for name, found in kept.items()}
@@ -278,7 +278,7 @@ def _await_connection(operator: str) -> None:
     raise TactophoneError("robot and operator did not connect within 10 s: run `tactophone loopback` to see why")
 
 
-def _wired(tester: Tester, graph: Graph, robot: str, operator: str) -> JackClient:
+def _wired(clicker: Clicker, graph: Graph, robot: str, operator: str) -> JackClient:
     clicks = {"click": graph.click_to} if graph.through_air else {"contact": f"{robot}:contact", "air": f"{robot}:air"}
     felt = {"felt": graph.felt_from or f"{operator}:vibration"}
-    return JackClient("tactophone-tester", tester.process, inputs=felt, outputs=clicks, server=graph.server)
+    return JackClient("tactophone-clicker", clicker.process, inputs=felt, outputs=clicks, server=graph.server)
