@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +18,14 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip("no real recordings here: set TACTOPHONE_RECORDINGS to their folder")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _subnormal_numbers() -> Iterator[None]:
+    """Take back what training asks of the processor (flush subnormals to zero): other tests search those numbers."""
+    yield
+    if torch := sys.modules.get("torch"):
+        torch.set_flush_denormal(False)
 
 
 @pytest.fixture
