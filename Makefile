@@ -4,7 +4,7 @@ PYTHON ?= python3
 BIN     = $(VENV)/bin
 READY   = $(VENV)/.ready
 
-.PHONY: demo test lint types imports unit realtime clean
+.PHONY: demo test lint types imports unit realtime model clean
 
 demo: $(READY)  ## feel a smooth and a rough stone, with no hardware: prints where picture and sound are
 	$(BIN)/python -m tactophone demo
@@ -35,6 +35,19 @@ unit: $(READY)
 # Real servers and processes, one after another: they would disturb each other's timing.
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime tests
+
+# Makes the two models inside the package anew, from simulated sound alone: docs/training.md. About 15 minutes.
+STONES = build/stones
+MODELS = src/tactophone/perception/models
+TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96
+SCORE  = $(BIN)/python -m tactophone evaluate
+model: $(READY)
+	$(BIN)/python -m tactophone simulate dataset $(STONES)
+	$(TRAIN) --out $(MODELS)/paper.onnx
+	$(TRAIN) --out $(MODELS)/paper-mono.onnx --variant one-channel
+	for model in paper paper-mono; do \
+	  $(SCORE) $$model --data $(STONES) --where split=test --note "simulated, held out"; \
+	done
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
