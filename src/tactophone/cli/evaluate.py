@@ -131,7 +131,7 @@ def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
     for rule in RULES:
         for name in _HEADLINE:
             one = report.rules[rule][name]
-            told[f"{name}, {rule}"] = str(one)
+            told[f"{name}, {rule} rule"] = [round(value, 3) for value in (one.value, one.low, one.high)]
     add_scores(model_path(args.model), args.note, told)
 
 
