@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from tactophone.dashboard.feed import Feed, Run
-from tactophone.dashboard.message import BUCKET
 from tactophone.telemetry import State, Telemetry
 from tactophone.types import AudioBlock, Prediction, Tick, Touch
-from tests.dashboard.test_message import parse
+from tests.dashboard.test_message import BUCKET, parse
 
 RATE = 48_000
 

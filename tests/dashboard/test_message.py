@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactophone.dashboard.message import BUCKET, TICK_COLUMNS, envelope, pack, tick_table
+from tactophone.dashboard.message import TICK_COLUMNS, envelope, pack, tick_table
 from tactophone.telemetry import TICK
+
+BUCKET = 480
 
 
 def parse(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]]]:
@@ -41,14 +43,14 @@ def test_json_has_no_infinity_so_null_stands_for_it() -> None:
 def test_an_envelope_keeps_the_extremes_of_each_channel() -> None:
     sound = np.zeros((2 * BUCKET, 2), np.float32)
     sound[3], sound[BUCKET + 5] = (0.5, -0.25), (-1, 1)
-    low, high = envelope(sound)[:, [0, 3]], envelope(sound)[:, [1, 4]]
+    low, high = envelope(sound, BUCKET)[:, [0, 3]], envelope(sound, BUCKET)[:, [1, 4]]
     np.testing.assert_array_equal(low, [[0, -0.25], [-1, 0]])
     np.testing.assert_array_equal(high, [[0.5, 0], [0, 1]])
 
 
 def test_the_level_is_the_bucket_s_rms_and_silence_is_finite() -> None:
     tone = np.sin(2 * np.pi * np.arange(BUCKET) / 48).astype(np.float32)
-    levels = envelope(np.column_stack([tone, 0 * tone]))[0, [2, 5]]
+    levels = envelope(np.column_stack([tone, 0 * tone]), BUCKET)[0, [2, 5]]
     np.testing.assert_allclose(levels, [-3.01, -120], atol=0.01)
 
 

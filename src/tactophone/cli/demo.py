@@ -10,7 +10,8 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.cli import terminal
+from tactophone.capture import FileSource
+from tactophone.cli import page, terminal
 from tactophone.dataset import Segment
 from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
 from tactophone.evaluation.figures import draw_feeling
@@ -37,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
+    page.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,6 +54,11 @@ def run(args: argparse.Namespace) -> int:
     _draw(picture, outputs, feeling, truth)
     numbers = measure(read_timeline(outputs.timeline), truth)
     _print(args, summary, numbers, picture)
+    if args.dashboard:
+        from tactophone.cli import replay
+
+        take = replay.Take(FileSource(args.out / "microphones.wav"), walk, truth)
+        replay.on_page(args, [take], name="demo")
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from rich.markup import escape
 
 from tactophone.capture import FileSource
-from tactophone.cli import terminal
+from tactophone.cli import page, terminal
 from tactophone.dataset import Segment, find_recording
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
@@ -42,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--ceiling", type=float, default=1.0, metavar="LEVEL", help="greatest amplitude, 0 to 1 of full drive")
     add("--plot", action="store_true", help="draw a picture of what was heard, believed and felt")
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
+    page.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -63,6 +64,8 @@ def run(args: argparse.Namespace) -> int:
             _print(results[-1])
     if args.json:
         terminal.print_json([result.as_json() for result in results])
+    if args.dashboard:
+        _replay([FileSource(result.path) for result in results], args)
     return 0 if len(results) == len(args.recordings) else 1
 
 
@@ -125,6 +128,13 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
         _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)
     mono = source.channels == 1 and not args.model
     return _Result(path, walk.judge.detector.name, walk.profile.name, mono, label, summary, files)
+
+
+def _replay(sources: list[FileSource], args: argparse.Namespace) -> None:
+    from tactophone.cli import replay
+
+    takes = [replay.Take(one, _open_walk(one, args), _truth(one.path, one.duration)) for one in sources]
+    replay.on_page(args, takes, name="feel")
 
 
 def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:

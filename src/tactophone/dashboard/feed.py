@@ -87,14 +87,15 @@ class Feed:
 
     def _envelope(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Time of each bucket's end, then its envelope; what fills no bucket yet waits for the next message."""
+        rate = snapshot.state.sample_rate
+        size = max(1, round(BUCKET * rate))
         missed = self._last is None or snapshot.sound_end - len(snapshot.sound) > self._last.sound_end
         sound = snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
-        begin = snapshot.sound_end - len(sound)
-        sound = sound[-begin % BUCKET :]
-        size = len(sound) - len(sound) % BUCKET
-        self._rest = sound[size:]
-        ends = -len(self._rest) - BUCKET * np.arange(size // BUCKET)[::-1]
-        return np.column_stack([ends / snapshot.state.sample_rate, envelope(sound[:size])])
+        sound = sound[-(snapshot.sound_end - len(sound)) % size :]
+        count = len(sound) // size
+        self._rest = sound[count * size :]
+        ends = -len(self._rest) - size * np.arange(count)[::-1]
+        return np.column_stack([ends / rate, envelope(sound[: count * size], size)])
 
     def _origin(self, snapshot: Snapshot) -> float:
         """Stream time at the newest sound."""

@@ -7,7 +7,7 @@
     numbers  little-endian float32, table after table, row by row
 
 Sound is sent as an envelope, because a screen has no room for 48 000 points a second: for each bucket of
-`BUCKET` samples its lowest and highest value and its level. Times are seconds of the stream, less ``origin``.
+`BUCKET` seconds its lowest and highest value and its level. Times are seconds of the stream, less ``origin``.
 """
 
 import json
@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from tactophone.telemetry import Snapshot
 from tactophone.types import FloatArray
 
-BUCKET = 480
-"""Samples in a bucket of the envelope: 10 ms, less than a pixel of the five seconds shown."""
+BUCKET = 0.01
+"""Seconds in a bucket of the envelope: less than a pixel of the five seconds shown."""
 
 TICK_STEP = 0.01
 """Seconds between ticks sent, for the same reason; a packet of 2.5 ms brings four times as many."""
@@ -58,13 +58,13 @@ def words(snapshot: Snapshot, *, whole: bool) -> dict[str, Any]:
     return told
 
 
-def envelope(sound: FloatArray) -> NDArray[np.float64]:
-    """Reduce sound ``(buckets * BUCKET, channels)`` to rows of low, high and level in dBFS for each channel.
+def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
+    """Reduce each ``size`` samples of sound ``(samples, channels)`` to low, high and level (dBFS) of each channel.
 
-    >>> envelope(np.full((BUCKET, 1), 0.1, np.float32)).round(3).tolist()
+    >>> envelope(np.full((480, 1), 0.1, np.float32), 480).round(3).tolist()
     [[0.1, 0.1, -20.0]]
     """
-    buckets = sound.reshape(-1, BUCKET, sound.shape[1]).astype(np.float64)
+    buckets = sound.reshape(-1, size, sound.shape[1]).astype(np.float64)
     level = 10 * np.log10(np.maximum(np.mean(buckets**2, axis=1), 1e-12))
     return np.stack([buckets.min(axis=1), buckets.max(axis=1), level], axis=2).reshape(len(buckets), 3 * sound.shape[1])
 

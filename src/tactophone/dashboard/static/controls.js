@@ -29,6 +29,7 @@ export class Controls {
     const idle = !alive || state.role === "replay";
     this.#form.inert = idle;
     this.#mute.disabled = idle;
+    this.#mute.hidden = state.role === "replay";
     put(this.#mute, state.armed ? "Mute" : "Arm");
     this.#mute.dataset.armed = state.armed;
     this.#form.ceiling.max = state.ceiling;

@@ -10,6 +10,7 @@ import { Track } from "./track.js";
 const SOUND_SPAN = 5; // s
 const BELIEF_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
+const REWOUND = 0.5; // s back, after which it is another recording or another run
 const CLIPPED = 0.999;
 const CALM = 250; // ms between pictures for who wants little motion
 const TOUCHES = ["no contact", "smooth", "rough"];
@@ -124,7 +125,7 @@ const pictures = [
 function take({ words, tables }) {
   alive = words.alive;
   if (words.waiting_for) return showLife(`waiting for “${words.waiting_for}”`);
-  if (words.origin < now - BELIEF_SPAN) [ticks, sound, scope].forEach((track) => track.clear());
+  if (words.origin < now - REWOUND) [ticks, sound, scope].forEach((track) => track.clear());
   now = words.origin;
   ticks.append(tables.ticks, now);
   sound.append(tables.sound, now);
@@ -148,11 +149,16 @@ function showWhole({ state: told, counters, gauges }) {
   showFaults($("faults"), state.faults);
   showLink($("link"), counters, gauges);
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
-  const permit = state.armed && alive ? "armed" : `muted: ${alive ? state.muted_because || "not armed" : "the run has ended"}`;
-  put($("permit"), permit);
+  put($("permit"), permit());
   $("permit").dataset.armed = state.armed && alive;
   put($("ceiling-now"), percent(state.ceiling));
-  $("touches").classList.toggle("untold", !(ticks.newest(TRUTH) >= 0));
+  document.body.classList.toggle("mono", state.channels === 1);
+}
+
+function permit() {
+  if (state.role === "replay") return "a replay: nothing is driven";
+  if (!alive) return "muted: the run has ended";
+  return state.armed ? "armed" : `muted: ${state.muted_because || "not armed"}`;
 }
 
 function showLife(text) {
