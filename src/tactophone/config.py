@@ -52,7 +52,12 @@ class Link:
     identity: str = _setting("", "folder with this side's key and its trusted peers; empty: ~/.config/tactophone")
     codec: str = _choice("opus", "pcm16 for a local network, opus for the rest", ("opus", "pcm16"))
     packet_duration: float = _setting(0.005, "sound in a packet", unit="s", span=(0.0005, 0.02))
-    bandwidth: float = _setting(4_000.0, "highest frequency that must arrive", unit="Hz", span=(4_000, 20_000))
+    bandwidth: float = _setting(
+        0.0,
+        "highest frequency that must arrive; 0: what the operator's model uses",
+        unit="Hz",
+        span=(0, 20_000),
+    )
     bitrate_bps: int = _setting(
         0, "of Opus, both channels; 0: as bandwidth and packet need", unit="bit/s", span=(0, 510_000)
     )

@@ -204,6 +204,11 @@ class Detector(Protocol):
         ...
 
     @property
+    def bandwidth(self) -> float:
+        """The highest frequency, in Hz, that it makes use of."""
+        ...
+
+    @property
     def faults(self) -> Counter[str]:
         """How often nothing could be believed, by cause: ``sound`` or ``model`` was garbage."""
         ...

@@ -152,3 +152,21 @@ def test_the_clocked_buffer_gives_the_sound_in_step_with_the_listener() -> None:
     # The interpolator gives up the noise's highest fifth.
     assert np.concatenate(played)[RATE:].std() == pytest.approx(sound.std(), rel=0.15)
     assert 0 < call.operator.gauges["playout_delay"] < 0.03
+
+
+@pytest.mark.parametrize(("follow", "passed"), [(True, True), (False, False)])
+def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -> None:
+    call = Call(Codec("opus", packet_size=120))
+    call.line.robot = call.robot = SendingEnd(calling(), Codec("opus", packet_size=120), follow=follow)
+    call.operator.bandwidth = 7_600
+    tone = 0.3 * np.sin(2 * np.pi * 6_000 * np.arange(2 * RATE) / RATE)
+    call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))
+    level = np.concatenate([one.block.samples for one in call.heard()])[-RATE // 2 :].std()
+    assert bool(level > 0.15) is passed
+    assert call.robot.codec.bitrate_bps == (256_000 if follow else 128_000)
+
+
+def test_foreign_datagrams_are_counted() -> None:
+    call = Call()
+    call.operator.receive([(b"hello", ("203.0.113.9", 1)), (b"\x80" + bytes(30), ("203.0.113.9", 1))], now=call.now)
+    assert call.operator.counters["packets_rejected"] == 2

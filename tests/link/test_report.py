@@ -5,13 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.errors import PacketError
-from tactophone.link.report import Goodbye, ReceiverReport, SenderReport, parse_report, round_trip
+from tactophone.link.report import Goodbye, ReceiverReport, Report, SenderReport, Wish, parse_report, round_trip
 
 HEARD = ReceiverReport(1, 2, fraction_lost=0.25, lost=300, highest=70_000, jitter=0.001, last_report=9, since=0.5)
 
 
-@pytest.mark.parametrize("report", [HEARD, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7)])
-def test_reports_survive_the_wire(report: ReceiverReport | SenderReport | Goodbye) -> None:
+@pytest.mark.parametrize("report", [HEARD, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7), Wish(3, 7_600)])
+def test_reports_survive_the_wire(report: Report) -> None:
     assert parse_report(bytes(report)) == report
 
 

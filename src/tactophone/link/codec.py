@@ -15,7 +15,7 @@ sender chooses, and the receiver has no setting that could disagree.
 """
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -30,6 +30,9 @@ OPUS_SIZES = (120, 240, 480, 960)
 
 LOOKAHEAD = 120
 """Samples by which Opus' restricted low-delay output lies behind its input (``OPUS_GET_LOOKAHEAD`` says the same)."""
+
+NARROW_BAND = 4_000.0
+"""The least bandwidth of Opus, in Hz: all that a model at 2 kHz hears, and more."""
 
 _BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
 """Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
@@ -66,7 +69,7 @@ class Codec:
     name: Literal["pcm16", "opus"] = "opus"
     channels: int = 2
     packet_size: int = 240
-    bandwidth: float = 4_000.0
+    bandwidth: float = NARROW_BAND
     bitrate_bps: int = 0
 
     def __post_init__(self) -> None:
@@ -94,6 +97,11 @@ class Codec:
         if self.name == "pcm16":
             return PayloadType.L16_MONO if self.channels == 1 else PayloadType.L16_STEREO
         return PayloadType.OPUS if self.channels == 1 else PayloadType.MULTIOPUS
+
+    def for_bandwidth(self, bandwidth: float) -> "Codec":
+        """Give this codec for another bandwidth; a bitrate that was not chosen by hand follows it."""
+        chosen = self.bitrate_bps != _default_bitrate(self)
+        return replace(self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0)
 
     def _check_packet_size(self) -> None:
         if self.name == "opus" and self.packet_size not in OPUS_SIZES:
@@ -152,7 +160,7 @@ def open_decoder(kind: PayloadType) -> Decoder:
 def _default_bitrate(codec: Codec) -> int:
     """Give short packets and wide bands what they cost: 96 kbit/s for two channels of 4 kHz is 30 dB at 5 ms."""
     per_channel = 64_000 if codec.packet_size == OPUS_SIZES[0] else 48_000
-    return codec.channels * (per_channel if codec.bandwidth <= min(_BANDWIDTHS) else 2 * per_channel)
+    return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
 
 
 def _channels(kind: PayloadType) -> int:

@@ -113,6 +113,10 @@ class Departure:
             self.faults["samples that are no number"] += int((~finite).sum())
         return list(self._cut(np.where(finite, block.samples, np.float32(0)), block.start))
 
+    def recode(self, codec: Codec) -> None:
+        """Go on with another setting of the codec, from the next packet on; channels and packet size stay."""
+        self.codec, self._encoder = codec, open_encoder(codec)
+
     def flush(self) -> list[Packet]:
         """Give what remains, filled up with silence."""
         if not self._filled or self._next is None:

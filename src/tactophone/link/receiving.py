@@ -10,7 +10,7 @@ from tactophone.link.belief import read_belief
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, ahead, parse
 from tactophone.link.playout import Playout
-from tactophone.link.report import SenderReport, parse_report
+from tactophone.link.report import SenderReport, Wish, parse_report
 from tactophone.link.sending import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
@@ -45,6 +45,8 @@ class ReceivingEnd:
 
     Attributes
     ----------
+    bandwidth
+        The highest frequency in Hz that the model makes use of, for the robot to know; 0: nothing is said of it.
     playout
         The clocked buffer of the session at hand, to pull sound from in step with the actuator; ``None`` without one.
     """
@@ -52,6 +54,7 @@ class ReceivingEnd:
     def __init__(self, session: Session, *, reorder: int = 1, playout_block: int = 0) -> None:
         self.session = session
         self._reorder, self._playout_block = reorder, playout_block
+        self.bandwidth = 0
         self._past: Counter[str] = Counter()
         self._ssrcs = (0, 0)
         self._next_report = 0.0
@@ -65,7 +68,7 @@ class ReceivingEnd:
     @property
     def counters(self) -> Counter[str]:
         """Totals over all sessions, in telemetry's names."""
-        return self._past + _counted(self.stats) + Counter(packets_rejected=self.session.faults["rejected"])
+        return self._past + _counted(self.stats) + Counter(packets_rejected=self.session.refused)
 
     @property
     def gauges(self) -> dict[str, float]:
@@ -100,6 +103,8 @@ class ReceivingEnd:
             report = self._arrival.reception.report(ssrc=local, of=remote, now=now)
             self._loss = report.fraction_lost
             self.session.send(bytes(report))
+            if self.bandwidth:
+                self.session.send(bytes(Wish(local, self.bandwidth)))
         return [*self._sort(self.session.poll(now), now), *self._arrival.poll(now)]
 
     def outgoing(self) -> list[tuple[bytes, Address]]:

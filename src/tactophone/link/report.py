@@ -10,10 +10,12 @@ from typing import TypeAlias
 
 from tactophone.errors import PacketError
 
-_SENDER, _RECEIVER, _GOODBYE = 200, 201, 203
+_SENDER, _RECEIVER, _GOODBYE, _APPLICATION = 200, 201, 203, 204
 _HEAD = struct.Struct("!BBHI")
 _SENT = struct.Struct("!QIII")
 _BLOCK = struct.Struct("!IIIIII")
+_WISH = struct.Struct("!4sI")
+_NAME = b"TACT"
 _VERSION = 2
 
 NTP_ERA = 2_208_988_800
@@ -102,7 +104,18 @@ class Goodbye:
         return _head(_GOODBYE, 1, self.ssrc, b"")
 
 
-Report: TypeAlias = ReceiverReport | SenderReport | Goodbye
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """The highest frequency in Hz that the operator's model makes use of (an APP packet, RFC 3550 section 6.7)."""
+
+    ssrc: int
+    bandwidth: int
+
+    def __bytes__(self) -> bytes:
+        return _head(_APPLICATION, 0, self.ssrc, _WISH.pack(_NAME, self.bandwidth))
+
+
+Report: TypeAlias = ReceiverReport | SenderReport | Goodbye | Wish
 
 
 def parse_report(packet: bytes) -> Report:
@@ -121,7 +134,9 @@ def parse_report(packet: bytes) -> Report:
         case 200 if len(body) == _SENT.size:
             ntp, timestamp, packets, octets = _SENT.unpack(body)
             return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
-    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; ours are 200, 201 and 203")
+        case 204 if len(body) == _WISH.size and body.startswith(_NAME):
+            return Wish(ssrc, _WISH.unpack(body)[1])
+    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; ours are 200, 201, 203 and 204")
 
 
 def round_trip(report: ReceiverReport, *, now: float) -> float | None:

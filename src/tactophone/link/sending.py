@@ -6,11 +6,11 @@ from typing import TypeAlias
 
 from tactophone.errors import PacketError
 from tactophone.link.belief import write_belief
-from tactophone.link.codec import Codec
+from tactophone.link.codec import NARROW_BAND, Codec
 from tactophone.link.departure import Departure, Redundancy, RedundancyRule
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
-from tactophone.link.report import ReceiverReport, parse_report, round_trip
+from tactophone.link.report import ReceiverReport, Wish, parse_report, round_trip
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.types import AudioBlock, Prediction
 
@@ -23,6 +23,13 @@ Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 class SendingEnd:
     """The robot's end: takes sound or belief, and the operator's reports.
 
+    Parameters
+    ----------
+    rule
+        Of redundancy.
+    follow
+        Whether the bandwidth follows what the operator's model makes use of.
+
     Attributes
     ----------
     counters
@@ -31,8 +38,10 @@ class SendingEnd:
         Seconds there and back by the newest report; ``None`` before the first.
     """
 
-    def __init__(self, session: Session, codec: Codec, *, rule: RedundancyRule | None = None) -> None:
-        self.session, self.codec = session, codec
+    def __init__(
+        self, session: Session, codec: Codec, *, rule: RedundancyRule | None = None, follow: bool = False
+    ) -> None:
+        self.session, self.codec, self._follow = session, codec, follow
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
@@ -105,7 +114,15 @@ class SendingEnd:
         except PacketError:
             self.counters["packets_broken"] += 1
             return
-        if isinstance(report, ReceiverReport):
+        if isinstance(report, Wish):
+            self._fulfil(report)
+        elif isinstance(report, ReceiverReport):
             self.loss = report.fraction_lost
             self.redundancy.hear(report.fraction_lost)
             self.round_trip = round_trip(report, now=now)
+
+    def _fulfil(self, wish: Wish) -> None:
+        bandwidth = max(wish.bandwidth, NARROW_BAND)
+        if self._follow and self._departure and bandwidth != self.codec.bandwidth:
+            self.codec = self.codec.for_bandwidth(bandwidth)
+            self._departure.recode(self.codec)

@@ -110,6 +110,11 @@ class Session:
         """The name of whom we are connected to, or ``None``."""
         return self._current.agreement.peer if self._current else None
 
+    @property
+    def refused(self) -> int:
+        """How many datagrams came that were no part of a session: forged, changed, replayed or foreign."""
+        return self.faults["rejected"] + self.faults["stray"]
+
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
         """Take a datagram from the network; nothing that is in it can raise."""
         match DatagramKind.of(datagram):

@@ -65,6 +65,11 @@ class PaperDetector:
         return float(self.card.hop / self.card.sample_rate)
 
     @property
+    def bandwidth(self) -> float:
+        """The highest frequency, in Hz, that the model makes use of: half its rate."""
+        return self.card.sample_rate / 2
+
+    @property
     def latency(self) -> float:
         """Seconds from a window's end until it can be judged: half the low-pass.
 

@@ -66,6 +66,7 @@ class Operator:
         self._end = ReceivingEnd(open_session(settings, call=False))
         self._channels = 2
         self._receiver = Receiver(self._end, open_walk_for(settings, channels=self._channels))
+        self._end.bandwidth = round(self._receiver.walk.judge.detector.bandwidth)
         self._neighbour = Neighbour(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = 0

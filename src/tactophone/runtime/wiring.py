@@ -22,6 +22,7 @@ from tactophone.link import (
     Session,
     resolve,
 )
+from tactophone.link.codec import NARROW_BAND
 from tactophone.link.identity import DEFAULT_FOLDER
 from tactophone.pipeline import Walk, open_walk
 from tactophone.types import Source
@@ -90,12 +91,12 @@ def open_sending_end(settings: Settings, channels: int) -> SendingEnd:
         "pcm16" if link.codec == "pcm16" else "opus",
         channels=channels,
         packet_size=round(link.packet_duration * SAMPLE_RATE),
-        bandwidth=link.bandwidth,
+        bandwidth=link.bandwidth or NARROW_BAND,
         bitrate_bps=link.bitrate_bps,
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
-    return SendingEnd(open_session(settings, call=True), codec, rule=rule)
+    return SendingEnd(open_session(settings, call=True), codec, rule=rule, follow=not link.bandwidth)
 
 
 def post(end: SendingEnd | ReceivingEnd, socket: DatagramSocket) -> None:
