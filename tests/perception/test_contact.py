@@ -1,30 +1,29 @@
 import numpy as np
 import pytest
 
-from tactophone.perception.contact import HOLD, Contact, ContactGate
+from tactophone.perception.contact import CLEAR_DB, Contact, ContactGate
 from tactophone.perception.loudness import LoudnessRule
 from tactophone.types import AudioBlock
-from tests.sounds import UGLY_SIZES, blocks, noise
+from tests.sounds import UGLY_SIZES, blocks, noise, tone
+
+THRESHOLD_DBFS = -40.0
 
 
 def watch(samples: np.ndarray, size: int = 480) -> list[Contact]:
-    gate = ContactGate(-40, sample_rate=48_000)
+    gate = ContactGate(THRESHOLD_DBFS, sample_rate=48_000)
     return [change for block in blocks(samples, size) for change in gate.push(block)]
 
 
-def stroke(start: float, end: float) -> np.ndarray:
+def stroke(start: float, end: float, *, level_dbfs: float = -20.0) -> np.ndarray:
     samples = noise(level_dbfs=-80, duration=1.0, channels=1)
-    samples[round(start * 48_000) : round(end * 48_000)] += noise(duration=end - start, channels=1)
+    samples[round(start * 48_000) : round(end * 48_000)] += noise(
+        level_dbfs=level_dbfs, duration=end - start, channels=1
+    )
     return samples
 
 
-@pytest.mark.parametrize(("level_dbfs", "touching"), [(-38.5, True), (-41.5, False)])
-@pytest.mark.parametrize("rule", ["rms", "mean_absolute"])
-def test_the_level_is_of_the_rule_at_hand(rule: LoudnessRule, level_dbfs: float, touching: bool) -> None:
-    gate = ContactGate(-40, sample_rate=48_000, rule=rule)
-    # A square wave is as loud by either rule; both say 2 dB less or more of other sound.
-    square = np.full((4800, 1), 10 ** (level_dbfs / 20), np.float32)
-    assert gate.push(AudioBlock(square, 48_000))[-1].touching == touching
+def touches(changes: list[Contact]) -> list[float]:
+    return [change.time for change in changes if change.touching]
 
 
 @pytest.mark.parametrize("size", UGLY_SIZES)
@@ -33,10 +32,29 @@ def test_any_block_size_gives_the_same_changes(size: int) -> None:
     assert watch(samples, size) == watch(samples, len(samples))
 
 
-def test_a_touch_is_known_in_two_milliseconds_and_its_end_after_the_hold() -> None:
-    touching = [change.time for change in watch(stroke(0.3, 0.6)) if change.touching]
-    assert 0.3 < touching[0] <= 0.302
-    assert touching[-1] <= 0.6 + HOLD + 0.005
+def test_a_clear_touch_is_known_in_two_milliseconds_and_its_end_in_35() -> None:
+    times = touches(watch(stroke(0.3, 0.6)))
+    assert 0.3 < times[0] <= 0.302
+    assert times[-1] <= 0.635
+
+
+def test_a_faint_touch_is_known_once_it_has_lasted() -> None:
+    times = touches(watch(stroke(0.3, 0.6, level_dbfs=THRESHOLD_DBFS + 1)))
+    assert 0.31 < times[0] <= 0.34
+
+
+def test_noise_with_hum_and_motors_under_the_threshold_opens_nothing() -> None:
+    motor = tone(35, amplitude=10 ** ((THRESHOLD_DBFS - 5) / 20) * 2**0.5, duration=10)
+    assert not touches(watch(motor + noise(level_dbfs=THRESHOLD_DBFS - 8, duration=10, channels=1)))
+
+
+def test_a_click_is_a_touch_that_can_be_felt() -> None:
+    samples = np.zeros((48_000, 1), np.float32)
+    samples[24_000:24_048] = 10 ** ((THRESHOLD_DBFS + CLEAR_DB + 7) / 20)
+    changes = [change for change in watch(samples, 48) if change.touching]
+    assert changes[0].time == 0.501
+    after = next(change for change in watch(samples, 48) if not change.touching and change.time > 0.501)
+    assert 0.029 < after.time - 0.501 < 0.04
 
 
 def test_a_turning_stroke_is_one_touch() -> None:
@@ -48,8 +66,17 @@ def test_a_turning_stroke_is_one_touch() -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
 def test_garbage_closes_the_gate_at_once(value: float) -> None:
     samples = stroke(0.3, 0.6)
-    samples[round(0.4 * 48_000) :] = value
-    assert not any(change.touching for change in watch(samples) if change.time > 0.401)
+    samples[round(0.31 * 48_000) :] = value
+    assert not any(change.touching for change in watch(samples) if change.time > 0.311)
+
+
+@pytest.mark.parametrize(("level_dbfs", "touching"), [(-39.5, True), (-43.5, False)])
+@pytest.mark.parametrize("rule", ["rms", "mean_absolute"])
+def test_the_level_is_of_the_rule_at_hand(rule: LoudnessRule, level_dbfs: float, touching: bool) -> None:
+    gate = ContactGate(THRESHOLD_DBFS, sample_rate=48_000, rule=rule)
+    # A square wave is as loud by either rule; of other sound they differ by some decibels.
+    square = np.full((4800, 1), 10 ** (level_dbfs / 20), np.float32)
+    assert gate.push(AudioBlock(square, 48_000))[-1].touching == touching
 
 
 def test_a_sign_of_life_comes_every_ten_milliseconds() -> None:

@@ -122,7 +122,8 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
     truth = _truth(path, source.duration)
-    label = "/".join(dict.fromkeys(one.word for one in truth))
+    words = {one.word for one in truth}
+    label = words.pop() if len(words) == 1 else "mixed" * bool(words)
     if args.plot:
         files["picture"] = args.out / f"{stem}.feel.png"
         _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)

@@ -1,9 +1,10 @@
 """Feels a touch begin and end within milliseconds, where a window of 256 ms cannot.
 
 A window says what the surface is like, but it still holds a touch 240 ms after the finger has left, and is only a
-twentieth full when the finger has just come. So contact is also watched beside the detector: the level of the
-contact microphone over 4 ms, a thousand times a second. A new touch is felt at once, plainly, until a window tells
-smooth from rough; a touch that ended is felt no longer.
+twentieth full when the finger has just come. So contact is also watched beside the detector, a thousand times a
+second: a touch that is clearly loud opens the gate at once, by its level over 4 ms; any other by its level over 32 ms,
+as noise with motors and hum in it rises by 5 dB for 4 ms every now and then, and not for 32. When that longer level
+has fallen under the threshold, the touch has ended.
 
 The paper has no such gate (its own looks at the whole window): `feel --contact window` leaves it out.
 """
@@ -20,14 +21,17 @@ from tactophone.types import CONTACT, AudioBlock, FloatArray
 STEP_RATE = 1000
 """Looks a second."""
 
-SPAN = 4
-"""Steps that a level looks back: half a period of 125 Hz, so that low notes of a touch hold the gate open."""
+FAST, SLOW = 4, 32
+"""Steps that the two levels look back: half a period of 125 Hz, and a period of 31 Hz."""
 
-HOLD = 0.03
-"""Seconds of quiet after which contact has ended: bridges the still point of a stroke that turns."""
+CLEAR_DB = 5.0
+"""How far over the threshold the fast level must be to open the gate by itself."""
 
 RELEASE_DB = 3.0
-"""How far under the threshold it must be quiet: noise at the threshold would chatter otherwise."""
+"""How far under the threshold the slow level must fall: noise at the threshold would chatter otherwise."""
+
+LEAST = 30
+"""Steps that a touch lasts at least: what is shorter is not felt as vibration (Sci. Rep. 2025, 15:5057)."""
 
 BEAT = 10
 """Steps between two signs of life while nothing changes: downstream, silence means that something has stopped."""
@@ -76,7 +80,6 @@ class ContactGate:
         # Loudness is a mean of |x| to this power; so are the levels that it is compared with.
         self._power = 2 if rule == "rms" else 1
         self.threshold_dbfs = threshold_dbfs
-        self._hold = round(HOLD * sample_rate / self._step_size)
         self.reset()
 
     @property
@@ -87,6 +90,7 @@ class ContactGate:
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
         self._threshold_dbfs = level_dbfs
+        self._clear_from = 10 ** (self._power * (level_dbfs + CLEAR_DB) / 20)
         self._open_from = 10 ** (self._power * level_dbfs / 20)
         self._close_under = 10 ** (self._power * (level_dbfs - RELEASE_DB) / 20)
 
@@ -98,10 +102,10 @@ class ContactGate:
     def reset(self) -> None:
         """Become as new: no contact."""
         self._rest: FloatArray = np.empty(0, np.float32)
-        self._powers = np.zeros(SPAN - 1)
+        self._powers = np.zeros(SLOW - 1)
         self._steps = 0
         self._touching = False
-        self._quiet = 0
+        self._lasted = 0
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound in; give each change of contact, and a sign of life every ``BEAT`` steps."""
@@ -109,8 +113,9 @@ class ContactGate:
         whole = len(sound) // self._step_size * self._step_size
         self._rest = sound[whole:]
         powers = np.concatenate((self._powers, self._measure(sound[:whole].reshape(-1, self._step_size))))
-        self._powers = powers[len(powers) - SPAN + 1 :]
-        return [step for level in _running_mean(powers).tolist() if (step := self._step(level))]
+        self._powers = powers[len(powers) - SLOW + 1 :]
+        levels = zip(_running_mean(powers[SLOW - FAST :], FAST), _running_mean(powers, SLOW), strict=True)
+        return [step for fast, slow in levels if (step := self._step(fast, slow))]
 
     def _measure(self, steps: FloatArray) -> NDArray[np.float64]:
         """Give each step's power, or mean absolute value; not a number where it holds garbage."""
@@ -120,25 +125,29 @@ class ContactGate:
         mean: NDArray[np.float64] = measured.sum(axis=1) / self._step_size
         return mean
 
-    def _step(self, level: float) -> Contact | None:
+    def _step(self, fast: float, slow: float) -> Contact | None:
         before = self._touching
         self._steps += 1
-        if level >= self._close_under:
-            self._quiet = 0
-            self._touching = before or level >= self._open_from
-        else:
-            self._quiet += 1
-            # A level that is not a number is below nothing, and no touch: garbage closes the gate at once.
-            self._touching = before and self._quiet < self._hold and level < self._close_under
+        self._lasted += 1
+        self._touching = self._is_touching(fast, slow)
+        if self._touching and not before:
+            self._lasted = 0
         if self._touching == before and self._steps % BEAT:
             return None
         return Contact(self._steps * self._step_size / self._sample_rate, self._touching)
 
+    def _is_touching(self, fast: float, slow: float) -> bool:
+        # Levels that are not numbers pass no comparison: garbage closes the gate at once, and keeps it closed.
+        if fast >= self._clear_from or slow >= self._open_from:
+            return True
+        return self._touching and (slow >= self._close_under or (self._lasted < LEAST and fast >= 0))
 
-def _running_mean(powers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Average ``SPAN`` neighbours, added in the same order for each."""
-    count = len(powers) - SPAN + 1
+
+def _running_mean(powers: NDArray[np.float64], span: int) -> list[float]:
+    """Average neighbours, added in the same order for each, so that block sizes do not matter."""
+    count = len(powers) - span + 1
     total = powers[:count].copy()
-    for shift in range(1, SPAN):
+    for shift in range(1, span):
         total += powers[shift : shift + count]
-    return total / SPAN
+    means: list[float] = (total / span).tolist()
+    return means

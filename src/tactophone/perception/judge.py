@@ -10,8 +10,12 @@ BEAT = 0.02
 """Longest time, in s, without a belief: where windows come more rarely, the newest is told again."""
 
 WINDOW_MARGIN_DB = 6.0
-"""How far under the threshold a window in contact may lie and still be told: it looks back over 64 times the sound that
-the gate does, so that single impacts, loud enough for the gate, count for less in it."""
+"""How far under the threshold a window may lie and still be told, once it is full of contact: it looks back over eight
+times the sound that the gate does, so that single impacts, loud enough for the gate, count for less in it."""
+
+FULL_OF_CONTACT = 0.128
+"""Seconds of touch, half a window, from which a window is told whatever its level. Before that it must be as loud as
+contact is: else it would be the noise in it that is judged."""
 
 LONGEST_GAP = 0.25
 """Seconds of lost sound, about a window, over which what was heard before still counts."""
@@ -81,7 +85,7 @@ class Judge:
         self._first = self._next = start
         self._shift = 0.0
         self._belief = _NOTHING_HEARD
-        self._touching = self._gate is None
+        self._touching, self._since = self._gate is None, 0.0
         self._told = -math.inf
 
     def _follow(self, block: AudioBlock) -> None:
@@ -105,7 +109,8 @@ class Judge:
 
     def _hear(self, contact: Contact) -> Prediction | None:
         changed = contact.touching is not self._touching
-        self._touching = contact.touching
+        if changed:
+            self._touching, self._since = contact.touching, contact.time + self._shift
         end = contact.time + self._shift - self.latency
         if not changed and end - self._told < BEAT:
             return None
@@ -118,9 +123,13 @@ class Judge:
             return prediction
         if not self._touching or prediction.faulty:
             return replace(prediction, touch=Touch.NONE, roughness=0.0)
-        if prediction.touch is Touch.NONE:
+        if prediction.touch is Touch.NONE or not self._tells(prediction):
             return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
         return prediction
+
+    def _tells(self, prediction: Prediction) -> bool:
+        lasted = prediction.end + self.latency - self._since
+        return prediction.level_dbfs >= self._threshold_dbfs or lasted >= FULL_OF_CONTACT
 
     def _shifted(self, prediction: Prediction) -> Prediction:
         if not self._shift:
