@@ -29,6 +29,8 @@ VERBS: dict[str, str] = {
     "arm": "let vibration be felt again, after a stop, a mute or a restart",
     "devices": "list sound devices, which look right for two microphones and for an actuator, and why not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to begin with",
+    "calibrate": "find the noise floor and the contact threshold, name what is wrong with the microphones",
+    "record": "record an object as the paper did: seven guided takes, judged at once, nothing ever lost",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",

@@ -9,8 +9,8 @@ from typing import Any, Self
 from tactophone.errors import ConfigError
 from tactophone.perception.faults import Reference
 
-CLIPPED = 0.02
-"""Share of clipped samples that is a fault in a set-up whose gain was found good: a knob has been turned."""
+CLIPPED = 0.05
+"""Share of a half second that is a fault in a set-up whose gain was found good: more than a bang, a knob was turned."""
 
 _TABLE = "calibration"
 

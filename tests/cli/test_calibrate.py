@@ -1,0 +1,48 @@
+import json
+from pathlib import Path
+
+import pytest
+import soundfile
+
+from tactophone.cli import main
+from tactophone.perception.calibration import Calibration
+
+FINGER = ["calibrate", "--source", "finger", "--finger-gain", "-12"]
+
+
+def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "finger.toml"
+    assert main([*FINGER, "--out", str(file)]) == 0
+    told = capsys.readouterr().out
+    assert "good: written to" in told
+    assert Calibration.read(file).source == "finger"
+
+
+def test_a_bad_one_is_refused_with_what_to_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "finger.toml"
+    assert main([*FINGER, "--fault", "swapped", "--out", str(file)]) == 1
+    assert "refused: microphones swapped" in capsys.readouterr().out
+    assert not file.exists()
+
+
+def test_fewer_false_alarms_want_a_higher_threshold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    thresholds = []
+    for rate in ("60/min", "0.1/min"):
+        assert main([*FINGER, "--false-alarms", rate, "--json", "--out", str(tmp_path / "c.toml")]) == 0
+        thresholds.append(json.loads(capsys.readouterr().out)["threshold_dbfs"])
+    assert thresholds[0] < thresholds[1]
+
+
+def test_a_recording_can_be_calibrated_on_and_one_too_short_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "short.wav", [[0.0, 0.0]] * 48_000, 48_000)
+    command = ["calibrate", "--source", "file", "--device", str(tmp_path / "short.wav")]
+    assert main(command) == 1
+    assert "ended" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rate", ["many", "0/min", "3/hour"])
+def test_a_rate_that_is_none_is_named(rate: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*FINGER, "--false-alarms", rate]) == 1
+    assert "1/min" in capsys.readouterr().err

@@ -1,0 +1,46 @@
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import soundfile
+
+from tactophone.cli import main
+from tactophone.dataset import open_dataset
+
+FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "4"]
+
+
+def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = [*FINGER, "--takes", "long_light,wiggle", "--material", "enamel", "--out", str(tmp_path), "--json"]
+    assert main(command) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [take["take"] for take in told["takes"]] == ["long_light", "wiggle"]
+    assert [one.known("material") for one in open_dataset(tmp_path).recordings] == ["enamel", "enamel"]
+    assert main(command) == 0
+    assert json.loads(capsys.readouterr().out)["takes"] == []
+
+
+def test_a_take_that_there_is_not_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*FINGER, "--takes", "sideways", "--out", str(tmp_path)]) == 1
+    assert "long_light" in capsys.readouterr().err
+
+
+def test_a_session_that_was_killed_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = [sys.executable, "-m", "tactophone", *FINGER[:-1], "60", "--out", str(tmp_path)]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    part = tmp_path / "whiteboard" / "table" / "long_light.part.wav"
+    while not (part.is_file() and part.stat().st_size > 48_000 * 6):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    written = part.stat().st_size / 6 / 48_000
+    assert main([*FINGER, "--takes", "wiggle", "--out", str(tmp_path)]) == 0
+    assert "which was cut off" in capsys.readouterr().err
+    first, _ = open_dataset(tmp_path).recordings
+    assert soundfile.info(first.path).duration > written - 1
+    assert "cut off" in first.known("verdict")
