@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import signal
 import subprocess
@@ -10,12 +11,16 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.dataset import open_dataset
+from tests.perception.test_calibration import CALIBRATION
 
 FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "4"]
 
 
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibration = dataclasses.replace(CALIBRATION, threshold_dbfs=-38.0, floor_dbfs=(-40.0, -58.0))
+    calibration.write(tmp_path / "finger.toml")
     command = [*FINGER, "--takes", "long_light,wiggle", "--material", "enamel", "--out", str(tmp_path), "--json"]
+    command += ["--calibration", str(tmp_path / "finger.toml")]
     assert main(command) == 0
     told = json.loads(capsys.readouterr().out)
     assert [take["take"] for take in told["takes"]] == ["long_light", "wiggle"]

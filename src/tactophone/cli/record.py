@@ -1,4 +1,4 @@
-"""``tactophone record``: the paper's seven takes of an object, guided, judged at once, safe from a kill or a full disk."""
+"""``tactophone record``: the paper's seven takes of an object, guided and judged at once; no kill or full disk loses it."""
 
 import argparse
 import datetime
