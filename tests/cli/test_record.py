@@ -19,11 +19,11 @@ FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     calibration = dataclasses.replace(CALIBRATION, threshold_dbfs=-38.0, floor_dbfs=(-40.0, -58.0))
     calibration.write(tmp_path / "finger.toml")
-    command = [*FINGER, "--takes", "long_light,wiggle", "--material", "enamel", "--out", str(tmp_path), "--json"]
+    command = [*FINGER, "--takes", "long_medium,wiggle", "--material", "enamel", "--out", str(tmp_path), "--json"]
     command += ["--calibration", str(tmp_path / "finger.toml")]
     assert main(command) == 0
     told = json.loads(capsys.readouterr().out)
-    assert [take["take"] for take in told["takes"]] == ["long_light", "wiggle"]
+    assert [take["take"] for take in told["takes"]] == ["long_medium", "wiggle"]
     assert [one.known("material") for one in open_dataset(tmp_path).recordings] == ["enamel", "enamel"]
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out)["takes"] == []

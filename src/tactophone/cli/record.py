@@ -1,4 +1,4 @@
-"""``tactophone record``: the paper's seven takes of an object, guided and judged at once; no kill or full disk loses it."""
+"""``tactophone record``: the seven takes of the paper, guided and judged at once, safe from kills and full disks."""
 
 import argparse
 import datetime
