@@ -13,7 +13,7 @@ from tactophone.cli import main
 from tactophone.dataset import open_dataset
 from tests.perception.test_calibration import CALIBRATION
 
-FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "4"]
+FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "8"]
 
 
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
