@@ -2,7 +2,7 @@
 
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, DecisionRule, rough_share
-from tactophone.perception.detector import PaperDetector
+from tactophone.perception.detector import WindowDetector
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Gate, Model, ModelCard, read_model
 from tactophone.perception.shipped import (
@@ -25,7 +25,7 @@ __all__ = [
     "Judge",
     "Model",
     "ModelCard",
-    "PaperDetector",
+    "WindowDetector",
     "default_model",
     "detector_for",
     "model_path",

@@ -20,11 +20,15 @@ class DecisionRule:
         Share under which a rough belief turns smooth again; at most ``rough_on``.
     confirm
         How many updates in a row must reach ``rough_on`` before the belief turns rough.
+    abstain_from
+        Probability of *none* from which a touch, though there is contact, is unlike any that the model knows: it is
+        felt as plain contact, smooth. Over 1 for models, like the paper's, whose *none* is trained but not asked.
     """
 
     rough_on: float = 0.5
     rough_off: float = 0.5
     confirm: int = 1
+    abstain_from: float = 2.0
 
     def __post_init__(self) -> None:
         if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
@@ -48,7 +52,8 @@ class Decision:
 
         *No contact* overrides the network, whose own *none* is trained but not asked (paper, section III).
         """
-        share = rough_share(probabilities)
+        unknown = probabilities[Touch.NONE] >= self._rule.abstain_from
+        share = 0.0 if unknown else rough_share(probabilities)
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
         self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
         self._rough = contact and share >= threshold and (self._rough or self._streak >= self._rule.confirm)

@@ -1,7 +1,8 @@
-"""The paper's detector: resample, window, spectrum, network, gate, decision, in that order.
+"""Every detector: resample, window, extract features, ask the network, gate and decide, in that order.
 
-At every sound buffer the paper looks at the last 256 ms of both microphones (section III). So does this, and gives
-one prediction each time, the same to the bit whatever the blocks in which the sound arrives.
+At every sound buffer the paper looks at the last 256 ms of both microphones (section III). So does this, or in other
+steps if the model says so, and gives one prediction each time, the same to the bit whatever the blocks in which the
+sound arrives.
 """
 
 from collections import Counter
@@ -10,10 +11,10 @@ import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import Decision, Probabilities
-from tactophone.perception.features import magnitudes
+from tactophone.perception.extractors import EXTRACTORS, FORGIVING, Extractor
 from tactophone.perception.garbage import GarbageFilter
 from tactophone.perception.loudness import LOUDNESS
-from tactophone.perception.model import FEATURES, LOG_PROBABILITIES, Model
+from tactophone.perception.model import FEATURES, LOG_PROBABILITIES, Model, ModelCard
 from tactophone.perception.resample import LOWEST_RATE, Resampler
 from tactophone.perception.windows import Windower
 from tactophone.types import CONTACT, AudioBlock, FloatArray, Prediction
@@ -21,13 +22,14 @@ from tactophone.types import CONTACT, AudioBlock, FloatArray, Prediction
 NOTHING_SURE: Probabilities = (1.0, 0.0, 0.0)
 
 
-class PaperDetector:
-    """Judges a stream of sound with a network of the paper's kind.
+class WindowDetector:
+    """Judges a stream of sound, window by window, with a model of any kind.
 
     Parameters
     ----------
     model
-        Of kind ``paper``. With one channel it judges channel 0 of whatever sound it is given.
+        With one channel it judges channel 0 of whatever sound it is given. Some kinds have learnt to do without the
+        air channel; to them, one channel less counts as digital silence.
     sample_rate
         Of the sound to come, in Hz.
 
@@ -51,6 +53,7 @@ class PaperDetector:
         self._session = model.session
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
+        self._extractor = _extractor(model.card)
         self._loudness = LOUDNESS[model.card.gate.rule]
         self.reset()
 
@@ -84,6 +87,7 @@ class PaperDetector:
         self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
         self._decision.reset()
+        self._extractor.reset()
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound in; give the predictions that it completes.
@@ -94,7 +98,7 @@ class PaperDetector:
             If the block has fewer channels than the model wants, or not the rate that was announced.
         """
         self._check(block)
-        clean = self._garbage.clean(block).samples[:, : self.card.channels]
+        clean = self._fit(self._garbage.clean(block).samples)
         resampled = self._resampler.push(AudioBlock(clean, block.sample_rate))
         return [self._judge(end, window) for end, window in self._windower.push(resampled)]
 
@@ -107,28 +111,32 @@ class PaperDetector:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
             )
-        if block.channels < self.card.channels:
+        if block.channels < self.card.channels and self.card.kind not in FORGIVING:
             raise ModelError(
                 f"sound with {block.channels} channel, but the model {self.card.name} wants {self.card.channels} "
                 "(contact and air); choose a one-channel model"
             )
 
+    def _fit(self, samples: FloatArray) -> FloatArray:
+        missing = self.card.channels - samples.shape[1]
+        return np.pad(samples, ((0, 0), (0, missing))) if missing > 0 else samples[:, : self.card.channels]
+
     def _judge(self, end: int, window: FloatArray) -> Prediction:
         level_dbfs = self._loudness(window[:, CONTACT])
-        probabilities = self._probabilities(window)
+        loud = level_dbfs >= self.threshold_dbfs
+        probabilities = self._ask(self._extractor.push(window, contact=loud))
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = NOTHING_SURE
-        contact = not faulty and level_dbfs >= self.threshold_dbfs
+        contact = loud and not faulty
         touch, roughness = self._decision.decide(probabilities, contact=contact)
         start = (end - self.card.window_size) / self.card.sample_rate
         return Prediction(
             probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
         )
 
-    def _probabilities(self, window: FloatArray) -> Probabilities:
-        features = magnitudes(window)[None]
-        (answer,) = self._session.run([LOG_PROBABILITIES], {FEATURES: features})
+    def _ask(self, features: FloatArray) -> Probabilities:
+        (answer,) = self._session.run([LOG_PROBABILITIES], {FEATURES: features[None]})
         none, smooth, rough = np.exp(answer[0].astype(np.float64)).tolist()
         return none, smooth, rough
 
@@ -148,3 +156,10 @@ class PaperDetector:
         ratio = self._sample_rate / self.card.sample_rate
         reach = round(self._resampler.latency * self._sample_rate)
         return int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach + 1
+
+
+def _extractor(card: ModelCard) -> Extractor:
+    try:
+        return EXTRACTORS[card.kind](card)
+    except (KeyError, ValueError) as error:
+        raise ModelError(f"model {card.name}: its settings cannot be used ({error}); export it again") from None

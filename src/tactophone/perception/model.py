@@ -34,7 +34,7 @@ class Gate:
     Parameters
     ----------
     rule
-        ``rms`` as the paper has it, ``mean_absolute`` as its authors' code does.
+        ``rms`` as the paper has it, ``mean_absolute`` as its authors' code does, ``banded`` deaf to hum.
     threshold_dbfs
         Level from which there is contact; "slightly over the noise floor" (paper, section III).
     """

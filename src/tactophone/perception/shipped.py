@@ -6,12 +6,13 @@ from pathlib import Path
 
 from tactophone.errors import ModelError
 from tactophone.perception.contact import ContactGate
-from tactophone.perception.detector import PaperDetector
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.extractors import EXTRACTORS
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Model, read_model
 from tactophone.types import Detector
 
-KINDS: dict[str, Callable[..., Detector]] = {"paper": PaperDetector}
+KINDS: dict[str, Callable[..., Detector]] = dict.fromkeys(EXTRACTORS, WindowDetector)
 """Which detector runs a model of which kind; each is called with the model and ``sample_rate=``."""
 
 SHIPPED = {1: "paper-mono", 2: "paper"}
@@ -66,7 +67,9 @@ def open_judge(name: str, *, sample_rate: int, fast_contact: bool = True) -> Jud
     """
     model = read_model(model_path(name))
     gate = model.card.gate
-    watch = ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule) if fast_contact else None
+    # A banded level tells contact within a short window by itself, and reads far lower than the gate's whole band.
+    fast = fast_contact and gate.rule != "banded"
+    watch = ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule) if fast else None
     return Judge(detector_for(model, sample_rate=sample_rate), watch)
 
 

@@ -45,7 +45,7 @@ def training_facts(recipe: Recipe, *, seed: int, dataset: str, fingerprint: str,
 
 def write_model(path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8") -> None:
     """Write a network and its card; a kill leaves the old file or the new, never half."""
-    _write(path, build_graph(weights, storage=storage), card)
+    write_graph(path, build_graph(weights, storage=storage), card)
 
 
 def read_weights(path: Path) -> dict[str, FloatArray]:
@@ -65,10 +65,11 @@ def read_weights(path: Path) -> dict[str, FloatArray]:
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
     """Write scores into a model file's card, beside or over those of that name."""
     card = read_model(path).card
-    _write(path, onnx.load(str(path)), replace(card, scores={**card.scores, name: dict(scores)}))
+    write_graph(path, onnx.load(str(path)), replace(card, scores={**card.scores, name: dict(scores)}))
 
 
-def _write(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
+def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
+    """Write any graph with its card; a kill leaves the old file or the new, never half."""
     onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
     partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     onnx.save(model, str(partial))

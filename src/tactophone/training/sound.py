@@ -26,10 +26,11 @@ def read_signals(
     recordings: Sequence[Recording],
     *,
     channels: int,
+    rate: int = RATE,
     codec: Codec | None = None,
     report: Callable[[int], None] = lambda done: None,
 ) -> list[FloatArray]:
-    """Read recordings at 2 kHz, each of shape ``(samples, channels)``; those read before are remembered.
+    """Read recordings at a model's rate, each of shape ``(samples, channels)``; those read before are remembered.
 
     Parameters
     ----------
@@ -37,6 +38,8 @@ def read_signals(
         Usable ones: :func:`tactophone.dataset.usable` leaves the others out.
     channels
         2, or 1: contact, or air where there is no contact microphone.
+    rate
+        In Hz.
     codec
         Sound is passed through it and back, as the network will hear it behind the link.
     report
@@ -51,7 +54,7 @@ def read_signals(
     for done, recording in enumerate(recordings, 1):
         order = channel_order(recording, wanted=channels)
         try:
-            signals.append(_read(recording.path, recording.path.stat().st_mtime_ns, order, codec))
+            signals.append(_read(recording.path, recording.path.stat().st_mtime_ns, order, rate, codec))
         except (soundfile.LibsndfileError, OSError) as error:
             raise DatasetError(f"{recording.path}: {error}; run `tactophone dataset check` on its folder") from error
         report(done)
@@ -60,11 +63,11 @@ def read_signals(
 
 # A cross-validation reads every file in every fold; at 2 kHz the paper's whole set takes 67 MB.
 @functools.lru_cache(maxsize=1 << 14)
-def _read(path: Path, changed_ns: int, order: tuple[int, ...], codec: Codec | None) -> FloatArray:
+def _read(path: Path, changed_ns: int, order: tuple[int, ...], rate: int, codec: Codec | None) -> FloatArray:
     with soundfile.SoundFile(path) as file:
         if max(order) >= file.channels:
             raise DatasetError(f"{path}: has {file.channels} channel, but {len(order)} are wanted; use one-channel")
-        resampler = Resampler(file.samplerate, RATE, channels=len(order))
+        resampler = Resampler(file.samplerate, rate, channels=len(order))
         if codec is None:
             blocks = file.blocks(READ_SIZE, dtype="float32", always_2d=True)
         else:

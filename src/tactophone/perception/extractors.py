@@ -1,0 +1,53 @@
+"""What the network of each kind of model is shown of a window."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Protocol
+
+from tactophone.perception.cues import CuesExtractor
+from tactophone.perception.features import magnitudes
+from tactophone.perception.model import ModelCard
+from tactophone.perception.picture import PictureExtractor
+from tactophone.perception.texture import TextureExtractor
+from tactophone.types import FloatArray
+
+
+class Extractor(Protocol):
+    """Window to features, as a model's network wants them."""
+
+    def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
+        """Give the features, shape ``(features,)``, of the newest window, shape ``(samples, channels)``."""
+        ...
+
+    def reset(self) -> None:
+        """Become as new."""
+        ...
+
+
+class MagnitudesExtractor:
+    """Gives the paper's features: magnitudes of each channel's spectrum."""
+
+    def __init__(self, card: ModelCard) -> None:
+        del card
+
+    def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
+        """Give the magnitudes."""
+        del contact
+        return magnitudes(window)
+
+    def reset(self) -> None:
+        """Do nothing: each window speaks for itself."""
+
+
+EXTRACTORS: Mapping[str, Callable[[ModelCard], Extractor]] = MappingProxyType(
+    {
+        "paper": MagnitudesExtractor,
+        "texture": TextureExtractor,
+        "cues": CuesExtractor,
+        "scalogram": PictureExtractor,
+    }
+)
+"""The extractor of each kind of model."""
+
+FORGIVING = frozenset({"texture", "cues"})
+"""Kinds whose features are NaN where a channel is missing, and whose networks can do without it."""

@@ -1,0 +1,175 @@
+"""Fits the head of our own detector: few weights, calibrated on surfaces it has not met, and aware of what it knows.
+
+For each set of channels that may be alive there is one logistic regression, every surface and either class weighing
+the same. Its confidence is calibrated by Platt's method (1999) on logits of surfaces left out, because on its own
+surfaces any classifier is too sure. What is unlike any sound it knows is told by the Mahalanobis distance, with Ledoit
+and Wolf's shrunken covariance (2004); the threshold is what one left-out window in two hundred exceeds.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.types import FloatArray
+
+STRENGTH = 0.03
+"""Inverse of the L2 penalty, per unit of mean loss times windows; docs/detector.md has what others gave."""
+
+INNER_FOLDS = 5
+KNOWN_SHARE = 0.995
+MOST_WINDOWS = 12_000
+"""Windows fitted on, evenly drawn: neighbours are nearly the same, and more change no score."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examples:
+    """Windows to learn from: features ``(windows, features)``, whether rough, and the surface's number."""
+
+    features: FloatArray
+    rough: NDArray[np.bool_]
+    surface: NDArray[np.intp]
+
+    def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
+        """Keep some."""
+        return Examples(self.features[which], self.rough[which], self.surface[which])
+
+    def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
+        """Keep at most so many, evenly."""
+        return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Head:
+    """Parameters of the head.
+
+    Parameters
+    ----------
+    centre, scale
+        Of the features, which are standardised first.
+    weights, biases
+        A logistic regression for each set of living channels, shape ``(sets, features)``: all, then each alone.
+    whitening
+        Shape ``(features, features)``: turns standardised features into ones of no correlation and unit variance.
+    limit
+        Mean square of whitened features over which sound is unknown.
+    """
+
+    centre: Floats
+    scale: Floats
+    weights: Floats
+    biases: Floats
+    whitening: Floats
+    limit: float
+
+
+def channel_sets(channels: int) -> list[tuple[int, ...]]:
+    """List the sets of living channels that there is a regression for.
+
+    >>> channel_sets(2), channel_sets(1)
+    ([(0, 1), (0,), (1,)], [(0,)])
+    """
+    every = tuple(range(channels))
+    return [every, *combinations(every, 1)] if channels > 1 else [every]
+
+
+def fit_head(examples: Examples, *, channels: int) -> Head:
+    """Fit, calibrate and bound a head on windows of several surfaces of both classes."""
+    thinned = examples.thinned()
+    centre, scale = _moments(thinned.features)
+    standard = Examples(_standardised(thinned.features, centre, scale), thinned.rough, thinned.surface)
+    sets = channel_sets(channels)
+    fitted = [_calibrated(standard, _columns(one, channels, standard.features.shape[1])) for one in sets]
+    whitening = _whitening(standard.features)
+    limit = float(np.quantile(_left_out_distances(standard), KNOWN_SHARE))
+    weights, biases = zip(*fitted, strict=True)
+    return Head(centre, scale, np.array(weights), np.array(biases), whitening, limit)
+
+
+def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Floats:
+    """Weigh windows so that both classes, and in each its surfaces, weigh the same; the mean weight is 1."""
+    weights = np.empty(len(rough))
+    for called in (False, True):
+        surfaces = np.unique(surface[rough == called])
+        for one in surfaces:
+            here = (surface == one) & (rough == called)
+            weights[here] = len(rough) / 2 / len(surfaces) / here.sum()
+    return weights
+
+
+def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator[NDArray[np.bool_]]:
+    """Give the windows left out of each inner fold: whole surfaces, both classes in each where there are enough."""
+    dealt = {int(one): place % INNER_FOLDS for called in (True, False)
+             for place, one in enumerate(np.unique(surface[rough == called]))}  # fmt: skip
+    side = np.array([dealt[int(one)] for one in surface])
+    for fold in range(INNER_FOLDS):
+        out = side == fold
+        if out.any() and 0 < rough[~out].mean() < 1:
+            yield out
+
+
+def _calibrated(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
+    only = examples.features[:, columns].astype(np.float64)
+    logits, rough, surface = [], [], []
+    for out in inner_folds(examples.rough, examples.surface):
+        weights, bias = _logistic(only[~out], examples.rough[~out], examples.surface[~out])
+        logits.append(only[out] @ weights + bias)
+        rough.append(examples.rough[out])
+        surface.append(examples.surface[out])
+    slope, shift = _platt(np.concatenate(logits), np.concatenate(rough), np.concatenate(surface))
+    weights, bias = _logistic(only, examples.rough, examples.surface)
+    full = np.zeros(examples.features.shape[1])
+    full[columns] = slope * weights
+    return full, slope * bias + shift
+
+
+def _platt(logits: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> tuple[float, float]:
+    if not 0 < rough.mean() < 1:
+        return 1.0, 0.0
+    weights, shift = _logistic(logits[:, None], rough, surface, strength=1e3)
+    # Left-out surfaces that contradict the rest would turn belief upside down; then it is only made unsure.
+    return max(float(weights[0]), 0.05), shift
+
+
+def _logistic(
+    features: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp], *, strength: float = STRENGTH
+) -> tuple[Floats, float]:
+    from sklearn.linear_model import LogisticRegression
+
+    model = LogisticRegression(C=strength, solver="newton-cholesky", max_iter=50)
+    model.fit(features, rough, sample_weight=even_weights(rough, surface))
+    return np.asarray(model.coef_[0]), float(model.intercept_[0])
+
+
+def _moments(features: FloatArray) -> tuple[Floats, Floats]:
+    wide = features.astype(np.float64)
+    return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
+
+
+def _standardised(features: FloatArray, centre: Floats, scale: Floats) -> FloatArray:
+    # What is missing is taken to be average, here as in the graph.
+    return np.asarray(np.nan_to_num((features - centre) / scale, nan=0.0), np.float32)
+
+
+def _whitening(standard: FloatArray) -> Floats:
+    from sklearn.covariance import LedoitWolf
+
+    precision = LedoitWolf(assume_centered=True).fit(standard.astype(np.float64)).precision_
+    return np.asarray(np.linalg.cholesky(precision))
+
+
+def _left_out_distances(examples: Examples) -> Floats:
+    distances = [
+        np.square(examples.features[out] @ _whitening(examples.features[~out])).mean(axis=1)
+        for out in inner_folds(examples.rough, examples.surface)
+    ]
+    return np.concatenate(distances)
+
+
+def _columns(living: tuple[int, ...], channels: int, features: int) -> NDArray[np.intp]:
+    each = features // channels
+    return np.concatenate([np.arange(one * each, (one + 1) * each) for one in living])

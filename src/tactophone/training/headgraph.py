@@ -1,0 +1,106 @@
+"""Writes heads as ONNX graphs: features in, log-probabilities of none, smooth and rough out.
+
+A channel whose features are NaN is missing; the regression of those that are left answers. *None* stands for sound
+unlike any the head knows.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import NodeProto, TensorProto, helper, numpy_helper
+
+from tactophone.perception.model import FEATURES, LOG_PROBABILITIES
+from tactophone.training.graph import IR_VERSION, OPSET
+from tactophone.training.head import Head, channel_sets
+
+STEEPNESS = 10.0
+"""How fast sound becomes unknown around the limit: half known at it, 1 % at 1.5 times the limit."""
+
+
+def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
+    """Build the graph of our own detector's head."""
+    count = len(head.centre)
+    tensors = {
+        "centre": head.centre,
+        "scale": head.scale,
+        "weights": head.weights.T,
+        "biases": head.biases,
+        "whitening": head.whitening,
+        "sharpness": np.array(STEEPNESS / head.limit / count),
+        "steepness": np.array(STEEPNESS),
+        "firsts": np.arange(channels) * (count // channels),
+        "powers": 2.0 ** np.arange(channels)[:, None],
+        "choices": _choices(channels),
+        "one": np.array([1]),
+    }
+    nodes = [
+        helper.make_node("IsNaN", [FEATURES], ["missing"]),
+        helper.make_node("Where", ["missing", "centre", FEATURES], ["whole"]),
+        helper.make_node("Sub", ["whole", "centre"], ["centred"]),
+        helper.make_node("Div", ["centred", "scale"], ["standard"]),
+        # Which regression: the missing channels, read as a binary number, are a row of choices.
+        helper.make_node("Cast", ["missing"], ["gone"], to=TensorProto.FLOAT),
+        helper.make_node("Gather", ["gone", "firsts"], ["gone:channels"], axis=1),
+        helper.make_node("MatMul", ["gone:channels", "powers"], ["code"]),
+        helper.make_node("Cast", ["code"], ["code:index"], to=TensorProto.INT64),
+        helper.make_node("Squeeze", ["code:index", "one"], ["row"]),
+        helper.make_node("Gather", ["choices", "row"], ["choice"], axis=0),
+        helper.make_node("Gemm", ["standard", "weights", "biases"], ["logits"]),
+        helper.make_node("Mul", ["logits", "choice"], ["logits:chosen"]),
+        helper.make_node("ReduceSum", ["logits:chosen", "one"], ["logit"], keepdims=1),
+        helper.make_node("MatMul", ["standard", "whitening"], ["white"]),
+        helper.make_node("ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1),
+        helper.make_node("Mul", ["distance", "sharpness"], ["distance:sharp"]),
+        helper.make_node("Sub", ["distance:sharp", "steepness"], ["unknown"]),
+        *answer_nodes(logit="logit", unknown="unknown"),
+    ]
+    return build(nodes, tensors, features=count)
+
+
+def answer_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
+    """Turn two logits, rough against smooth and unknown against known, into log-probabilities.
+
+    With the softplus function s: log P(none) = -s(-u), log P(smooth) = -s(u) - s(l), log P(rough) = -s(u) - s(-l).
+    """
+    return [
+        helper.make_node("Neg", [logit], ["logit:not"]),
+        helper.make_node("Neg", [unknown], ["unknown:not"]),
+        helper.make_node("Softplus", [logit], ["no:rough"]),
+        helper.make_node("Softplus", ["logit:not"], ["no:smooth"]),
+        helper.make_node("Softplus", [unknown], ["no:known"]),
+        helper.make_node("Softplus", ["unknown:not"], ["no:none"]),
+        helper.make_node("Add", ["no:known", "no:rough"], ["against:smooth"]),
+        helper.make_node("Add", ["no:known", "no:smooth"], ["against:rough"]),
+        helper.make_node("Concat", ["no:none", "against:smooth", "against:rough"], ["against"], axis=1),
+        helper.make_node("Neg", ["against"], [LOG_PROBABILITIES]),
+    ]
+
+
+def build(nodes: list[NodeProto], tensors: Mapping[str, NDArray[np.generic]], *, features: int) -> onnx.ModelProto:
+    """Make a checked model of nodes and constants; integers stay integers, the rest is stored in float32."""
+    graph = helper.make_graph(
+        nodes,
+        "head",
+        [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, ["windows", features])],
+        [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, ["windows", 3])],
+        [numpy_helper.from_array(_stored(value), name) for name, value in tensors.items()],
+    )
+    imports = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
+    model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)
+    onnx.checker.check_model(model)
+    return model
+
+
+def _stored(value: NDArray[np.generic]) -> NDArray[np.generic]:
+    return value if np.issubdtype(value.dtype, np.integer) else value.astype(np.float32)
+
+
+def _choices(channels: int) -> NDArray[np.float64]:
+    """Which regression answers, a row for each number that the missing channels make; none does if all are."""
+    sets = channel_sets(channels)
+    rows = np.zeros((2**channels, len(sets)))
+    for place, living in enumerate(sets):
+        rows[sum(2**one for one in range(channels) if one not in living), place] = 1
+    return rows
