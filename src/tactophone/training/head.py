@@ -54,9 +54,10 @@ class Head:
     weights, biases
         A logistic regression for each set of living channels, shape ``(sets, features)``: all, then each alone.
     whitening
-        Shape ``(features, features)``: turns standardised features into ones of no correlation and unit variance.
+        Shape ``(features, features)``: turns a channel's standardised features into ones of no correlation and unit
+        variance.
     limit
-        Mean square of whitened features over which sound is unknown.
+        Mean square of the living channels' whitened features over which sound is unknown.
     """
 
     centre: Floats
@@ -84,8 +85,8 @@ def fit_head(examples: Examples, *, channels: int) -> Head:
     standard = Examples(_standardised(thinned.features, centre, scale), thinned.rough, thinned.surface)
     sets = channel_sets(channels)
     fitted = [_calibrated(standard, _columns(one, channels, standard.features.shape[1])) for one in sets]
-    whitening = _whitening(standard.features)
-    limit = float(np.quantile(_left_out_distances(standard), KNOWN_SHARE))
+    whitening = _whitening(standard.features, channels)
+    limit = float(np.quantile(_left_out_distances(standard, channels), KNOWN_SHARE))
     weights, biases = zip(*fitted, strict=True)
     return Head(centre, scale, np.array(weights), np.array(biases), whitening, limit)
 
@@ -155,16 +156,21 @@ def _standardised(features: FloatArray, centre: Floats, scale: Floats) -> FloatA
     return np.asarray(np.nan_to_num((features - centre) / scale, nan=0.0), np.float32)
 
 
-def _whitening(standard: FloatArray) -> Floats:
+def _whitening(standard: FloatArray, channels: int) -> Floats:
+    """Whiten each channel by itself: then the distance of those alive does not hang on those that are missing."""
     from sklearn.covariance import LedoitWolf
 
-    precision = LedoitWolf(assume_centered=True).fit(standard.astype(np.float64)).precision_
-    return np.asarray(np.linalg.cholesky(precision))
+    whitening = np.zeros((standard.shape[1], standard.shape[1]))
+    for one in range(channels):
+        columns = _columns((one,), channels, standard.shape[1])
+        precision = LedoitWolf(assume_centered=True).fit(standard[:, columns].astype(np.float64)).precision_
+        whitening[np.ix_(columns, columns)] = np.linalg.cholesky(precision)
+    return whitening
 
 
-def _left_out_distances(examples: Examples) -> Floats:
+def _left_out_distances(examples: Examples, channels: int) -> Floats:
     distances = [
-        np.square(examples.features[out] @ _whitening(examples.features[~out])).mean(axis=1)
+        np.square(examples.features[out] @ _whitening(examples.features[~out], channels)).mean(axis=1)
         for out in inner_folds(examples.rough, examples.surface)
     ]
     return np.concatenate(distances)

@@ -34,6 +34,8 @@ def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
         "powers": 2.0 ** np.arange(channels)[:, None],
         "choices": _choices(channels),
         "one": np.array([1]),
+        # A little over 1, so that nothing is divided by 0 when no channel is left.
+        "nearly:one": np.array(1 + 1e-6),
     }
     nodes = [
         helper.make_node("IsNaN", [FEATURES], ["missing"]),
@@ -52,7 +54,10 @@ def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
         helper.make_node("ReduceSum", ["logits:chosen", "one"], ["logit"], keepdims=1),
         helper.make_node("MatMul", ["standard", "whitening"], ["white"]),
         helper.make_node("ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1),
-        helper.make_node("Mul", ["distance", "sharpness"], ["distance:sharp"]),
+        helper.make_node("ReduceMean", ["gone"], ["dead"], axes=[1], keepdims=1),
+        helper.make_node("Sub", ["nearly:one", "dead"], ["alive"]),
+        helper.make_node("Div", ["distance", "alive"], ["distance:alive"]),
+        helper.make_node("Mul", ["distance:alive", "sharpness"], ["distance:sharp"]),
         helper.make_node("Sub", ["distance:sharp", "steepness"], ["unknown"]),
         *answer_nodes(logit="logit", unknown="unknown"),
     ]

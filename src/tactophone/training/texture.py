@@ -78,7 +78,7 @@ def prepare(course: TextureCourse, recordings: Sequence[Recording]) -> Lesson:
 
 def contact_threshold(tracks: Sequence[Track]) -> float:
     """Give the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
-    quiet = np.concatenate([track.level_dbfs[~track.touching()] for track in tracks])
+    quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
 
 

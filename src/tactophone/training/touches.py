@@ -50,12 +50,20 @@ class Track:
     present: NDArray[np.bool_]
 
     def touching(self) -> NDArray[np.bool_]:
-        """Whether the finger touches anything, by the recording's segments; throughout, if it has none."""
-        segments = self.recording.segments
-        if not segments:
-            return np.ones(len(self.end), bool)
-        inside = [(self.end > one.start) & (self.end <= one.end) for one in segments if one.contact]
-        return np.any(inside, axis=0) if inside else np.zeros(len(self.end), bool)
+        """Whether the finger touches anything at each window's end, by the segments; throughout, if there are none."""
+        return self._in_contact(self.end, self.end) if self.recording.segments else np.ones(len(self.end), bool)
+
+    def quiet(self) -> NDArray[np.bool_]:
+        """Whether each window lies wholly where nothing is touched, by the segments; nowhere, if there are none."""
+        told = bool(self.recording.segments)
+        return ~self._in_contact(self.end - SIZE / RATE, self.end) & told
+
+    def _in_contact(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+        inside = np.zeros(len(end), bool)
+        for one in self.recording.segments:
+            if one.contact:
+                inside |= (end > one.start) & (start <= one.end)
+        return inside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,5 +124,3 @@ def _remember(track: Track, threshold_dbfs: float) -> Memories:
     shape = (0, *track.description.shape[1:])
     mean, square, left = zip(*kept, strict=True) if kept else (np.empty(shape), np.empty(shape), np.empty(0))
     return Memories(np.array(mean), np.array(square), np.array(left))
-
-
