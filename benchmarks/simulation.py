@@ -1,0 +1,68 @@
+"""How fast the simulated finger is: offline, live, and at start.
+
+python benchmarks/simulation.py
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy as np
+
+from tactophone.simulation import TAKES, SimulatedFinger, find, five_stones, shuffled, single, take_moves
+
+OFFLINE, LIVE = 30.0, 20.0
+"""Seconds of sound rendered for each figure."""
+
+BLOCK = 128
+
+_START = "from tactophone.simulation.demonstration import demonstration as d; d().render(128)"
+
+
+def offline(name: str) -> float:
+    """How many times faster than real time a take of an object renders, on one core (processor time)."""
+    scene = single(find(name))
+    moves = take_moves(TAKES[1], scene.placed[0], duration=OFFLINE, rng=np.random.default_rng(1))
+    finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
+    finger.render(480)
+    began = time.process_time()
+    finger.render(round(OFFLINE * finger.sample_rate))
+    return OFFLINE / (time.process_time() - began)
+
+
+def live() -> tuple[float, float]:
+    """Share of a core that five stones in blocks of 128 take, and the 99th percentile of a block's time in ms."""
+    finger = SimulatedFinger(five_stones(shuffled(1)), place=(0.04, 0.035))
+    finger.render(BLOCK)
+    times, began = [], time.process_time()
+    for k in range(round(LIVE * finger.sample_rate / BLOCK)):
+        finger.move(0.04 + 0.03 * np.sin(k / 60), 0.035, 1.2)
+        start = time.perf_counter()
+        finger.render(BLOCK)
+        times.append(time.perf_counter() - start)
+    return (time.process_time() - began) / LIVE, 1000 * float(np.quantile(times, 0.99))
+
+
+def start(cache: str) -> float:
+    """Seconds until a new process has its first block."""
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-c", _START], check=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
+    return time.perf_counter() - began
+
+
+def main() -> None:
+    print("| what | goal | figure |\n|---|--:|--:|")
+    for name in ("lava stone", "screen", "smooth competition stone"):
+        print(f"| offline, one core: {name} | >= 20 x real time | {offline(name):.0f} x |")
+    share, slowest = live()
+    print(f"| live, five stones, blocks of {BLOCK} | <= 15 % of a core | {share:.1%} |")
+    print(f"| ... a block's time, 99th percentile | {1000 * BLOCK / 48_000:.2f} ms is real time | {slowest:.2f} ms |")
+    with tempfile.TemporaryDirectory() as cache:
+        print(f"| first block of a new process, nothing compiled | once | {start(cache):.1f} s |")
+        print(f"| ... any time after | no compiling | {start(cache):.1f} s |")
+
+
+if __name__ == "__main__":
+    main()
