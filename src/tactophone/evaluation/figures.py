@@ -52,7 +52,7 @@ def draw_feeling(
     TactophoneError
         If matplotlib is not installed.
     """
-    pyplot = _pyplot()
+    pyplot = load_pyplot()
     lines = read_timeline(timeline)
     _, low, _ = microphones.columns()
     heights = [1.0] * low.shape[1] + [1.0, 1.0, 0.16] + ([0.16] if truth else [])
@@ -75,7 +75,8 @@ def draw_feeling(
     pyplot.close(figure)
 
 
-def _pyplot() -> Any:
+def load_pyplot() -> Any:
+    """Import matplotlib's pyplot, styled as all our pictures are; `TactophoneError` if it is not installed."""
     try:
         import matplotlib as mpl  # slow to import, and only pictures need it
     except ImportError as error:

@@ -105,9 +105,9 @@ def summary(found: Sequence[Traits]) -> dict[str, float]:
 
 def draw_realism(path: Path, groups: Mapping[str, Mapping[str, Sequence[Traits]]]) -> None:
     """Draw spectra, levels, crest factors and modulation of groups of recordings, by label, as PNG."""
-    from tactophone.evaluation.figures import BLUE, GREEN, VERMILION, _pyplot
+    from tactophone.evaluation.figures import BLUE, GREEN, VERMILION, load_pyplot
 
-    pyplot = _pyplot()
+    pyplot = load_pyplot()
     figure, axes = pyplot.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
     for (name, found), colour in zip(groups.items(), (VERMILION, BLUE, GREEN), strict=False):
         for label, style in (("smooth", "--"), ("rough", "-")):

@@ -1,0 +1,44 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+
+
+def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "set"
+    args = ["simulate", "dataset", str(out), "--objects", "lava stone,3", "--takes", "wiggle", "--seconds", "0.5"]
+    assert main([*args, "--jobs", "1"]) == 0
+    assert capsys.readouterr().out.strip() == str(out)
+    assert len((out / "metadata.csv").read_text().splitlines()) == 3
+
+
+def test_runs_are_made_with_their_truth(tmp_path: Path) -> None:
+    assert main(["simulate", "competition", str(tmp_path), "--runs", "1"]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "day_1_run_1.flac", "day_1_run_1.csv", "day_2_run_1.flac", "day_2_run_1.csv", "metadata.csv",
+    }  # fmt: skip
+
+
+def test_the_catalogue_is_told_with_its_truth(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "objects", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) >= 23
+    assert {"object", "label", "material", "mounting", "Ra_um", "Rq_um"} <= set(rows[0])
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (["--objects", "cheese"], "is no object"),
+        (["--takes", "long"], "is no take"),
+        (["--seconds", "0"], "must be over 0"),
+        (["--authors-layout", "--objects", "all"], "00 to 22"),
+    ],
+)
+def test_a_slip_is_answered_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], told: str
+) -> None:
+    assert main(["simulate", "dataset", str(tmp_path), *args]) == 1
+    assert told in capsys.readouterr().err
