@@ -144,10 +144,7 @@ class ContactGate:
 
 
 def _running_mean(powers: NDArray[np.float64], span: int) -> list[float]:
-    """Average neighbours, added in the same order for each, so that block sizes do not matter."""
-    count = len(powers) - span + 1
-    total = powers[:count].copy()
-    for shift in range(1, span):
-        total += powers[shift : shift + count]
-    means: list[float] = (total / span).tolist()
+    """Average neighbours, each stretch summed alike, so that block sizes do not matter."""
+    stretches = np.ndarray((len(powers) - span + 1, span), np.float64, powers, strides=powers.strides * 2)
+    means: list[float] = (stretches.sum(axis=1) / span).tolist()
     return means

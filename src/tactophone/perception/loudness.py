@@ -1,6 +1,6 @@
 """How loud the contact microphone is, by one of three rules, and so whether the finger touches anything.
 
-The paper states an RMS level; its authors' code takes the mean of the absolute value (field.md, 2). For Gaussian noise
+The paper states an RMS level; its authors' code takes the mean of the absolute value. For Gaussian noise
 the second reads 2 dB lower.
 """
 
