@@ -39,8 +39,9 @@ SMOOTH = Stimulus(120.0, -25.0)
 class PaperProfile:
     """The paper's feel: a sine, moved by the detector's confidence between *smooth* and *rough*; none is silence.
 
-    The paper does not say along which line the confidence moves it. Here the level moves in dB and the frequency
-    by ratio, as both are felt (Weber's law; frequency steps of 18 %: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
+    The paper does not say along which line the confidence moves it. Here the level moves in dB and the frequency by
+    ratio, as both are felt (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and
+    -12.5 dBFS.
 
     Examples
     --------

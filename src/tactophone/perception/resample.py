@@ -4,7 +4,7 @@ A rational resampler: between two rates in lowest terms ``up / down``, output sa
 ``n * down / up``, and is the sum of the input samples around it, weighted by a windowed sinc whose cut-off lies just
 under the lower of the two Nyquist frequencies. There are ``up`` different sets of weights, one a fractional position.
 
-The kernel is the paper's authors' own for 48 to 2 kHz (torchaudio's default: a Hann-windowed sinc of six zero crossings a
+The kernel is the paper's authors' own for 48 to 2 kHz (torchaudio's default: a Hann-windowed sinc of six zeros a
 side, rolling off at 0.99 of the Nyquist frequency): 293 taps, half of which are the delay of 3.04 ms.
 
 Library resamplers do not serve here: soxr's stream was measured to hold 150 to 600 ms back at this ratio.
