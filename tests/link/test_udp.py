@@ -1,4 +1,4 @@
-"""The real network and the simulated one under one contract."""
+"""The socket: what it gives, and what it swallows."""
 
 from collections.abc import Iterator
 

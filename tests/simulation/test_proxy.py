@@ -1,10 +1,15 @@
 """The proxy between real sockets."""
 
+import time
+from typing import cast
+
+import numpy as np
 import pytest
 
-from tactophone.link import UdpSocket
-from tactophone.simulation.network import NetworkProfile
+from tactophone.link import Codec, Endpoint, Heard, Identity, Peers, ReceivingEnd, SendingEnd, Session, UdpSocket
+from tactophone.simulation.network import NetworkProfile, network
 from tactophone.simulation.proxy import ImpairmentProxy
+from tactophone.types import AudioBlock
 
 
 @pytest.mark.realtime
@@ -25,3 +30,42 @@ def test_datagrams_pass_both_ways_and_some_are_lost() -> None:
             back += batch
         assert 0 < len(back) < len(received)
         assert {source for _, source in back} == {proxy.address}
+
+
+@pytest.mark.realtime
+def test_a_call_over_real_sockets_and_a_bad_line_survives_a_restart() -> None:
+    ours, theirs = Identity.create("robot"), Identity.create("operator")
+    operator = ReceivingEnd(Session(theirs, Peers({ours.fingerprint: "robot"})))
+    with (
+        UdpSocket("127.0.0.1") as operators,
+        UdpSocket("127.0.0.1") as robots,
+        ImpairmentProxy(operators.address, network("wifi,loss=0.05"), seed=1) as proxy,
+    ):
+        for start in range(1, 3):
+            session = Session(ours, Peers({theirs.fingerprint: "operator"}), call=proxy.address)
+            robot = SendingEnd(session, Codec("opus", packet_size=240))
+            assert call(robot, robots, operator, operators, seconds=1.5) > 150
+            assert operator.counters["handshakes"] == start
+
+
+def call(
+    robot: SendingEnd,
+    robots: UdpSocket,
+    operator: ReceivingEnd,
+    operators: UdpSocket,
+    *,
+    seconds: float,
+) -> int:
+    """Send silence for a while; returns how many packets were heard."""
+    heard, begun = 0, time.monotonic()
+    for step in range(round(seconds / 0.005)):
+        now = time.monotonic()
+        robot.push(AudioBlock(np.zeros((240, 2), np.float32), 48_000, step * 240))
+        robot.receive(robots.receive(0), now=now)
+        robot.poll(now)
+        robots.send(cast(list[tuple[bytes, Endpoint]], robot.outgoing()))
+        news = operator.receive(operators.receive(0), now=now) + operator.poll(now)
+        heard += sum(isinstance(one, Heard) for one in news)
+        operators.send(cast(list[tuple[bytes, Endpoint]], operator.outgoing()))
+        time.sleep(max(0.0, begun + 0.005 * (step + 1) - time.monotonic()))
+    return heard

@@ -21,7 +21,7 @@ _EXPEDITED = 46 << 2
 
 
 class DatagramSocket(Protocol):
-    """Sends and fetches datagrams: the real network and the simulated one, under one contract."""
+    """Sends and fetches datagrams; all that a runtime needs of a network."""
 
     @property
     def address(self) -> Endpoint:

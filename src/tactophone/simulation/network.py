@@ -63,8 +63,8 @@ PROFILES: dict[str, NetworkProfile] = {
     "internet": NetworkProfile(loss=0.005, burst=1.2, delay=0.02, jitter=0.001, overtaking=True),
     "bursty": NetworkProfile(loss=0.05, burst=5.0, delay=0.002),
 }
-"""Lines by name. The Wi-Fi ones follow what people report of 802.11n/ac in the 5 GHz band: milliseconds of contention,
-loss mostly hidden by retransmission, pauses of 50 to 200 ms while a station scans or changes its access point."""
+"""Lines by name. The Wi-Fi ones have that network's habits (milliseconds of contention, loss mostly hidden by
+retransmission, pauses while a station scans or changes its access point) at sizes that we chose, not measured."""
 
 
 def network(text: str) -> NetworkProfile:
