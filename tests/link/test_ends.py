@@ -170,3 +170,13 @@ def test_foreign_datagrams_are_counted() -> None:
     call = Call()
     call.operator.receive([(b"hello", ("203.0.113.9", 1)), (b"\x80" + bytes(30), ("203.0.113.9", 1))], now=call.now)
     assert call.operator.counters["packets_rejected"] == 2
+
+
+def test_counters_only_ever_grow() -> None:
+    call = Call(profile=NetworkProfile(loss=0.05, spread=0.02, duplicates=0.05, overtaking=True))
+    before = call.operator.counters
+    for _ in range(200):
+        call.run(0.01, sound=noise(3))
+        after = call.operator.counters
+        assert all(after[name] >= total for name, total in before.items())
+        before = after

@@ -5,7 +5,7 @@ margin*. The least transit of each second (:mod:`~tactophone.link.transit`) tell
 jitter moves it; a slow proportional-integral loop turns the rest into a speed. A common loop on the fill level or on
 arrival times is unstable at 2 ms of jitter; this one holds the ratio to a few millionths (both measured).
 
-The margin is what the line needs: a packet, the block asked for, and enough for all but 1 in 1000 of the late packets,
+The margin is what the line needs: a packet, the block asked for, and enough for all but the latest 1 in 1000 of them,
 learnt in a quarter of a second of listening before anything is played. It grows as soon as 1 in 250 comes too late,
 and shrinks when a thousand packets have shown that half would do. Changes are played a little faster or slower, by
 `SLEW`: a ninth of the least change of frequency that a finger notices (Pongrac 2008), so nothing jumps. Only when the
@@ -28,13 +28,13 @@ LARGEST_SKEW = 400e-6
 """Ratio that the integral may reach: twice the worst pair of sound cards."""
 
 SLEW = 0.02
-"""Speed by which playing hurries or dawdles to reach a changed margin: 10 ms in half a second."""
+"""Speed by which playing hurries or dawdles at most, to reach a changed margin: 20 ms in a second."""
 
 STEADY = 0.002
 """Seconds of error up to which the slow loop is left alone; beyond, it slews."""
 
 JUMP = 0.04
-"""Seconds of error from which the place is set anew: two seconds of slewing."""
+"""Seconds of error from which the place is set anew: slewing would take more than two seconds."""
 
 LEAST_ALLOWANCE, LARGEST_ALLOWANCE = 0.002, 0.08
 """Seconds that may be kept for jitter; what is later than the largest is a stall, and is not waited for."""

@@ -8,6 +8,7 @@ out as the new fades in.
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,13 @@ _FADE_ANGLES = np.linspace(0, np.pi / 2, FADE, dtype=np.float32)[:, np.newaxis]
 _LONGEST_BRIDGE = round(LONGEST_GUESS * CLOCK_RATE)
 
 
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    payload: Payload
+    own: bool
+    end: int
+
+
 class Playout:
     """Puts one stream back together by the listener's clock.
 
@@ -56,7 +64,7 @@ class Playout:
         self.pace = Pace(block_size=block_size)
         self._block_size, self._channels = block_size, channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_MOST_QUEUED)
-        self._waiting: dict[int, tuple[Payload, bool]] = {}
+        self._waiting: dict[int, _Waiting] = {}
         self._origin: int | None = None
         self._newest = self._packet_size = 0
         self._decoder: Decoder | None = None
@@ -98,19 +106,25 @@ class Playout:
         if not self.reception.count(packet.sequence, own.timestamp, len(own.content), now=now):
             return
         start = self._unwrap(own.timestamp)
-        try:
-            size = self._decoder_for(own).size(own.content)
-        except PacketError:
-            stats.packets_broken += 1
+        size = self._keep(start, own, own=True)
+        if not size:
             return
         self._packet_size = size
         self.pace.push(start, size, now=now)
-        if self._place is not None and start < self._place:
-            stats.packets_late += 1
-            return
+        stats.packets_late += self._place is not None and start < self._place
         for payload in packet.earlier:
-            self._waiting.setdefault(self._unwrap(payload.timestamp), (payload, False))
-        self._waiting[start] = (own, True)
+            self._keep(self._unwrap(payload.timestamp), payload, own=False)
+
+    def _keep(self, start: int, payload: Payload, *, own: bool) -> int:
+        """Let a payload wait for its time; returns its size, 0 when it is broken."""
+        try:
+            size = self._decoder_for(payload).size(payload.content)
+        except PacketError:
+            self.reception.stats.packets_broken += 1
+            return 0
+        if own or start not in self._waiting:
+            self._waiting[start] = _Waiting(payload, own, start + size)
+        return size
 
     def _move(self, place: int) -> None:
         """Go on from elsewhere."""
@@ -132,20 +146,19 @@ class Playout:
         following = min(self._waiting, default=None)
         if following is None or following - self._place > _LONGEST_BRIDGE:
             return self._guess()
-        payload, own = self._waiting[following]
         if following > self._place:
-            return self._bridge(following - self._place, payload)
-        del self._waiting[following]
-        return self._decode(payload, own=own)
+            return self._bridge(following - self._place, self._waiting[following].payload)
+        return self._decode(self._waiting.pop(following))
 
-    def _decode(self, payload: Payload, *, own: bool) -> FloatArray:
+    def _decode(self, waiting: "_Waiting") -> FloatArray:
+        payload = waiting.payload
         try:
             samples = self._decoder_for(payload).decode(payload.content)
         except PacketError:
             self.reception.stats.packets_broken += 1
             return self._guess()
         skipped = (self._place or 0) - self._unwrap(payload.timestamp)
-        self.reception.stats.packets_recovered += not own
+        self.reception.stats.packets_recovered += not waiting.own
         self._guessed = 0
         return self._go_on(samples[skipped:], fresh=self._apart)
 
@@ -193,11 +206,8 @@ class Playout:
         return samples
 
     def _forget_the_past(self, place: int) -> None:
-        for start in [start for start, (payload, _) in self._waiting.items() if start + self._size(payload) <= place]:
+        for start in [start for start, waiting in self._waiting.items() if waiting.end <= place]:
             del self._waiting[start]
-
-    def _size(self, payload: Payload) -> int:
-        return self._decoder_for(payload).size(payload.content)
 
     def _unwrap(self, timestamp: int) -> int:
         """Samples since the first packet's first one."""

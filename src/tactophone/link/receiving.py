@@ -91,8 +91,10 @@ class ReceivingEnd:
         """Take everything that has come by now, and give what can be had of it."""
         events: list[Event] = []
         for datagram, source in datagrams:
-            self._meter.count(len(datagram) + DATAGRAM_OVERHEAD, now=now)
-            events += self.session.receive(datagram, source=source, now=now)
+            opened = self.session.receive(datagram, source=source, now=now)
+            if opened:
+                self._meter.count(len(datagram) + DATAGRAM_OVERHEAD, now=now)
+            events += opened
         return self._sort(events, now)
 
     def poll(self, now: float) -> list[News]:
@@ -219,7 +221,7 @@ class _Meter:
 def _counted(stats: StreamStats) -> Counter[str]:
     """Name what only grows."""
     names = (
-        "packets_received packets_lost packets_late packets_duplicated packets_reordered packets_recovered "
+        "packets_received packets_late packets_duplicated packets_reordered packets_recovered "
         "packets_concealed packets_skipped packets_broken samples_received samples_concealed"
     )
-    return Counter({name: getattr(stats, name) for name in names.split()})
+    return Counter({name: getattr(stats, name) for name in names.split()}, packets_lost=stats.most_lost)

@@ -194,12 +194,18 @@ class Session:
         self._outgoing += [(reply, source) for reply in replies]
         if handshake is None:
             return []
-        if len(self._pending) >= MOST_HANDSHAKES:
-            oldest = next(iter(self._pending))
-            self._forget(oldest, self._pending[oldest])
+        self._make_room(source)
         self._pending[source, hello_random(hello)] = handshake
         self._collect(handshake, source)
         return []
+
+    def _make_room(self, source: Address) -> None:
+        """Let each address have one handshake at a time, and all together `MOST_HANDSHAKES`."""
+        given_up = [key for key in self._pending if key[0] == source]
+        if not given_up and len(self._pending) >= MOST_HANDSHAKES:
+            given_up = [next(iter(self._pending))]
+        for key in given_up:
+            self._forget(key, self._pending[key])
 
     def _call(self, callee: Address, now: float) -> None:
         handshake = self._handshakes.call(now=now)

@@ -1,10 +1,11 @@
 """How the line does, in the vocabulary of RFC 3550 and of WebRTC's inbound statistics.
 
-========================  ==============================================================
+========================  ===================================================================================
 here                      WebRTC (``RTCInboundRtpStreamStats``)
-========================  ==============================================================
+========================  ===================================================================================
 ``packets_received``      ``packetsReceived``, duplicates left out
 ``packets_lost``          ``packetsLost``: expected less received, before any mending
+``most_lost``             none: the most that ``packets_lost`` was; a late packet lowers that, but not a counter
 ``packets_late``          ``packetsDiscarded``: came after their place had been filled
 ``packets_duplicated``    none; RFC 3550 counts them as received
 ``packets_reordered``     none: came after a younger one
@@ -16,7 +17,7 @@ here                      WebRTC (``RTCInboundRtpStreamStats``)
 ``samples_concealed``     ``concealedSamples``
 ``concealment_events``    ``concealmentEvents``
 ``samples_skipped``       none: holes too long to be worth guessing
-========================  ==============================================================
+========================  ===================================================================================
 """
 
 from dataclasses import dataclass
@@ -43,6 +44,7 @@ class StreamStats:
     samples_skipped: int = 0
     concealment_events: int = 0
     jitter: float = 0.0
+    most_lost: int = 0
     first: int | None = None
     highest: int = 0
 
@@ -78,6 +80,7 @@ class Reception:
         stats.packets_reordered += number < stats.highest
         stats.octets_received += octets
         stats.highest = max(stats.highest, number)
+        stats.most_lost = max(stats.most_lost, stats.packets_lost)
         self._update_jitter(timestamp, now)
         return True
 
