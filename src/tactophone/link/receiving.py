@@ -55,10 +55,9 @@ class ReceivingEnd:
         self.session = session
         self._reorder, self._playout_block = reorder, playout_block
         self.bandwidth = 0
-        self._past: Counter[str] = Counter()
         self._ssrcs = (0, 0)
         self._next_report = 0.0
-        self._begin()
+        self._begin(Counter(handshakes=0, link_losses=0, packets_broken=0))
 
     @property
     def stats(self) -> StreamStats:
@@ -67,8 +66,9 @@ class ReceivingEnd:
 
     @property
     def counters(self) -> Counter[str]:
-        """Totals over all sessions, in telemetry's names."""
-        return self._past + _counted(self.stats) + Counter(packets_rejected=self.session.refused)
+        """Totals over all sessions, in telemetry's names; may be read from another thread."""
+        past, arrival = self._books
+        return past + _counted(arrival.reception.stats) + Counter(packets_rejected=self.session.refused)
 
     @property
     def gauges(self) -> dict[str, float]:
@@ -113,8 +113,10 @@ class ReceivingEnd:
         """Hand over the datagrams to send, and where to."""
         return self.session.outgoing()
 
-    def _begin(self) -> None:
-        self._arrival = Arrival(reorder=self._reorder)
+    def _begin(self, past: Counter[str]) -> None:
+        # One assignment, so that who counts meanwhile sees the old stream either as present or as past.
+        self._books = past, Arrival(reorder=self._reorder)
+        self._past, self._arrival = self._books
         self.playout = Playout(block_size=self._playout_block) if self._playout_block else None
         self._beliefs = _Beliefs()
         self._meter = _Meter()
@@ -164,10 +166,11 @@ class ReceivingEnd:
         if isinstance(event, Disconnected):
             self._past["link_losses"] += 1
             return
-        self._past += _counted(self.stats)
-        self._past["handshakes"] += 1
         self._ssrcs = (event.local_ssrc, event.remote_ssrc)
-        self._begin()
+        totals = _counted(self.stats)
+        totals.update(self._past)
+        totals["handshakes"] += 1
+        self._begin(totals)
 
     def _hear(self, packet: bytes, now: float) -> None:
         try:
@@ -224,4 +227,5 @@ def _counted(stats: StreamStats) -> Counter[str]:
         "packets_received packets_late packets_duplicated packets_reordered packets_recovered "
         "packets_concealed packets_skipped packets_broken samples_received samples_concealed"
     )
-    return Counter({name: getattr(stats, name) for name in names.split()}, packets_lost=stats.most_lost)
+    grown: dict[str, int] = {name: getattr(stats, name) for name in names.split()}
+    return Counter(grown | {"packets_lost": stats.most_lost})
