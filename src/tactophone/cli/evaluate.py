@@ -138,26 +138,26 @@ def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
 def _print(reports: dict[str, Report], *, by_recording: bool) -> None:
     first = next(iter(reports.values()))
     terminal.out().print(
-        f"{first.recordings} recordings of {first.surfaces} surfaces, {first.updates} updates, contact in "
-        f"{first.contact:.0%} of them; in brackets: 90 % of draws of the surfaces"
+        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, {first.contact:.0%} of "
+        "them in contact.\nIn brackets: where 90 % of draws of the surfaces lie.\n"
     )
     if len(reports) > 1:
         for rule in RULES:
-            terminal.out().print(_comparison(reports, rule))
-    terminal.out().print(_measures(first))
+            terminal.out().print(_comparison(reports, rule), "")
+    terminal.out().print(_measures(first), "")
     terminal.out().print(_rows(first, by_recording=by_recording))
 
 
 def _comparison(reports: dict[str, Report], rule: Rule) -> Table:
     # Three columns of a score and its interval are what 80 characters hold.
-    table = Table(f"{rule} rule", "balanced accuracy", "area under ROC", "recall at 1 %")
+    table = Table(f"{rule} rule", "balanced accuracy", "area under ROC", "recall at 1 %", show_edge=False)
     for name, report in reports.items():
         table.add_row(name, *(str(report.rules[rule][measure]) for measure in _HEADLINE[:3]))
     return table
 
 
 def _measures(report: Report) -> Table:
-    table = Table("", *(f"{rule} rule" for rule in RULES))
+    table = Table("", *(f"{rule} rule" for rule in RULES), show_edge=False)
     for name, line in _MEASURES.items():
         table.add_row(line, *(str(report.rules[rule][name]) for rule in RULES))
     return table
@@ -165,7 +165,8 @@ def _measures(report: Report) -> Table:
 
 def _rows(report: Report, *, by_recording: bool) -> Table:
     rows = report.by_recording if by_recording else report.by_surface
-    table = Table("recording" if by_recording else "surface", "label", "updates", "contact", "authors", "two-class")
+    name = "recording" if by_recording else "surface"
+    table = Table(name, "label", "updates", "contact", "authors", "two-class", show_edge=False)
     for row in rows:
         shares = (row.contact, row.authors, row.two_class)
         told = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
