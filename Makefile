@@ -48,6 +48,8 @@ model: $(READY)
 	for model in paper paper-mono; do \
 	  $(SCORE) $$model --data $(STONES) --where split=test --note "simulated, held out"; \
 	done
+	test ! -d "$(TACTOPHONE_RECORDINGS)" || $(SCORE) paper-mono --data $(TACTOPHONE_RECORDINGS)/lmt --where tier=core \
+	  --note "real, lmt core (air microphone)"
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

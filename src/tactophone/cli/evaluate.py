@@ -49,9 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"how to cross-validate a recipe: {', '.join(NAMES)}",
     )  # fmt: skip
     parser.add_argument(
-        "--baselines", type=int, nargs="?", const=1, default=0, metavar="N",
-        help="cross-validate level alone, and the recipe on labels shuffled over surfaces N times (default: 0; if "
-        "given without N: 1)",
+        "--baselines", type=int, nargs="?", const=1, metavar="N",
+        help="also cross-validate level alone, and the recipe on labels shuffled over surfaces N times, 0 or more "
+        "(without N: 1)",
     )  # fmt: skip
     parser.add_argument("--by-recording", action="store_true", help="list every recording, not surfaces alone")
     parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
@@ -95,10 +95,10 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Rep
     cache = None if args.no_cache else default_cache()
     method = PaperMethod(course)
     reports = {method.name: _report(_judge_folds(method, split(dataset, args.split), cache))}
-    if args.baselines:
+    if args.baselines is not None:
         level = LevelMethod(course.recipe.channels)
         reports[level.name] = _report(_judge_folds(level, split(dataset, args.split), cache))
-    for seed in range(args.baselines):
+    for seed in range(args.baselines or 0):
         shuffled = shuffle_labels(dataset, seed=seed)
         judged = _judge_folds(method, split(shuffled, args.split), cache)
         reports[f"shuffled {seed + 1}"] = _report(judged)

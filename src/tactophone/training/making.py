@@ -19,6 +19,9 @@ from tactophone.types import FloatArray, Touch
 OPEN_GATE = Gate(-200.0)
 """Every window counts as contact: for recordings that hold nothing else, whatever their level."""
 
+UNTESTED = "none heard in training; untested, unless a score below names a real set"
+"""What a card says of real sound if the training sound was simulated."""
+
 
 @dataclass(frozen=True, slots=True)
 class Course:
@@ -85,6 +88,8 @@ def learn(
 def write_trained(path: Path, course: Course, weights: dict[str, FloatArray], *, dataset: Dataset) -> None:
     """Write the model file, named after the file, with what it was trained on."""
     card = make_card(weights, name=path.stem, gate=course.effective_gate, licence=_licence(dataset))
+    if _is_simulated(dataset):
+        card = replace(card, scores={"real sound": UNTESTED})
     facts = training_facts(
         course.recipe,
         seed=course.seed,
@@ -99,7 +104,13 @@ def write_trained(path: Path, course: Course, weights: dict[str, FloatArray], *,
     write_model(path, replace(card, training=facts), weights)
 
 
+def _is_simulated(dataset: Dataset) -> bool:
+    return all(one.known("source") == "simulated" for one in dataset.recordings)
+
+
 def _licence(dataset: Dataset) -> str:
+    if _is_simulated(dataset):
+        return "BSD-3-Clause, as the package; trained on simulated sound alone"
     told = sorted({one.known("licence") for one in dataset.recordings} - {""})
     if told:
         return f"trained on sound under: {'; '.join(told)}"
