@@ -17,7 +17,7 @@ FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--
 
 
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    calibration = dataclasses.replace(CALIBRATION, threshold_dbfs=-38.0, floor_dbfs=(-40.0, -58.0))
+    calibration = dataclasses.replace(CALIBRATION, window_dbfs=-38.0, floor_dbfs=(-40.0, -58.0))
     calibration.write(tmp_path / "finger.toml")
     command = [*FINGER, "--takes", "long_medium,wiggle", "--material", "enamel", "--out", str(tmp_path), "--json"]
     command += ["--calibration", str(tmp_path / "finger.toml")]

@@ -146,15 +146,14 @@ def _tell(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
         table.add_row(name, *(f"{level[channel]:.1f} dBFS" for level in levels), gain)
     out.print(table)
     out.print(
-        f"contact from {calibration.onset_dbfs:.1f} dBFS over 4 ms, {calibration.threshold_dbfs:.1f} dBFS over 256 ms: "
-        f"at most {calibration.false_alarms_per_minute:g} false touches a minute",
-        soft_wrap=True,
+        f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} dBFS): "
+        f"at most {calibration.false_alarms_per_minute:g} false touches a minute"
     )
     for finding in diagnosis.findings:
         mark = "[red]refused:[/]" if finding.fatal else "[yellow]note:[/]"
-        out.print(f"{mark} {finding}", soft_wrap=True)
+        out.print(f"{mark} {finding}")
     if diagnosis.blessed:
         words = f"[green]good:[/] written to {args.out}; `record`, `train` and `receive` take it as --calibration"
-        out.print(words, soft_wrap=True)
+        out.print(words)
     else:
         out.print("nothing was written: change what is refused above, and calibrate again")

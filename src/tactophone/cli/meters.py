@@ -21,7 +21,7 @@ RED_DBFS, YELLOW_DBFS = -1.0, -6.0
 
 
 class Meters:
-    """Follows levels; `rows` draws them."""
+    """Follows levels; `rows` draws them, with a mark at the threshold unless that is NaN."""
 
     def __init__(self, channels: int, threshold_dbfs: float) -> None:
         self._threshold_dbfs = threshold_dbfs
@@ -65,7 +65,7 @@ class Meters:
 
 
 def _place(level_dbfs: float) -> int:
-    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / LOWEST_DBFS)))
+    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / LOWEST_DBFS))) if math.isfinite(level_dbfs) else -1
 
 
 def _dbfs(amplitude: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.perception.calibration import Calibration
+from tactophone.perception.contact import CLEAR_DB, FAST, SLOW, STEP_RATE
 from tactophone.perception.faults import (
     CHANNELS,
     HARMLESS_HUM_DBFS,
@@ -26,9 +27,6 @@ from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 WINDOW = 0.256
 """Seconds over which the paper's gate takes the level."""
-
-ONSET = 0.004
-"""Seconds over which a new touch is felt at once (:mod:`tactophone.perception.contact`)."""
 
 TAIL = 0.2
 """Share of silence's looks, the loudest, that the threshold is extrapolated from."""
@@ -111,15 +109,14 @@ def diagnose(sounds: Sounds, *, made: str, source: str, false_alarms_per_minute:
     if min(map(len, (sounds.silence, sounds.stroke, sounds.tap))) < sounds.sample_rate:
         raise ValueError("each of silence, stroke and tap must last a second or more")
     silence, stroke = (_vitals(part, sounds.sample_rate) for part in (sounds.silence, sounds.stroke))
-    threshold_dbfs = contact_threshold(sounds, WINDOW, false_alarms_per_minute)
     touched = sorted(stroke, key=lambda one: one.level_dbfs[CONTACT])[len(stroke) // 2 :]
     calibration = Calibration(
         made=made,
         source=source,
         sample_rate=sounds.sample_rate,
         false_alarms_per_minute=false_alarms_per_minute,
-        threshold_dbfs=threshold_dbfs,
-        onset_dbfs=contact_threshold(sounds, ONSET, false_alarms_per_minute),
+        threshold_dbfs=gate_threshold(sounds, false_alarms_per_minute),
+        window_dbfs=level_threshold(sounds, WINDOW, false_alarms_per_minute),
         floor_dbfs=_median(one.level_dbfs for one in silence),
         hum_dbfs=_median(one.hum_dbfs for one in silence),
         stroke_dbfs=_median(one.level_dbfs for one in touched),
@@ -132,7 +129,13 @@ def diagnose(sounds: Sounds, *, made: str, source: str, false_alarms_per_minute:
     return Diagnosis(calibration, (*faults, *weak), gain_db)
 
 
-def contact_threshold(sounds: Sounds, duration: float, false_alarms_per_minute: float) -> float:
+def gate_threshold(sounds: Sounds, false_alarms_per_minute: float) -> float:
+    """Find the threshold in dBFS with which silence opens the contact gate so many times a minute."""
+    fast, slow = (level_threshold(sounds, steps / STEP_RATE, false_alarms_per_minute) for steps in (FAST, SLOW))
+    return round(max(slow, fast - CLEAR_DB), 2)
+
+
+def level_threshold(sounds: Sounds, duration: float, false_alarms_per_minute: float) -> float:
     """Find the level in dBFS that silence reaches so many times a minute, when taken over ``duration`` seconds."""
     powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=OVERLAP)
     loud = np.quantile(powers, 1 - TAIL)
@@ -181,7 +184,7 @@ def _gain_db(stroke: FloatArray, channel: int) -> int:
 
 def _faults(sounds: Sounds, calibration: Calibration, gain_db: Sequence[int]) -> Iterator[Finding]:
     """What the run-time watch finds in the three sounds, held to a stricter measure."""
-    reference = Reference(calibration.threshold_dbfs, calibration.floor_dbfs, clipped=CLIPPED_SHARE)
+    reference = Reference(calibration.window_dbfs, calibration.floor_dbfs, clipped=CLIPPED_SHARE)
     watch = FaultWatch(sounds.sample_rate, reference)
     named = _named(watch, np.concatenate([sounds.silence, sounds.stroke]))
     # Taps are as hard as one likes: that they clip says nothing.
@@ -213,16 +216,16 @@ def _weaknesses(
         yield Finding(
             "restless", "the silence was not silent: keep the finger and the table still, and calibrate again"
         )
-    clearance_db = calibration.stroke_dbfs[CONTACT] - calibration.threshold_dbfs
+    clearance_db = calibration.stroke_dbfs[CONTACT] - calibration.window_dbfs
     if clearance_db < CLEARANCE_DB:
         yield Finding(
             "faint-stroke",
-            f"the stroke stands {clearance_db:.1f} dB over the contact threshold, less than {CLEARANCE_DB:g} dB: "
+            f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but {CLEARANCE_DB:+g} dB is wanted: "
             "press harder, lower the noise, or turn the contact microphone's gain up",
         )
-    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], round(ONSET * sounds.sample_rate)).max()))
-    if tap_dbfs < calibration.onset_dbfs:
-        yield Finding("no-tap", "no tap was heard: tap the pad on something hard, three times")
+    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], sounds.sample_rate * FAST // STEP_RATE).max()))
+    if tap_dbfs < calibration.threshold_dbfs + CLEAR_DB:
+        yield Finding("no-tap", "no tap was heard: tap the pad on something hard, about twice a second")
     for channel, name in enumerate(CHANNELS[: calibration.channels]):
         hum, floor = calibration.hum_dbfs[channel], calibration.floor_dbfs[channel]
         if hum > max(floor - 3, HARMLESS_HUM_DBFS):

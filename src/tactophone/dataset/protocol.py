@@ -50,7 +50,7 @@ class TakePlan:
         if not self.pressure:
             return "wiggle to and fro without a pause, at whatever pressure feels natural"
         lengths = {"long": "long strokes, from end to end", "short": "short strokes, a centimetre or two"}
-        return f"{lengths[self.stroke]}, {self.pressure} pressure; lift off between them now and then"
+        return f"{lengths[self.stroke]}, {self.pressure} pressure; lift off now and then"
 
 
 PROTOCOL = (

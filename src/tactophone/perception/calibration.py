@@ -28,9 +28,9 @@ class Calibration:
     false_alarms_per_minute
         Chosen: touches felt in a minute of silence.
     threshold_dbfs
-        Level of the contact microphone over a window of 256 ms, from which there is contact.
-    onset_dbfs
-        Level over 4 ms from which a touch begins: higher, as short levels vary more.
+        Level of the contact microphone from which there is contact, as :class:`ContactGate` takes it.
+    window_dbfs
+        The same for a whole window of 256 ms, as in the paper: lower, as long levels vary less.
     floor_dbfs, hum_dbfs
         Level and hum in silence.
     stroke_dbfs, peak_dbfs
@@ -42,7 +42,7 @@ class Calibration:
     sample_rate: int
     false_alarms_per_minute: float
     threshold_dbfs: float
-    onset_dbfs: float
+    window_dbfs: float
     floor_dbfs: tuple[float, ...]
     hum_dbfs: tuple[float, ...]
     stroke_dbfs: tuple[float, ...]
@@ -56,7 +56,7 @@ class Calibration:
     @property
     def reference(self) -> Reference:
         """What sensor faults are held against."""
-        return Reference(self.threshold_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED)
+        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED)
 
     def write(self, path: Path) -> None:
         """Write the file.
