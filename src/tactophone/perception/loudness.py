@@ -4,6 +4,7 @@ The paper states an RMS level; its authors' code takes the mean of the absolute 
 the second reads 2 dB lower.
 """
 
+import math
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
@@ -27,7 +28,7 @@ def rms_dbfs(samples: FloatArray) -> float:
     >>> rms_dbfs(np.zeros(100, np.float32))
     -200.0
     """
-    return _dbfs(float(np.sqrt(np.square(samples, dtype=np.float64).mean())))
+    return _dbfs(math.sqrt(np.add.reduce(np.square(samples, dtype=np.float64)) / len(samples)))
 
 
 def mean_absolute_dbfs(samples: FloatArray) -> float:
@@ -63,4 +64,4 @@ LOUDNESS: dict[LoudnessRule, Callable[[FloatArray], float]] = {
 
 def _dbfs(amplitude: float) -> float:
     # Rounded far below hearing (1e-6 dB), so that levels compare equal whatever the summation order.
-    return max(SILENCE_DBFS, round(20 * float(np.log10(amplitude)), 6)) if amplitude > 0 else SILENCE_DBFS
+    return max(SILENCE_DBFS, round(20 * math.log10(amplitude), 6)) if amplitude > 0 else SILENCE_DBFS
