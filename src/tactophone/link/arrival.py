@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from tactophone.errors import PacketError
 from tactophone.link.codec import Decoder, open_decoder
-from tactophone.link.packet import CLOCK_RATE, Packet, Payload, ahead
+from tactophone.link.packet import CLOCK_RATE, Packet, Payload, Timeline
 from tactophone.link.stats import Reception
 from tactophone.link.transit import Envelope, Skew
 from tactophone.types import AudioBlock, FloatArray
@@ -56,8 +56,7 @@ class Arrival:
         self.skew = Skew()
         self._envelope = Envelope()
         self._decoder: Decoder | None = None
-        self._first = 0
-        self._newest: int | None = None
+        self._timeline = Timeline()
         self._next = 0
         self._size = 0
         self._waiting: dict[int, _Waiting] = {}
@@ -66,7 +65,7 @@ class Arrival:
     @property
     def origin(self) -> int:
         """The timestamp on the wire of the first sample given."""
-        return self._first
+        return self._timeline.origin
 
     def push(self, packets: Sequence[Packet], *, now: float) -> list[Heard]:
         """Take all packets that have come by ``now``; give the sound that can be had, oldest first."""
@@ -89,7 +88,7 @@ class Arrival:
         content = packet.payload.content
         if not self.reception.count(packet.sequence, packet.payload.timestamp, len(content), now=now):
             return
-        position = self._unwrap(packet.payload.timestamp)
+        position = self._timeline.position(packet.payload.timestamp)
         transit = now - position / CLOCK_RATE
         self._envelope.push(transit, now=now)
         self.skew.push(transit, now=now)
@@ -99,20 +98,12 @@ class Arrival:
         if not self._waiting:
             self._since = now
         for payload in packet.earlier:
-            self._keep(self._unwrap(payload.timestamp), _Waiting(payload, own=False, came=now))
+            self._keep(self._timeline.position(payload.timestamp), _Waiting(payload, own=False, came=now))
         self._keep(position, _Waiting(packet.payload, own=True, came=now))
 
     def _keep(self, position: int, waiting: _Waiting) -> None:
         if position >= self._next and (waiting.own or position not in self._waiting):
             self._waiting[position] = waiting
-
-    def _unwrap(self, timestamp: int) -> int:
-        """Samples since the first packet's first one."""
-        if self._newest is None:
-            self._newest = self._first = timestamp
-        newest = self._newest + ahead(timestamp, self._newest % (1 << 32), bits=32)
-        self._newest = max(self._newest, newest)
-        return newest - self._first
 
     def _drain(self, heard: list[Heard], now: float) -> None:
         """Decode whatever follows without a hole."""

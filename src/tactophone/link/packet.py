@@ -118,6 +118,34 @@ def ahead(value: int, reference: int, *, bits: int) -> int:
     return (value - reference + half) % (1 << bits) - half
 
 
+class Timeline:
+    """Turns wrapping timestamps into samples since the first one that it was shown.
+
+    Attributes
+    ----------
+    origin
+        The first timestamp; 0 before it.
+
+    Examples
+    --------
+    >>> timeline = Timeline()
+    >>> [timeline.position(timestamp) for timestamp in (2**32 - 100, 140, 20)]
+    [0, 240, 120]
+    """
+
+    def __init__(self) -> None:
+        self.origin = 0
+        self._newest: int | None = None
+
+    def position(self, timestamp: int) -> int:
+        """Samples since the first; negative for what is older."""
+        if self._newest is None:
+            self.origin = self._newest = timestamp
+        reached = self._newest + ahead(timestamp, self._newest % (1 << 32), bits=32)
+        self._newest = max(self._newest, reached)
+        return reached - self.origin
+
+
 def _body_start(datagram: bytes, first: int) -> int:
     """Where the payload begins, past the contributing sources and the extension that others may send."""
     start = _HEADER.size + 4 * (first & 0x0F)

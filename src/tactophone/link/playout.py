@@ -16,7 +16,7 @@ import numpy as np
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.codec import Decoder, open_decoder
 from tactophone.link.pace import Pace
-from tactophone.link.packet import CLOCK_RATE, Packet, Payload, ahead
+from tactophone.link.packet import CLOCK_RATE, Packet, Payload, Timeline
 from tactophone.link.pcm import mirror
 from tactophone.link.stats import Reception
 from tactophone.types import FloatArray
@@ -65,8 +65,8 @@ class Playout:
         self._block_size, self._channels = block_size, channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_MOST_QUEUED)
         self._waiting: dict[int, _Waiting] = {}
-        self._origin: int | None = None
-        self._newest = self._packet_size = 0
+        self._timeline = Timeline()
+        self._packet_size = 0
         self._decoder: Decoder | None = None
         self._resampler = _open_resampler(channels)
         self._place: int | None = None
@@ -105,7 +105,7 @@ class Playout:
         stats, own = self.reception.stats, packet.payload
         if not self.reception.count(packet.sequence, own.timestamp, len(own.content), now=now):
             return
-        start = self._unwrap(own.timestamp)
+        start = self._timeline.position(own.timestamp)
         size = self._keep(start, own, own=True)
         if not size:
             return
@@ -113,7 +113,7 @@ class Playout:
         self.pace.push(start, size, now=now)
         stats.packets_late += self._place is not None and start < self._place
         for payload in packet.earlier:
-            self._keep(self._unwrap(payload.timestamp), payload, own=False)
+            self._keep(self._timeline.position(payload.timestamp), payload, own=False)
 
     def _keep(self, start: int, payload: Payload, *, own: bool) -> int:
         """Let a payload wait for its time; returns its size, 0 when it is broken."""
@@ -157,7 +157,7 @@ class Playout:
         except PacketError:
             self.reception.stats.packets_broken += 1
             return self._guess()
-        skipped = (self._place or 0) - self._unwrap(payload.timestamp)
+        skipped = (self._place or 0) - self._timeline.position(payload.timestamp)
         self.reception.stats.packets_recovered += not waiting.own
         self._guessed = 0
         return self._go_on(samples[skipped:], fresh=self._apart)
@@ -208,15 +208,6 @@ class Playout:
     def _forget_the_past(self, place: int) -> None:
         for start in [start for start, waiting in self._waiting.items() if waiting.end <= place]:
             del self._waiting[start]
-
-    def _unwrap(self, timestamp: int) -> int:
-        """Samples since the first packet's first one."""
-        if self._origin is None:
-            self._origin = timestamp
-        absolute = self._origin + self._newest
-        position = self._newest + ahead(timestamp, absolute % (1 << 32), bits=32)
-        self._newest = max(self._newest, position)
-        return position
 
     def _decoder_for(self, payload: Payload) -> Decoder:
         if self._decoder is None or self._decoder.kind != payload.kind:

@@ -8,7 +8,7 @@ from tactophone.errors import PacketError
 from tactophone.link.arrival import STALENESS, Arrival, Heard
 from tactophone.link.belief import read_belief
 from tactophone.link.handshake import Address
-from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, ahead, parse
+from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, Timeline, parse
 from tactophone.link.playout import Playout
 from tactophone.link.report import SenderReport, Wish, parse_report
 from tactophone.link.sending import REPORT_INTERVAL, Datagrams
@@ -186,14 +186,12 @@ class _Beliefs:
     """Beliefs by their own time: an older one than the newest is of no use to anybody."""
 
     def __init__(self) -> None:
-        self._first: int | None = None
+        self._timeline = Timeline()
         self._newest = -1
         self._envelope = Envelope()
 
     def push(self, timestamp: int, content: bytes, *, now: float) -> list[Believed]:
-        if self._first is None:
-            self._first = timestamp
-        samples = ahead(timestamp, self._first, bits=32)
+        samples = self._timeline.position(timestamp)
         prediction = read_belief(content, end=samples / CLOCK_RATE)
         if samples <= self._newest:
             return []
