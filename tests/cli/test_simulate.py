@@ -42,3 +42,10 @@ def test_a_slip_is_answered_in_one_line(
 ) -> None:
     assert main(["simulate", "dataset", str(tmp_path), *args]) == 1
     assert told in capsys.readouterr().err
+
+
+def test_the_operator_plays_rounds(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "operator", "--rounds", "20", "--visits", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert 0 <= told["success"] <= told["found"] <= 1
+    assert told["quartiles"][0] <= told["duration"] <= told["quartiles"][1]

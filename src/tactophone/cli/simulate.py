@@ -3,6 +3,7 @@
 import argparse
 import os
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 from rich.table import Table
@@ -10,10 +11,15 @@ from rich.table import Table
 from tactophone.cli import terminal
 from tactophone.dataset import write_metadata
 from tactophone.errors import ConfigError
+from tactophone.haptics import PROFILES
 from tactophone.simulation.catalogue import PAPER, Thing, catalogue, find
 from tactophone.simulation.competition import DAYS, Run, make_finals, make_run, run_recording
+from tactophone.simulation.feeling import Telephone
 from tactophone.simulation.generate import DURATION, Style, finish, make, plan
 from tactophone.simulation.movement import TAKES, Take
+from tactophone.simulation.operator import make_bank, play, render_visits, tally
+from tactophone.simulation.source import RATE
+from tactophone.walk import open_walk
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _competition_arguments(
         _action(actions, "competition", "make runs over five stones in a box, on two days, with the truth over time")
+    )
+    _operator_arguments(
+        _action(actions, "operator", "let a simulated operator feel five stones and pick the rough ones")
     )
 
 
@@ -74,6 +83,16 @@ def _competition_arguments(parser: argparse.ArgumentParser) -> None:
         "--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do"
     )
     parser.set_defaults(action=_competition)
+
+
+def _operator_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--model", default="", metavar="NAME|FILE", help="default: the one that ships for two channels")
+    parser.add_argument("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
+    parser.add_argument("--rounds", type=int, default=1000, help="rounds, 1 or more")
+    parser.add_argument("--visits", type=int, default=12, help="stones of each kind to draw from, 1 or more")
+    parser.add_argument("--seed", type=int, default=0, help="another seed gives other stones, strokes and noise")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.set_defaults(action=_operator)
 
 
 def _sound_arguments(parser: argparse.ArgumentParser) -> None:
@@ -141,6 +160,24 @@ def _competition(args: argparse.Namespace) -> int:
             bar.update(task, advance=1, note=one.name)
     write_metadata(args.out, [run_recording(args.out, one) for one in runs])
     print(args.out)
+    return 0
+
+
+def _operator(args: argparse.Namespace) -> int:
+    if args.rounds < 1 or args.visits < 1:
+        raise ConfigError(f"--rounds {args.rounds} --visits {args.visits}, but both must be 1 or more")
+    walk = open_walk(args.model, sample_rate=RATE, channels=2, profile=args.profile)
+    visits = render_visits(visits=args.visits, seed=args.seed)
+    rounds = play(make_bank(visits, Telephone(walk)), rounds=args.rounds, seed=args.seed)
+    found = tally(rounds)
+    if args.json:
+        terminal.print_json(asdict(found))
+        return 0
+    print(f"simulated operator, {args.rounds} rounds of five stones, two rough")
+    print(f"picked both rough stones:      {found.success:.1%}")
+    print(f"the roughest picked was rough: {found.found:.1%}")
+    print(f"time to decide:                {found.duration:.1f} s (half of the rounds within "
+          f"{found.quartiles[0]:.1f} to {found.quartiles[1]:.1f} s)")  # fmt: skip
     return 0
 
 

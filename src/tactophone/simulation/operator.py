@@ -85,6 +85,16 @@ class Round:
     stroked: tuple[float, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Shares of rounds won, and the median and quartiles of their duration in s."""
+
+    success: float
+    found: float
+    duration: float
+    quartiles: tuple[float, float]
+
+
 def render_visits(*, visits: int = 12, seed: int = 0) -> Visits:
     """Render visits to stones in the competition's box as both microphones hear them; the same for every method.
 
@@ -150,6 +160,17 @@ def play(bank: Bank, *, rounds: int = 1000, seed: int = 0) -> list[Round]:
     """Play rounds of the task; the same seed draws the same stones, visits and noise for any method."""
     operator = Operator(bank.practice, seed=seed)
     return [_round(operator, bank, np.random.default_rng([0x5EED, seed, number])) for number in range(rounds)]
+
+
+def tally(rounds: Sequence[Round]) -> Tally:
+    """Sum rounds up."""
+    low, middle, high = np.quantile([one.duration for one in rounds], [0.25, 0.5, 0.75])
+    return Tally(
+        success=float(np.mean([one.success for one in rounds])),
+        found=float(np.mean([one.found for one in rounds])),
+        duration=float(middle),
+        quartiles=(float(low), float(high)),
+    )
 
 
 def pieces(percepts: Percepts) -> NDArray[np.float64]:
