@@ -44,4 +44,11 @@ def _surface(folder: Path, number: int, channels: int) -> Recording:
     begin, end = TOUCHED
     segments = (Segment(0, begin, "none"), Segment(begin, end, word), Segment(end, DURATION, "none"))
     names = ("contact", "air")[:channels]
-    return Recording(path, f"{word} {number}", Touch.ROUGH if rough else Touch.SMOOTH, names, segments=segments)
+    return Recording(
+        path,
+        f"{word} {number}",
+        Touch.ROUGH if rough else Touch.SMOOTH,
+        names,
+        segments=segments,
+        properties={"ra_um": "50" if rough else "2"},
+    )

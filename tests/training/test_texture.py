@@ -7,11 +7,11 @@ from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation.judging import judge_of, scores_of
 from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.ours import TextureMethod, judge_by
+from tactophone.evaluation.ways import judge_by, way_method
 from tactophone.perception import open_detector, read_model
-from tactophone.training.headgraph import build_head_graph
-from tactophone.training.texture import TextureCourse, contact_threshold, fit, prepare, train_texture
-from tactophone.training.touches import listen
+from tactophone.training.lesson import contact_threshold, prepare
+from tactophone.training.touches import Ear, listen
+from tactophone.training.ways import WAYS, train_way
 from tactophone.types import AudioBlock, Prediction, Touch
 from tests.sounds import UGLY_SIZES, blocks, tone
 from tests.surfaces import RATE, TOUCHED, scrape, surfaces
@@ -25,7 +25,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(scope="module")
 def model(dataset: Dataset) -> Path:
     path = dataset.root / "ours.onnx"
-    train_texture(path, dataset, TextureCourse())
+    train_way(path, dataset, "ours")
     return path
 
 
@@ -73,10 +73,9 @@ def test_it_abstains_on_sound_unlike_any_it_knows_and_that_is_felt_as_plain_cont
 
 
 def test_the_fast_judge_says_what_the_live_detector_says(dataset: Dataset, model: Path) -> None:
-    course = TextureCourse()
-    lesson = prepare(course, dataset.recordings)
-    graph = build_head_graph(fit(lesson, course), channels=2)
-    fast, live = judge_by(graph.SerializeToString(), lesson, course), judge_of(read_model(model))
+    lesson = prepare(Ear(), dataset.recordings)
+    graph = WAYS["ours"].build(lesson)
+    fast, live = judge_by(graph.SerializeToString(), lesson), judge_of(read_model(model))
     for recording in dataset.recordings[:2]:
         one, other = fast(recording), live(recording)
         assert one.time == pytest.approx(other.time)
@@ -85,13 +84,13 @@ def test_the_fast_judge_says_what_the_live_detector_says(dataset: Dataset, model
 
 
 def test_a_method_is_fitted_and_scored(dataset: Dataset) -> None:
-    judge = TextureMethod(TextureCourse(channels=1)).fit(dataset.recordings)
+    judge = way_method("ours", channels=1).fit(dataset.recordings)
     scores = measure(scores_of(map(judge, dataset.recordings), "two-class"))
     assert scores["balanced_accuracy"] > 0.9
 
 
 def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -> None:
-    tracks = listen(dataset.recordings, channels=2)
+    tracks = listen(dataset.recordings, Ear())
     threshold = contact_threshold(tracks)
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     loud = np.concatenate([track.level_dbfs[track.touching()] for track in tracks])
@@ -101,8 +100,8 @@ def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -
 
 def test_one_kind_of_surface_teaches_nothing(dataset: Dataset) -> None:
     smooth = [one for one in dataset.recordings if one.label is Touch.SMOOTH]
-    with pytest.raises(DatasetError, match="rough and of smooth"):
-        prepare(TextureCourse(), smooth)
+    with pytest.raises(DatasetError, match="smooth surfaces at most"):
+        prepare(Ear(), smooth)
 
 
 def test_garbage_is_a_fault_and_is_forgotten(model: Path) -> None:

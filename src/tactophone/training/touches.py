@@ -1,4 +1,4 @@
-"""What recordings sound like to our own detector: every window described, and every touch remembered.
+"""What recordings sound like to detectors that are shown features: every window described, every touch remembered.
 
 The stages are the live ones, a whole recording at a time. A touch's memory begins with the average touch, which is
 only known once the training recordings are chosen; as it fades out by known weights, it is added afterwards.
@@ -7,6 +7,8 @@ only known once the training recordings are chosen; as it fades out by known wei
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -14,15 +16,44 @@ from numpy.typing import NDArray
 
 from tactophone.dataset import Recording
 from tactophone.link import Codec
+from tactophone.perception import Gate, ModelCard
 from tactophone.perception.bands import VALUES, Bands
+from tactophone.perception.extractors import EXTRACTORS
 from tactophone.perception.loudness import banded_dbfs
 from tactophone.perception.texture import SILENT_PEAK, Memory, texture_features
 from tactophone.training.sound import read_signals
 from tactophone.types import CONTACT, FloatArray
 
 RATE = 16_000
-SIZE, HOP = 512, 160
-"""Of kind ``texture``: windows of 32 ms, a hundred a second."""
+"""Hz at which all of these kinds hear."""
+
+Kind = Literal["texture", "cues", "scalogram"]
+
+WINDOWS: dict[Kind, tuple[int, Fraction]] = {
+    "texture": (512, Fraction(160)),
+    "cues": (4096, Fraction(512, 3)),
+    "scalogram": (4096, Fraction(512, 3)),
+}
+"""Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
+
+
+@dataclass(frozen=True, slots=True)
+class Ear:
+    """How recordings are heard.
+
+    Parameters
+    ----------
+    kind
+        Of the features.
+    channels
+        2, or 1: contact, or air where there is no contact microphone.
+    codec
+        Sound is passed through it and back.
+    """
+
+    kind: Kind = "texture"
+    channels: int = 2
+    codec: Codec | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,11 +65,11 @@ class Track:
     recording
         What was heard.
     description
-        Shape ``(windows, channels, VALUES)``.
+        Of kind ``texture``: shape ``(windows, channels, VALUES)``; of others: their features.
     level_dbfs
         Banded level of the contact channel.
-    end
-        End of each window, in s.
+    start, end
+        Of each window, in s.
     present
         Whether each channel carries anything, shape ``(windows, channels)``.
     """
@@ -46,6 +77,7 @@ class Track:
     recording: Recording
     description: NDArray[np.float32]
     level_dbfs: NDArray[np.float64]
+    start: NDArray[np.float64]
     end: NDArray[np.float64]
     present: NDArray[np.bool_]
 
@@ -55,8 +87,7 @@ class Track:
 
     def quiet(self) -> NDArray[np.bool_]:
         """Whether each window lies wholly where nothing is touched, by the segments; nowhere, if there are none."""
-        told = bool(self.recording.segments)
-        return ~self._in_contact(self.end - SIZE / RATE, self.end) & told
+        return ~self._in_contact(self.start, self.end) & bool(self.recording.segments)
 
     def _in_contact(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
         inside = np.zeros(len(end), bool)
@@ -83,39 +114,42 @@ class Memories:
 
 
 def listen(
-    recordings: Sequence[Recording],
-    *,
-    channels: int,
-    codec: Codec | None = None,
-    report: Callable[[int], None] = lambda done: None,
+    recordings: Sequence[Recording], ear: Ear, *, report: Callable[[int], None] = lambda done: None
 ) -> list[Track]:
     """Describe every window of recordings; those heard before are remembered."""
     tracks = []
     for done, recording in enumerate(recordings, 1):
         changed = recording.path.stat().st_mtime_ns if recording.path.is_file() else 0
-        tracks.append(_listen(recording, changed, channels, codec))
+        tracks.append(_listen(recording, changed, ear))
         report(done)
     return tracks
 
 
-def remember(track: Track, threshold_dbfs: float) -> Memories:
-    """Remember a track's touches; contact begins at a threshold."""
-    return _remember(track, threshold_dbfs)
-
-
 @functools.lru_cache(maxsize=1 << 13)
-def _listen(recording: Recording, changed_ns: int, channels: int, codec: Codec | None) -> Track:
-    (signal,) = read_signals([recording], channels=channels, rate=RATE, codec=codec)
-    windows = sliding_window_view(signal, SIZE, axis=0)[::HOP].swapaxes(1, 2)
+def _listen(recording: Recording, changed_ns: int, ear: Ear) -> Track:
+    (signal,) = read_signals([recording], channels=ear.channels, rate=RATE, codec=ear.codec)
+    size, hop = WINDOWS[ear.kind]
+    count = max(0, int((len(signal) - size) / hop) + 1)
+    starts = np.array([int(k * hop) for k in range(count)], np.intp)
+    windows = sliding_window_view(np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0)
+    windows = windows[starts].swapaxes(1, 2)
     level_dbfs = np.array([banded_dbfs(window[:, CONTACT]) for window in windows])
-    description = Bands(SIZE, RATE).describe(windows).reshape(-1, channels, VALUES).astype(np.float32)
-    present = np.abs(windows).max(axis=1) >= SILENT_PEAK
-    return Track(recording, description, level_dbfs, (np.arange(len(windows)) * HOP + SIZE) / RATE, present)
+    present = np.abs(windows).max(axis=1, initial=0.0) >= SILENT_PEAK
+    return Track(recording, _describe(windows, ear), level_dbfs, starts / RATE, (starts + size) / RATE, present)
+
+
+def _describe(windows: FloatArray, ear: Ear) -> NDArray[np.float32]:
+    size, hop = WINDOWS[ear.kind]
+    if ear.kind == "texture":
+        return Bands(size, RATE).describe(windows).reshape(-1, ear.channels, VALUES).astype(np.float32)
+    extractor = EXTRACTORS[ear.kind](ModelCard("", ear.kind, RATE, size, hop, ear.channels, Gate(0.0)))
+    return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
 
 
 # A cross-validation asks in every fold; thresholds are whole decibels, so that the answer is mostly known.
 @functools.lru_cache(maxsize=1 << 13)
-def _remember(track: Track, threshold_dbfs: float) -> Memories:
+def remember(track: Track, threshold_dbfs: float) -> Memories:
+    """Remember a track's touches; contact begins at a threshold."""
     memory = Memory(np.zeros((2, *track.description.shape[1:])))
     kept: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
     for description, level_dbfs in zip(track.description, track.level_dbfs, strict=True):

@@ -1,0 +1,57 @@
+"""Ways of telling rough from smooth as methods that are cross-validated: the live stages, a whole recording at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import onnxruntime
+
+from tactophone.dataset import Recording
+from tactophone.evaluation.judging import Judge, Judgement
+from tactophone.perception.model import FEATURES, LOG_PROBABILITIES
+from tactophone.training.lesson import Lesson, prepare
+from tactophone.training.touches import Ear, listen
+from tactophone.training.ways import WAYS
+
+VERSION = 2
+"""Raise it when a way changes in a manner that its settings do not tell, so that cached results are made anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class WayMethod:
+    """One way of :data:`tactophone.training.ways.WAYS`.
+
+    Recordings are described once and remembered by the process, so that a fold costs the learning alone; tests hold
+    this to be what the streaming detector says, window for window.
+    """
+
+    name: str
+    ear: Ear
+
+    @property
+    def identity(self) -> str:
+        """The way, how it hears, and the version of what is done with it."""
+        return f"way {VERSION} {self.name} {self.ear!r}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Judge:
+        """Learn, and make the graph that a model file would hold."""
+        lesson = prepare(self.ear, recordings)
+        return judge_by(WAYS[self.name].build(lesson).SerializeToString(), lesson)
+
+
+def way_method(name: str, *, channels: int) -> WayMethod:
+    """Make the method of a way, for sound of so many channels."""
+    return WayMethod(name, Ear(WAYS[name].kind, channels))
+
+
+def judge_by(graph: bytes, lesson: Lesson) -> Judge:
+    """Make a judge of a graph; it answers for every window of a recording at once."""
+    session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
+
+    def judge(recording: Recording) -> Judgement:
+        (track,) = listen([recording], lesson.ear)
+        (answer,) = session.run([LOG_PROBABILITIES], {FEATURES: lesson.features(track)})
+        contact = track.level_dbfs >= lesson.threshold_dbfs
+        return Judgement(recording, track.end, np.exp(answer, dtype=np.float32), contact)
+
+    return judge

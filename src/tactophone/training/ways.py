@@ -1,0 +1,92 @@
+"""Every way of telling rough from smooth that is not the paper's network, by name: what it hears, and how it learns."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import onnx
+
+from tactophone.dataset import Dataset
+from tactophone.perception import ModelCard
+from tactophone.training import learners
+from tactophone.training.export import write_graph
+from tactophone.training.head import fit_head
+from tactophone.training.headgraph import build_head_graph
+from tactophone.training.lesson import Lesson, prepare
+from tactophone.training.touches import Ear, Kind
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """A way of telling rough from smooth.
+
+    Parameters
+    ----------
+    kind
+        What it is shown.
+    build
+        Learns, and gives the graph of a model file.
+    told
+        What it is, for tables.
+    """
+
+    kind: Kind
+    build: Callable[[Lesson], onnx.ModelProto]
+    told: str
+
+
+def build_ours(lesson: Lesson) -> onnx.ModelProto:
+    """Fit our own head."""
+    return build_head_graph(fit_head(lesson.examples, channels=lesson.ear.channels), channels=lesson.ear.channels)
+
+
+def _scalogram(lesson: Lesson) -> onnx.ModelProto:
+    from tactophone.training.scalogram import build_scalogram  # torch, for this one alone
+
+    return build_scalogram(lesson)
+
+
+WAYS: Mapping[str, Way] = MappingProxyType(
+    {
+        "ours": Way("texture", build_ours, "short windows, a memory of the touch, a calibrated head"),
+        "level": Way("cues", learners.build_level, "loudness against a threshold"),
+        "rules": Way("cues", learners.build_rules, "five cues vote: level, crest, transients, centroid, air"),
+        "median-frequency": Way("cues", learners.build_median_frequency, "half the power on either side of it"),
+        "scalogram-cnn": Way("scalogram", _scalogram, "time-frequency picture into a small convolutional network"),
+        "surface": Way("texture", learners.build_surface, "spectrum to Ra by ridge regression, then a boundary"),
+        "logistic": Way("texture", learners.build_logistic, "logistic regression on our features"),
+        "boosting": Way("texture", learners.build_boosting, "gradient boosted trees on our features"),
+    }
+)
+
+
+def train_way(path: Path, dataset: Dataset, name: str, *, ear: Ear | None = None, licence: str = "") -> ModelCard:
+    """Train one way on labelled recordings and write its model file.
+
+    Parameters
+    ----------
+    path
+        The ONNX file to write.
+    dataset
+        Usable recordings.
+    name
+        A key of :data:`WAYS`.
+    ear
+        How it hears; two channels, if not given. Its kind is the way's own.
+    licence
+        Of the weights, and what the training sound's licences ask for.
+    """
+    way = WAYS[name]
+    ear = Ear(way.kind, ear.channels, ear.codec) if ear else Ear(way.kind)
+    lesson = prepare(ear, dataset.recordings)
+    facts = {
+        "recipe": name,
+        "dataset": dataset.name,
+        "surfaces": len(dataset.surfaces),
+        "sha256": dataset.fingerprint,
+        "codec": ear.codec.name if ear.codec else "none",
+    }
+    card = lesson.card(name, training=facts, licence=licence)
+    write_graph(path, way.build(lesson), card)
+    return card

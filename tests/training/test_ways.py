@@ -1,0 +1,56 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactophone.dataset import Dataset
+from tactophone.evaluation.judging import judge_of, scores_of
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.ways import way_method
+from tactophone.perception import read_model
+from tactophone.training.lesson import prepare
+from tactophone.training.touches import Ear
+from tactophone.training.ways import WAYS, train_way
+from tests.surfaces import surfaces
+
+TELLS = {"ours": 0.9, "logistic": 0.9, "boosting": 0.9, "rules": 0.8, "scalogram-cnn": 0.8, "surface": 0.8}
+"""Balanced accuracy that each way reaches on surfaces so plainly different; the others hear too little."""
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return surfaces(tmp_path_factory.mktemp("scrapes"))
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_each_way_is_a_detector_that_runs_live_and_says_the_same(name: str, dataset: Dataset, tmp_path: Path) -> None:
+    path = tmp_path / "way.onnx"
+    card = train_way(path, dataset, name)
+    assert card.kind == WAYS[name].kind
+    fast, live = way_method(name, channels=2).fit(dataset.recordings), judge_of(read_model(path))
+    one, other = fast(dataset.recordings[1]), live(dataset.recordings[1])
+    assert one.time == pytest.approx(other.time)
+    assert one.probabilities == pytest.approx(other.probabilities, abs=2e-3)
+    assert one.contact.tolist() == other.contact.tolist()
+
+
+@pytest.mark.parametrize("name", TELLS)
+def test_ways_tell_what_is_plainly_different(name: str, dataset: Dataset) -> None:
+    judge = way_method(name, channels=2).fit(dataset.recordings[:6])
+    scores = measure(scores_of(map(judge, dataset.recordings[6:]), "two-class"))
+    assert scores["balanced_accuracy"] > TELLS[name]
+
+
+@pytest.mark.parametrize("name", WAYS)
+def test_each_way_serves_one_channel(name: str, dataset: Dataset) -> None:
+    told = way_method(name, channels=1).fit(dataset.recordings)(dataset.recordings[0])
+    assert np.isfinite(told.probabilities).all()
+    assert told.probabilities.sum(axis=1) == pytest.approx(np.ones(len(told.time)), abs=1e-4)
+
+
+def test_boosted_trees_are_written_out_as_they_were_grown(dataset: Dataset) -> None:
+    lesson = prepare(Ear("texture"), dataset.recordings)
+    graph = WAYS["boosting"].build(lesson)
+    (trees,) = [node for node in graph.graph.node if node.op_type == "TreeEnsembleRegressor"]
+    modes = next(one for one in trees.attribute if one.name == "nodes_modes").strings
+    assert {b"LEAF", b"BRANCH_LEQ"} == set(modes)
