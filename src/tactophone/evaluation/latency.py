@@ -69,6 +69,14 @@ class Graph:
         return bool(self.click_to)
 
 
+@dataclass(frozen=True, slots=True)
+class Sides:
+    """Robot and operator while they run."""
+
+    robot: Supervisor
+    operator: Supervisor
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
     """What was measured, one entry a click, in seconds.
@@ -117,12 +125,12 @@ def measure(
     TactophoneError
         When a side does not start, or the two do not connect.
     """
-    with _running(settings, graph) as (robot, operator):
+    with running_sides(settings, graph) as sides:
         clicker = Clicker(clicks, seed=seed)
-        client = _wired(clicker, graph, robot, operator)
+        client = JackClient("tactophone-clicker", clicker.process, server=graph.server, **wires(graph, sides))
         client.open()
         try:
-            marks = _collect(clicker, Watcher(robot), Watcher(operator), progress)
+            marks = _collect(clicker, Watcher(sides.robot.name), Watcher(sides.operator.name), progress)
             period = client.period
         finally:
             client.close()
@@ -248,8 +256,8 @@ def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 @contextmanager
-def _running(settings: Settings, graph: Graph) -> Iterator[tuple[str, str]]:
-    """Run both sides; give the names of the robot's run and the operator's."""
+def running_sides(settings: Settings, graph: Graph) -> Iterator[Sides]:
+    """Run both sides, each in its process, until they are connected and beyond."""
     capture, output, process = settings.capture, settings.output, settings.process
     if not graph.through_air:
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
@@ -263,10 +271,17 @@ def _running(settings: Settings, graph: Graph) -> Iterator[tuple[str, str]]:
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-")))
         robot, operator = on_one_machine(settings, folder, name=process.name or "latency")
         receive = partial(run_operator, robot=robot.process.name)
-        stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
-        stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
+        receiving = stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
+        sending = stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
         _await_connection(operator.process.name)
-        yield robot.process.name, operator.process.name
+        yield Sides(sending, receiving)
+
+
+def wires(graph: Graph, sides: Sides) -> dict[str, dict[str, str]]:
+    """Give the ports of a client that strokes the microphones and feels the actuator, and what they are wired to."""
+    robot, operator = sides.robot.name, sides.operator.name
+    strokes = {"click": graph.click_to} if graph.through_air else {"contact": f"{robot}:contact", "air": f"{robot}:air"}
+    return {"inputs": {"felt": graph.felt_from or f"{operator}:vibration"}, "outputs": strokes}
 
 
 def _await_connection(operator: str) -> None:
@@ -276,9 +291,3 @@ def _await_connection(operator: str) -> None:
             return
         time.sleep(0.02)
     raise TactophoneError("robot and operator did not connect within 10 s: run `tactophone loopback` to see why")
-
-
-def _wired(clicker: Clicker, graph: Graph, robot: str, operator: str) -> JackClient:
-    clicks = {"click": graph.click_to} if graph.through_air else {"contact": f"{robot}:contact", "air": f"{robot}:air"}
-    felt = {"felt": graph.felt_from or f"{operator}:vibration"}
-    return JackClient("tactophone-clicker", clicker.process, inputs=felt, outputs=clicks, server=graph.server)
