@@ -42,9 +42,9 @@ def what_was_given_stays_as_it_is(make: Callable[[], Source]) -> None:
 
 
 def it_can_be_left_in_the_middle(make: Callable[[], Source]) -> None:
-    with make() as source:
-        next(iter(source))
-    assert list(source) == []
+    for _ in range(2):
+        with make() as source:
+            next(iter(source))
 
 
 ALL = (

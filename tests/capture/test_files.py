@@ -26,6 +26,12 @@ def test_files_keep_the_contract(promise: Callable, loop: bool, tmp_path: Path) 
     promise(lambda: FileSource(path, block_size=480, loop=loop))
 
 
+def test_a_file_that_was_left_gives_no_more(tmp_path: Path) -> None:
+    with FileSource(write(tmp_path / "a.wav", noise(duration=0.1)), loop=True) as source:
+        next(iter(source))
+    assert list(source) == []
+
+
 @pytest.mark.parametrize("block_size", [1, 17, 480, 509, 100_000])
 def test_every_sample_comes_once(tmp_path: Path, block_size: int) -> None:
     samples = noise(duration=0.1)

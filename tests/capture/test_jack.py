@@ -1,10 +1,13 @@
 import itertools
+from collections.abc import Callable
 
 import pytest
 
 from tactophone.capture import jack_source
 from tactophone.devices import DummyServer
 from tactophone.errors import DeviceError
+
+from . import contract
 
 pytestmark = pytest.mark.realtime
 
@@ -15,6 +18,11 @@ def test_sound_flows_from_one_or_two_ports(jack_server: DummyServer, air: str, c
         blocks = list(itertools.islice(source, 20))
     assert {(block.size, block.channels, block.sample_rate) for block in blocks} == {(128, channels, 48_000)}
     assert source.channels == channels
+
+
+@pytest.mark.parametrize("promise", contract.ALL)
+def test_jack_keeps_the_contract(promise: Callable, jack_server: DummyServer) -> None:
+    promise(lambda: jack_source(server=jack_server.name))
 
 
 def test_a_microphone_that_is_not_there_gives_the_candidates(jack_server: DummyServer) -> None:

@@ -1,8 +1,11 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from tactophone.simulation import TAKES, Scene, Setup, SimulatedFinger, find, five_stones, shuffled, single, take_moves
 from tactophone.types import CONTACT, Touch
+from tests.capture import contract
 
 PLACE = (0.04, 0.035)
 
@@ -22,6 +25,11 @@ def test_blocks_of_any_size_give_the_same_bits(size: int) -> None:
     whole = take("lava stone").render(20_000).samples
     count, rest = divmod(20_000, size)
     np.testing.assert_array_equal(render(take("lava stone"), [size] * count + [rest]), whole)
+
+
+@pytest.mark.parametrize("promise", contract.ALL)
+def test_the_finger_keeps_the_contract_of_all_sources(promise: Callable) -> None:
+    promise(lambda: take("4", seconds=0.1))
 
 
 def test_another_seed_is_another_noise() -> None:
