@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from tactophone.simulation.contact import Heard
 from tactophone.simulation.finger import Electronics
+from tactophone.simulation.matter import Heard
 from tactophone.simulation.microphones import NORMALS, Microphones, cavity_sections
 from tactophone.simulation.modes import Mounting
 

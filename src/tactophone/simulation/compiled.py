@@ -1,7 +1,8 @@
 """Machine code for the sample loops: numba, compiled once and kept on disk.
 
 The code is kept beside the source, or in the user's cache folder where the installation is read-only. Beware:
-numba checks only the file that a kernel stands in, so what a kernel calls stands in the same file.
+numba looks for changes only in the file that a kernel stands in, so what a kernel calls stands in the same file; after
+changing a tuple or a constant that it takes from another, save the kernel's file too.
 """
 
 from collections.abc import Callable

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tactophone.simulation.compiled import compiled
-from tactophone.simulation.contact import Array, Heard
 from tactophone.simulation.finger import Electronics
+from tactophone.simulation.matter import Array, Heard
 from tactophone.simulation.modes import Mounting
 from tactophone.types import FloatArray
 

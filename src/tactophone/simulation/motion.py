@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.simulation.compiled import compiled
-from tactophone.simulation.contact import Array, Motion
+from tactophone.simulation.matter import Array, Motion
 
 LIFT = -0.5
 """Newtons pressed while hovering: less than nothing, so that the finger rises."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.simulation.compiled import compiled
-from tactophone.simulation.contact import BODY, OVERSAMPLING, STATE, Ground, Heard, Ringing, slide
+from tactophone.simulation.contact import slide
 from tactophone.simulation.finger import FLEXURE, Finger
+from tactophone.simulation.matter import BODY, OVERSAMPLING, STATE, Ground, Heard, Ringing
 from tactophone.simulation.microphones import NORMALS, Microphones
 from tactophone.simulation.modes import body_modes, mode_table
 from tactophone.simulation.motion import Hand, Move
