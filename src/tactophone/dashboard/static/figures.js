@@ -5,12 +5,13 @@ const STAGE_WORDS = {
   decode: "decode", judge: "judge", render: "render", device: "device",
 };
 const MINUS = "−";
+const formats = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }));
 
-/** A number with so many digits, or a dash where there is none. */
+/** A number with so many digits (0 to 2), or a dash where there is none. */
 export function tell(value, digits = 0, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  const text = Math.abs(value).toLocaleString("en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
-  return `${value < 0 && Number(text) !== 0 ? MINUS : ""}${text}${unit && `\u202f${unit}`}`;
+  const text = formats[digits].format(Math.abs(value));
+  return `${value < 0 && /[1-9]/.test(text) ? MINUS : ""}${text}${unit && `\u202f${unit}`}`;
 }
 
 export const percent = (share, digits = 0) => tell(share === null ? null : 100 * share, digits, "%");
