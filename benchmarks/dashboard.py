@@ -116,9 +116,7 @@ def main() -> None:
         row = f"| {state} | {len(all_delays)} | {p50:.2f} | {p95:.2f} | {p99:.2f} | {p50 / 1e3 / closed:.2f}"
         print(f"{row} | {'' if state == 'closed' else '0.95 to 1.05'} |")
     rate, apart = 1000 / np.median(pictures), np.percentile(pictures, 95)
-    print(
-        f"\nThe open page draws {rate:.0f} pictures a second (goal: 60), {apart:.0f} ms apart at p95."
-    )
+    print(f"\nThe open page draws {rate:.0f} pictures a second (goal: 60), {apart:.0f} ms apart at p95.")
 
 
 if __name__ == "__main__":
