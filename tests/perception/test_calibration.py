@@ -28,6 +28,7 @@ def test_a_file_says_what_was_written(tmp_path: Path) -> None:
 def test_the_reference_is_what_faults_are_held_against() -> None:
     reference = CALIBRATION.reference
     assert (reference.threshold_dbfs, reference.floor_dbfs) == (-26.25, (-28.0, -60.5))
+    assert reference.contrast_db == 18.0
 
 
 def test_one_channel_has_a_reference_too() -> None:

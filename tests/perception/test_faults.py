@@ -9,7 +9,7 @@ from tactophone.simulation.sensor_faults import CODES, FaultSpan, FaultySource
 from tactophone.types import AudioBlock
 
 RATE = 48_000
-CALIBRATED = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=(-31.0, -77.0))
+CALIBRATED = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=(-31.0, -77.0), contrast_db=16.0)
 
 
 @functools.cache

@@ -56,7 +56,12 @@ class Calibration:
     @property
     def reference(self) -> Reference:
         """What sensor faults are held against."""
-        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED)
+        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, self._contrast_db)
+
+    @property
+    def _contrast_db(self) -> float:
+        levels = (self.floor_dbfs, self.stroke_dbfs)
+        return min(contact - air for contact, air in levels) if self.channels > 1 else 0.0
 
     def write(self, path: Path) -> None:
         """Write the file.

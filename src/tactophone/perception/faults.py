@@ -92,12 +92,15 @@ class Reference:
         Level and hum of each channel in silence.
     clipped
         Largest share of clipped samples that is still taken for sound.
+    contrast_db
+        By how much contact is louder than air, in silence or when stroked, whichever is less; 0 if unknown.
     """
 
     threshold_dbfs: float = -26.0
     floor_dbfs: tuple[float, ...] = (-70.0, -70.0)
     hum_dbfs: tuple[float, ...] = (-32.0, -32.0)
     clipped: float = 0.3
+    contrast_db: float = 0.0
 
 
 SILENCE_DBFS = -90.0
@@ -121,6 +124,7 @@ ALIKENESS = 0.97
 _ELECTRIC = (Kind.DEAD, Kind.CLIPPED, Kind.OFFSET)
 _CLEAR_DB = 9.0
 _MARGIN_DB = 3.0
+_DULLER_DB = 1.0
 _STRONG_DB = 6.0
 
 
@@ -188,7 +192,7 @@ def signs(vitals: Vitals, reference: Reference) -> dict[SensorFault, bool | None
         found[SensorFault(Kind.OFFSET, channel)] = None if clipped else abs(vitals.offset[channel]) > OFFSET
     paired = len(channels) > 1 and not any(found.values())
     alike = paired and abs(vitals.likeness) > ALIKENESS
-    swapped = paired and not alike and _swapped(vitals)
+    swapped = paired and not alike and _swapped(vitals, reference)
     for channel in channels:
         hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
         found[SensorFault(Kind.HUM, channel)] = None if hidden else _hum(vitals, reference, channel)
@@ -236,11 +240,16 @@ def _covered(vitals: Vitals, reference: Reference) -> bool | None:
     return heard_db < _MARGIN_DB or (fainter and vitals.tilt_db(AIR) < vitals.tilt_db(CONTACT))
 
 
-def _swapped(vitals: Vitals) -> bool:
-    """Besides hum, of which either can have too much, channel 1 is the louder and the duller one."""
+def _swapped(vitals: Vitals, reference: Reference) -> bool:
+    """Besides hum, of which either can have too much, channel 1 is the louder one, where it never was or is the duller.
+
+    Without a calibration the gains could be such that air is louder, so there it must sound like contact, too.
+    """
     contact, air = (_without_hum(vitals, channel) for channel in (CONTACT, AIR))
-    duller = vitals.treble_dbfs[AIR] - air < vitals.treble_dbfs[CONTACT] - contact - _MARGIN_DB
-    return duller and air > contact + _MARGIN_DB
+    if air < contact + _MARGIN_DB:
+        return False
+    duller = vitals.treble_dbfs[AIR] - air < vitals.treble_dbfs[CONTACT] - contact - _DULLER_DB
+    return duller or reference.contrast_db > _CLEAR_DB
 
 
 def _without_hum(vitals: Vitals, channel: int) -> float:
