@@ -70,7 +70,10 @@ class Judge:
     """What turns sound into belief."""
 
     model: str = _setting("", "name of a shipped model, or a model file; empty: the default for the channels at hand")
-    threshold_dbfs: float = _setting(math.nan, "contact gate; nan: the model's own", unit="dBFS", span=(-120, 0))
+    calibration: str = _setting("", "what `tactophone calibrate` wrote: threshold and sensor faults; empty: none")
+    threshold_dbfs: float = _setting(
+        math.nan, "contact gate; nan: the calibration's, or the model's own", unit="dBFS", span=(-120, 0)
+    )
 
 
 @dataclass(frozen=True, slots=True)

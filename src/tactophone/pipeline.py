@@ -15,7 +15,7 @@ import numpy as np
 
 from tactophone.link import Believed, Connected, Heard, News, ReceivingEnd, SendingEnd
 from tactophone.link.sending import Datagrams
-from tactophone.perception import Judge
+from tactophone.perception import AnyJudge
 from tactophone.types import AudioBlock, Prediction, Tick
 from tactophone.walk import Walk, open_walk
 
@@ -36,7 +36,7 @@ class Sender:
         Judges here, for lines that cannot carry sound; ``None`` sends the sound.
     """
 
-    def __init__(self, end: SendingEnd, judge: Judge | None = None) -> None:
+    def __init__(self, end: SendingEnd, judge: AnyJudge | None = None) -> None:
         self.end, self.judge = end, judge
 
     def push(self, block: AudioBlock) -> Tick:

@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import replace
 
 from tactophone.haptics import Limits, open_profile
-from tactophone.perception import Judge, default_model, open_judge
+from tactophone.perception import AnyJudge, default_model, open_judge
 from tactophone.types import AudioBlock, HapticCommand, Prediction, Profile, Tick
 
 
@@ -36,8 +36,9 @@ class Walk:
                 oscillator.submit(tick.command)
     """
 
-    def __init__(self, judge: Judge, profile: Profile, limits: Limits | None = None) -> None:
-        self.judge, self.profile, self.limits = judge, profile, limits or Limits()
+    def __init__(self, judge: AnyJudge, profile: Profile, limits: Limits | None = None) -> None:
+        self.judge: AnyJudge = judge
+        self.profile, self.limits = profile, limits or Limits()
 
     @property
     def faults(self) -> Counter[str]:

@@ -22,6 +22,7 @@ FLAGS = {
     "--packet": "link.packet_duration",
     "--judge": "link.judge",
     "--model": "judge.model",
+    "--calibration": "judge.calibration",
     "--profile": "feel.profile",
     "--ceiling": "feel.ceiling",
     "--muted": "feel.muted",

@@ -11,6 +11,7 @@ FLAGS = {
     "--device": "output.device",
     "--actuator-port": "output.port",
     "--model": "judge.model",
+    "--calibration": "judge.calibration",
     "--threshold": "judge.threshold_dbfs",
     "--profile": "feel.profile",
     "--ceiling": "feel.ceiling",

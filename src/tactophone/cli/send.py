@@ -17,6 +17,7 @@ FLAGS = {
     "--packet": "link.packet_duration",
     "--judge": "link.judge",
     "--model": "judge.model",
+    "--calibration": "judge.calibration",
     "--identity": "link.identity",
     "--name": "process.name",
 }

@@ -3,6 +3,7 @@
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
+from tactophone.perception.guarded import AnyJudge, GuardedJudge, guard
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Gate, Model, ModelCard, read_model
 from tactophone.perception.shipped import (
@@ -17,17 +18,20 @@ from tactophone.perception.shipped import (
 
 __all__ = [
     "KINDS",
+    "AnyJudge",
     "Contact",
     "ContactGate",
     "Decision",
     "DecisionRule",
     "Gate",
+    "GuardedJudge",
     "Judge",
     "Model",
     "ModelCard",
     "WindowDetector",
     "default_model",
     "detector_for",
+    "guard",
     "model_path",
     "open_detector",
     "open_judge",

@@ -9,9 +9,11 @@ import enum
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import TypeAlias
 
-from tactophone.perception.faults import FaultWatch, Kind, SensorFault
+from tactophone.perception.faults import FaultWatch, Kind, Reference, SensorFault
 from tactophone.perception.judge import Judge
+from tactophone.perception.shipped import default_model, open_judge
 from tactophone.types import AIR, AudioBlock, Detector, Prediction, Touch
 
 
@@ -23,6 +25,16 @@ class Answer(enum.IntEnum):
     CONTACT_ONLY = 2
     SILENCE = 3
 
+
+WORDS: Mapping[Answer, str] = MappingProxyType(
+    {
+        Answer.JUDGE: "",
+        Answer.ONE_CHANNEL: "judging by the contact microphone alone",
+        Answer.CONTACT_ONLY: "only contact is felt",
+        Answer.SILENCE: "nothing is felt",
+    }
+)
+"""What is done, for people."""
 
 _ON_CONTACT: Mapping[Kind, Answer] = MappingProxyType({Kind.CLIPPED: Answer.CONTACT_ONLY})
 _UNKNOWN = (0.0, 0.5, 0.5)
@@ -46,6 +58,20 @@ def answer_to(faults: Iterable[SensorFault], *, spare: bool) -> Answer:
     alone = Answer.ONE_CHANNEL if spare else Answer.CONTACT_ONLY
     answers = [alone if one.channel == AIR else _ON_CONTACT.get(one.kind, Answer.SILENCE) for one in faults]
     return max(answers, default=Answer.JUDGE)
+
+
+def guard(judge: Judge, *, sample_rate: int, channels: int, reference: Reference | None = None) -> "GuardedJudge":
+    """Guard a judge; with two microphones, the shipped one-channel model stands by.
+
+    Parameters
+    ----------
+    reference
+        From the set-up's calibration; without one, faults are known less sharply.
+    """
+    spare = open_judge(default_model(1), sample_rate=sample_rate) if channels > 1 else None
+    if spare is not None:
+        spare.threshold_dbfs = judge.threshold_dbfs
+    return GuardedJudge(judge, spare, FaultWatch(sample_rate, reference))
 
 
 class GuardedJudge:
@@ -123,6 +149,9 @@ class GuardedJudge:
 
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
         """Cut where the watch looks, so that an answer changes at the same sample whatever the blocks."""
+        if block.concealed:
+            yield block
+            return
         start = 0
         while start < block.size:
             size = min(self._left, block.size - start)
@@ -137,7 +166,9 @@ class GuardedJudge:
         if active is not self._judge:
             beliefs = active.push(part)
         revised = [self._revised(belief) for belief in beliefs]
-        self._watch.push(part)
+        # A guess at lost sound says nothing of the microphones.
+        if not part.concealed:
+            self._watch.push(part)
         return revised
 
     def _revised(self, belief: Prediction) -> Prediction:
@@ -147,3 +178,7 @@ class GuardedJudge:
             touch = Touch.NONE if belief.touch is Touch.NONE else Touch.SMOOTH
             return replace(belief, touch=touch, roughness=0.0, probabilities=_UNKNOWN)
         return belief
+
+
+AnyJudge: TypeAlias = Judge | GuardedJudge
+"""With or without a guard."""

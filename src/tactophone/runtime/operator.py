@@ -25,7 +25,7 @@ from tactophone.runtime import budget, tuning
 from tactophone.runtime.budget import Neighbour
 from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
 from tactophone.runtime.supervisor import Birth
-from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post
+from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post, sensor_faults
 from tactophone.telemetry import MARKS, Fault, Request, State, Telemetry, Watcher
 from tactophone.types import FloatArray, HapticCommand, Tick
 
@@ -190,6 +190,7 @@ class Operator:
         yield from self._warnings
         if self._actuator.device.fault:
             yield Fault("actuator", self._actuator.device.fault)
+        yield from sensor_faults(self._receiver.walk.judge)
         silent = now - self._heard_at
         if self._end.session.peer is None:
             failure = self._end.session.failure

@@ -20,7 +20,7 @@ from tactophone.pipeline import Sender
 from tactophone.runtime import budget, tuning
 from tactophone.runtime.pacing import paced
 from tactophone.runtime.supervisor import Birth
-from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, open_walk_for, post
+from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, open_walk_for, open_watch, post
 from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
 from tactophone.types import AudioBlock
 
@@ -69,6 +69,7 @@ class Robot:
         self._end = open_sending_end(settings, self._source.channels)
         judge = open_walk_for(settings, channels=self._source.channels).judge if settings.link.judge else None
         self._sender = Sender(self._end, judge)
+        self._watch = open_watch(settings, channels=self._source.channels)
         self._lock = threading.Lock()
         self._birth = birth
         self._budgeted_at = 0.0
@@ -117,6 +118,7 @@ class Robot:
             for stage, duration in budget.robots_part(Watcher(self._birth.name), self._end.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
+        faults += [Fault(fault.code, str(fault)) for fault in self._watch.faults]
         if peer is None:
             words = f"no operator at {self._settings.link.peer}:{self._settings.link.port} yet"
             faults.append(Fault("link", f"{words}: {failure or 'start `tactophone receive` there'}"))
@@ -170,6 +172,7 @@ class Robot:
             self._telemetry.mark(_SENT, (origin + block.end) % (1 << 32), now=now)
         truth = self._source.truth_now() if isinstance(self._source, KnowsTruth) else -1
         self._telemetry.publish(tick, now=now, truth=truth)
+        self._watch.push(block)
 
     def _follow_network(self) -> None:
         tuning.prioritize_thread(self._settings.process.priority)

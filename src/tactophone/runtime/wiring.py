@@ -1,14 +1,14 @@
 """Settings become things: which source, session and actuator a run is made of."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
 
 from tactophone.capture import jack_source, portaudio_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.haptics import Actuator, Limits, clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics import Actuator, Limits, clocked_actuator, jack_actuator, open_profile, portaudio_actuator
 from tactophone.haptics.actuator import Render
 from tactophone.link import (
     Codec,
@@ -24,7 +24,12 @@ from tactophone.link import (
 )
 from tactophone.link.codec import NARROW_BAND
 from tactophone.link.identity import DEFAULT_FOLDER
-from tactophone.pipeline import Walk, open_walk
+from tactophone.perception import AnyJudge, GuardedJudge, default_model, guard, open_judge
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.faults import FaultWatch
+from tactophone.perception.guarded import WORDS
+from tactophone.pipeline import Walk
+from tactophone.telemetry import Fault
 from tactophone.types import Source
 
 SAMPLE_RATE = 48_000
@@ -62,13 +67,45 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
 
 
 def open_walk_for(settings: Settings, *, channels: int) -> Walk:
-    """Make what turns sound of so many channels into commands, by the model and profile that the settings name."""
-    feel, judge = settings.feel, settings.judge
-    limits = Limits(ceiling=feel.ceiling)
-    walk = open_walk(judge.model, sample_rate=SAMPLE_RATE, channels=channels, profile=feel.profile, limits=limits)
-    if not math.isnan(judge.threshold_dbfs):
-        walk.judge.threshold_dbfs = judge.threshold_dbfs
-    return walk
+    """Make what turns sound of so many channels into commands, by the model and profile that the settings name.
+
+    Its judge is on its guard against faulty microphones.
+    """
+    feel, wanted = settings.feel, settings.judge
+    model = wanted.model or default_model(channels)
+    calibration = _calibration(wanted.calibration, channels)
+    judge = guard(
+        open_judge(model, sample_rate=SAMPLE_RATE),
+        sample_rate=SAMPLE_RATE,
+        channels=channels,
+        reference=calibration.reference if calibration else None,
+    )
+    if not math.isnan(wanted.threshold_dbfs):
+        judge.threshold_dbfs = wanted.threshold_dbfs
+    elif calibration:
+        judge.threshold_dbfs = calibration.threshold_dbfs
+    return Walk(judge, open_profile(feel.profile), Limits(ceiling=feel.ceiling))
+
+
+def sensor_faults(judge: AnyJudge) -> Iterator[Fault]:
+    """Say what is wrong with the microphones that a judge hears, and what it does about it."""
+    if isinstance(judge, GuardedJudge):
+        for fault in judge.sensor_faults:
+            yield Fault(fault.code, f"{fault} ({WORDS[judge.answer]})")
+
+
+def open_watch(settings: Settings, *, channels: int) -> FaultWatch:
+    """Make what names sensor faults where the sound is heard, before any codec has smoothed them."""
+    calibration = _calibration(settings.judge.calibration, channels)
+    return FaultWatch(SAMPLE_RATE, calibration.reference if calibration else None)
+
+
+def _calibration(path: str, channels: int) -> Calibration | None:
+    """Read a calibration, if one is named and it is of a set-up with as many microphones."""
+    if not path:
+        return None
+    calibration = Calibration.read(Path(path).expanduser())
+    return calibration if calibration.channels == channels else None
 
 
 def open_session(settings: Settings, *, call: bool) -> Session:
