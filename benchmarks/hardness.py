@@ -1,6 +1,8 @@
-"""Is the simulated data set hard in the paper's way? Prints docs/simulator-realism.md's first table.
+"""Is the simulated data set hard in the paper's way? Prints docs/simulator-realism.md's first tables.
 
-python benchmarks/hardness.py DIR     (DIR: tactophone simulate dataset DIR --objects all --seconds 5)
+    python benchmarks/hardness.py DIR [--split leave-one-pressure-out]
+
+DIR is what `tactophone simulate dataset DIR --objects all --seconds 5` makes.
 """
 
 import argparse
@@ -22,10 +24,16 @@ BRIEF = {"hop": 64, "batch_size": 500, "least_steps": 0, "learning_rate": 5e-4}
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    dataset = open_dataset(parser.parse_args().folder)
+    parser.add_argument("--split", default="5-fold", help="or leave-one-pressure-out, leave-one-scenario-out")
+    args = parser.parse_args()
+    dataset = open_dataset(args.folder)
     methods = [PaperMethod(Course(replace(paper(variant), **BRIEF))) for variant in ("general", "one-channel")]
     found = measure_hardness(
-        dataset, methods, cache=default_cache(), report=lambda name: print(f"judging: {name}", file=sys.stderr)
+        dataset,
+        methods,
+        by=args.split,
+        cache=default_cache(),
+        report=lambda name: print(f"judging: {name}", file=sys.stderr),
     )
     print(f"| method | balanced accuracy | AUC | false positives at {RECALL:.0%} rough recall |")
     print("|---|---|---|---|")

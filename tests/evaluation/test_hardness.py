@@ -81,7 +81,7 @@ class Renamed:
 
 def test_hardness_compares_in_pairs(dataset: Dataset, tmp_path: Path) -> None:
     methods = [Renamed("two", "air to contact"), Renamed("one", "air to contact")]
-    found = measure_hardness(dataset, methods, folds=2)  # type: ignore[arg-type]
+    found = measure_hardness(dataset, methods, by="2-fold")  # type: ignore[arg-type]
     assert found.difference.value == found.difference.low == found.difference.high == 0
     assert [row.name for row in found.rows[:2]] == ["two", "one"]
     assert set(found.air_over_contact_db) == {"smooth", "rough"}

@@ -2,7 +2,7 @@
 with must do better, and the air microphone must take back false positives.
 
 All methods judge the same windows: those that the level's gate lets through *and* that truly are contact from end to
-end. Folds are by surface.
+end.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -136,7 +136,7 @@ def measure_hardness(
     dataset: Dataset,
     methods: Sequence[Method],
     *,
-    folds: int = 5,
+    by: str = "5-fold",
     cache: Cache | None = None,
     report: Callable[[str], None] = lambda name: None,
 ) -> Hardness:
@@ -148,8 +148,8 @@ def measure_hardness(
         Labelled recordings.
     methods
         The learnt ones: two channels first, then one.
-    folds
-        Surfaces are dealt to so many.
+    by
+        The split: surfaces never met, or any other that `dataset.split` knows.
     cache
         Where judgements are kept.
     report
@@ -158,7 +158,7 @@ def measure_hardness(
     judged: dict[str, Scores] = {}
     for method in (*methods, *(RuleMethod(name) for name in RULES)):
         report(method.name)
-        judgements = cross_validate(method, split(dataset, f"{folds}-fold"), cache=cache)
+        judgements = cross_validate(method, split(dataset, by), cache=cache)
         judged[method.name] = scores_of([_truly_touching(one) for one in judgements], "two-class")
     drawn = {name: _draws(scores) for name, scores in judged.items()}
     rows = tuple(Row(name, *_estimates(judged[name], drawn[name])) for name in judged)

@@ -85,7 +85,7 @@ class Script:
         press = force * np.clip(1 + 0.18 * self._wander(size, 2.0) + 0.07 * self._wander(size, 9.0), 0.25, 2.2)
         self._go(duration, x, y, lambda phase: press)
 
-    def wiggle(self, amplitude: float, frequency: float, duration: float, force: float) -> None:
+    def wiggle(self, amplitude: float, frequency: float, duration: float, *, force: float) -> None:
         """Rub to and fro about the place where the finger is."""
         size = max(2, round(duration / STEP))
         time = STEP * np.arange(size)
@@ -161,7 +161,7 @@ def _wiggle(script: Script, take: Take, placed: Placed) -> None:
     script.land(force)
     amplitude = script.rng.uniform(0.004, 0.016)
     frequency = float(np.clip(speed / (2 * np.pi * amplitude), 1.0, 4.5))
-    script.wiggle(amplitude, frequency, script.rng.uniform(3, 8), force)
+    script.wiggle(amplitude, frequency, script.rng.uniform(3, 8), force=force)
 
 
 def _effort(rng: np.random.Generator, take: Take) -> tuple[float, float]:
