@@ -33,3 +33,9 @@ def test_hops_are_joined_and_the_ground_is_contact() -> None:
     assert [one.word for one in segments] == ["none", "rough", "contact", "none"]
     assert touched == (-1, 0, 1, -1)
     assert segments[1].end - segments[1].start == pytest.approx(0.21)
+
+
+def test_what_a_kill_left_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / ".sound.flac.part").write_bytes(b"half")
+    write_sound(tmp_path / "sound.flac", np.zeros((100, 2), np.float32), STORY)
+    assert [one.name for one in tmp_path.iterdir()] == ["sound.flac"]

@@ -37,10 +37,12 @@ class Story:
 def write_sound(path: Path, samples: FloatArray, story: Story, *, bits: int = 16) -> None:
     """Write WAV or FLAC, by the path's suffix, at once and whole."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    unfinished = path.with_name(f".{path.name}.part")  # one name: what a kill leaves, the next run writes over
     told = [[one.start, one.end, one.word, thing] for one, thing in zip(story.segments, story.things, strict=True)]
     try:
-        with soundfile.SoundFile(unfinished, "w", RATE, samples.shape[1], f"PCM_{bits}") as file:
+        with soundfile.SoundFile(
+            unfinished, "w", RATE, samples.shape[1], f"PCM_{bits}", format=path.suffix[1:].upper()
+        ) as file:
             file.comment = json.dumps({"recipe": story.recipe, "segments": told})
             file.write(samples)
         os.replace(unfinished, path)
