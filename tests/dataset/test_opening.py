@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import find_recording, label_of, open_dataset
+from tactophone.dataset import find_recording, open_dataset, truth_of
 from tests.dataset.folders import audiofolder, authors, write_sound, write_text
 
 
@@ -27,11 +27,12 @@ def test_a_folder_that_is_none_says_what_is_wanted(tmp_path: Path) -> None:
 
 def test_a_files_truth_is_found_in_its_own_dataset(tmp_path: Path) -> None:
     folder = audiofolder(tmp_path / "ours")
-    assert label_of(folder / "audio" / "00_0.flac") is Touch.ROUGH
-    assert label_of(authors(tmp_path / "theirs") / "opus" / "stereo" / "02_short_loud.wav") is Touch.SMOOTH
+    assert [one.label for one in truth_of(folder / "audio" / "00_0.flac", duration=1.0)] == [Touch.ROUGH]
+    theirs = authors(tmp_path / "theirs") / "opus" / "stereo" / "02_short_loud.wav"
+    assert [one.label for one in truth_of(theirs, duration=1.0)] == [Touch.SMOOTH]
     assert find_recording(write_sound(folder / "audio" / "stray.flac")) is None
 
 
 def test_a_file_beside_someone_elses_metadata_has_no_truth(tmp_path: Path) -> None:
     write_text(tmp_path / "metadata.csv", "title,year", "x,2020")
-    assert label_of(write_sound(tmp_path / "a.wav")) is None
+    assert truth_of(write_sound(tmp_path / "a.wav"), duration=1.0) == ()

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from tactophone.capture import FileSource
 from tactophone.cli import page, terminal
-from tactophone.dataset import Segment, find_recording
+from tactophone.dataset import Segment, truth_of
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
 from tactophone.evaluation.figures import draw_feeling
@@ -121,7 +121,7 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
-    truth = _truth(path, source.duration)
+    truth = truth_of(path, duration=source.duration)
     words = {one.word for one in truth}
     label = words.pop() if len(words) == 1 else "mixed" * bool(words)
     if args.plot:
@@ -134,7 +134,7 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
 def _replay(sources: list[FileSource], args: argparse.Namespace) -> None:
     from tactophone.cli import replay
 
-    takes = [replay.Take(one, _open_walk(one, args), _truth(one.path, one.duration)) for one in sources]
+    takes = [replay.Take(one, _open_walk(one, args), truth_of(one.path, duration=one.duration)) for one in sources]
     replay.on_page(args, takes, name="feel")
 
 
@@ -150,14 +150,6 @@ def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
     if args.threshold is not None:
         walk.judge.threshold_dbfs = args.threshold
     return walk
-
-
-def _truth(path: Path, duration: float) -> tuple[Segment, ...]:
-    recording = find_recording(path)
-    if recording is None:
-        return ()
-    whole = recording.known("label")
-    return recording.segments or ((Segment(0.0, duration, whole),) if whole else ())
 
 
 def _title(path: Path, walk: Walk, label: str) -> str:

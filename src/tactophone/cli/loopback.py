@@ -1,13 +1,15 @@
 """``tactophone loopback``: robot and operator as two processes of this machine, for a first try."""
 
 import argparse
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tactophone.cli import face, flags, outcome, page, sources
+from tactophone.config import Settings
 from tactophone.runtime import Supervisor, run_operator, run_robot
 from tactophone.runtime.pairing import on_one_machine
 from tactophone.simulation.network import network
@@ -49,16 +51,21 @@ def run(args: argparse.Namespace) -> int:
     """Run both sides until interrupted, or until the sound ends."""
     settings = flags.settings_of(args)
     name = settings.process.name or "loopback"
+    with both_sides(settings, args.network, name=name, seed=args.seed) as sides, page.shown(args, name):
+        ended = face.follow(sides, name, duration=args.duration)
+    return outcome.print_outcome(args, ended)
+
+
+@contextmanager
+def both_sides(settings: Settings, line: str, *, name: str, seed: int) -> Iterator[list[Supervisor]]:
+    """Run operator and robot, in this order, as two processes with that line between them, sealed by fresh keys."""
     with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
         robot, operator = on_one_machine(settings, Path(folder), name=name)
         receive = partial(run_operator, robot=robot.process.name)
         receiving = stack.enter_context(Supervisor(receive, operator, name=name))
-        if args.network != "clean":
-            line = ImpairmentProxy(("127.0.0.1", operator.link.port), network(args.network), seed=args.seed)
-            port = stack.enter_context(line).address[1]
+        if line != "clean":
+            proxy = ImpairmentProxy(("127.0.0.1", operator.link.port), network(line), seed=seed)
+            port = stack.enter_context(proxy).address[1]
             robot = replace(robot, link=replace(robot.link, port=port))
         send = partial(run_robot, open_source=sources.open_source)
-        sending = stack.enter_context(Supervisor(send, robot, name=robot.process.name))
-        with page.shown(args, name):
-            ended = face.follow([receiving, sending], name, duration=args.duration)
-    return outcome.print_outcome(args, ended)
+        yield [receiving, stack.enter_context(Supervisor(send, robot, name=robot.process.name))]

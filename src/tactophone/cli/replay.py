@@ -3,15 +3,14 @@
 import argparse
 import itertools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactophone.capture import FileSource
 from tactophone.cli import page, terminal
-from tactophone.dataset import Segment
+from tactophone.dataset import Segment, touch_at
 from tactophone.haptics import Oscillator, Playback
 from tactophone.telemetry import State, Telemetry
-from tactophone.types import AudioBlock
 from tactophone.walk import Walk
 
 BLOCK_DURATION = 0.01
@@ -49,15 +48,8 @@ def replay(take: Take, telemetry: Telemetry) -> None:
             now = time.monotonic()
             tick = take.walk.push(block)
             telemetry.feel(playback.push(tick.commands, until=block.end / block.sample_rate))
-            telemetry.publish(tick, now=now, truth=_truth(take.truth, block))
+            telemetry.publish(tick, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
             telemetry.update(state, now=now)
-
-
-def _truth(segments: Sequence[Segment], block: AudioBlock) -> int:
-    """What was true in the middle of a block; -1 where nobody knows."""
-    middle = block.time + block.duration / 2
-    known: Iterator[Segment] = (one for one in segments if one.start <= middle < one.end and one.label is not None)
-    return next((int(one.label) for one in known if one.label is not None), -1)
 
 
 def _state(take: Take) -> State:

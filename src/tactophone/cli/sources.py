@@ -9,6 +9,7 @@ import numpy as np
 
 from tactophone.capture import FileSource
 from tactophone.config import Settings
+from tactophone.dataset import touch_at, truth_of
 from tactophone.errors import ConfigError
 from tactophone.perception.resample import Resampler
 from tactophone.runtime.wiring import SAMPLE_RATE, open_device
@@ -27,14 +28,16 @@ def open_source(settings: Settings) -> Source:
         return open_device(settings)
     if not capture.device:
         raise ConfigError("capture.source = 'file', but no file is named: give --device RECORDING")
-    return Resampled(FileSource(capture.device, block_size=capture.block_size, loop=capture.loop))
+    return Recorded(FileSource(capture.device, block_size=capture.block_size, loop=capture.loop))
 
 
-class Resampled:
-    """A source at the live line's rate, whatever rate the one within has."""
+class Recorded:
+    """A recording at the live line's rate, whatever its own, with the truth that its data set tells of it."""
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: FileSource) -> None:
         self._source = source
+        self._truth = truth_of(source.path, duration=source.duration)
+        self._time = 0.0
         self._resources = ExitStack()
         self.sample_rate = SAMPLE_RATE
 
@@ -53,15 +56,17 @@ class Resampled:
         self._resources.close()
 
     def __iter__(self) -> Iterator[AudioBlock]:
-        if self._source.sample_rate == SAMPLE_RATE:
-            yield from self._source
-            return
         resampler = Resampler(self._source.sample_rate, SAMPLE_RATE, channels=self.channels)
         start = 0
         for block in self._source:
             samples = resampler.push(block)
+            self._time = block.end / block.sample_rate % self._source.duration
             yield AudioBlock(samples, SAMPLE_RATE, start)
             start += len(samples)
+
+    def truth_now(self) -> int:
+        """What the recording's label says of the end of the last block; -1 where it says nothing."""
+        return touch_at(self._time, self._truth)
 
 
 class StrokingFinger:

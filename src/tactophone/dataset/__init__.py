@@ -7,8 +7,8 @@
 from tactophone.dataset.channels import channel_order
 from tactophone.dataset.checks import check, usable
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.opening import find_recording, label_of, open_dataset
-from tactophone.dataset.recording import Dataset, Problem, Recording, Segment, fingerprint
+from tactophone.dataset.opening import find_recording, open_dataset, truth_of
+from tactophone.dataset.recording import Dataset, Problem, Recording, Segment, fingerprint, touch_at
 from tactophone.dataset.splits import Fold, split
 
 __all__ = [
@@ -21,9 +21,10 @@ __all__ = [
     "check",
     "find_recording",
     "fingerprint",
-    "label_of",
     "open_dataset",
     "split",
+    "touch_at",
+    "truth_of",
     "usable",
     "write_metadata",
 ]

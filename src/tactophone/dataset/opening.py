@@ -6,9 +6,8 @@ from pathlib import Path
 
 from tactophone.dataset.layouts import holds_authors, holds_manifest, read_authors, read_manifest
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata
-from tactophone.dataset.recording import Dataset, Recording
+from tactophone.dataset.recording import Dataset, Recording, Segment
 from tactophone.errors import DatasetError
-from tactophone.types import Touch
 
 _LAYOUTS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Dataset]], ...] = (
     (holds_metadata, read_metadata),
@@ -52,10 +51,13 @@ def find_recording(path: Path | str) -> Recording | None:
     return None
 
 
-def label_of(path: Path | str) -> Touch | None:
-    """Give a person's word for the whole of a file, or ``None`` if none is known."""
+def truth_of(path: Path | str, *, duration: float) -> tuple[Segment, ...]:
+    """Give what a person says of each stretch of a file of so many seconds; nothing where nobody says anything."""
     recording = find_recording(path)
-    return recording.label if recording else None
+    if recording is None:
+        return ()
+    whole = recording.known("label")
+    return recording.segments or ((Segment(0.0, duration, whole),) if whole else ())
 
 
 @functools.lru_cache(maxsize=4)

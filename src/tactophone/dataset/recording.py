@@ -58,6 +58,18 @@ class Segment:
         return self.label is not Touch.NONE
 
 
+def touch_at(time: float, segments: Iterable[Segment]) -> int:
+    """Give the number of the `Touch` that holds at a time, or -1 where nobody knows: as telemetry tells a truth.
+
+    Examples
+    --------
+    >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
+    (2, -1)
+    """
+    here = (one.label for one in segments if one.start <= time < one.end and one.label is not None)
+    return int(next(here, -1))
+
+
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One sound file and what is known of it.

@@ -154,11 +154,20 @@ class Robot:
 
     def _follow_sound(self) -> None:
         self._warn("priority", tuning.prioritize_thread(self._settings.process.priority))
+        if self._settings.capture.source == "file":
+            self._await_listener()
         sound = iter(self._source) if isinstance(self._source, LiveSource) else paced(self._source)
         for block in sound:
             if self.ended.is_set():
                 return
             self._send(block)
+
+    def _await_listener(self) -> None:
+        """Hold a recording back until somebody hears it: unlike a microphone's, its sound has a beginning."""
+        while not self.ended.wait(HOUSEKEEPING):
+            with self._lock:
+                if self._end.session.peer is not None:
+                    return
 
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
