@@ -71,6 +71,7 @@ class Judge:
 
     model: str = _setting("", "name of a shipped model, or a model file; empty: the default for the channels at hand")
     calibration: str = _setting("", "what `tactophone calibrate` wrote: threshold and sensor faults; empty: none")
+    watch: bool = _setting(True, "name faults of the microphones and answer them safely; off for test signals")
     threshold_dbfs: float = _setting(
         math.nan, "contact gate; nan: the calibration's, or the model's own", unit="dBFS", span=(-120, 0)
     )

@@ -56,7 +56,7 @@ class Line:
         Peers({operator.fingerprint: "operator"}).save(folder / "robot")
         Peers({robot.fingerprint: "robot"}).save(folder / "operator")
         common = [f"link.port={free_port()}", f"judge.model={model}", "link.peer=127.0.0.1", "output.actuator=none"]
-        settings = config.change(Settings(), [*common, "link.host=127.0.0.1", *changes])
+        settings = config.change(Settings(), [*common, "link.host=127.0.0.1", "judge.watch=false", *changes])
         self.robot_settings = config.change(settings, [f"link.identity={folder / 'robot'}"])
         self.operator_settings = config.change(settings, [f"link.identity={folder / 'operator'}"])
         self.names = (f"test-robot-{uuid4().hex[:8]}", f"test-operator-{uuid4().hex[:8]}")

@@ -19,7 +19,7 @@ from .line import eventually
 
 pytestmark = pytest.mark.realtime
 
-SETTINGS = config.change(Settings(), ["process.name=test-safety"])
+SETTINGS = config.change(Settings(), ["judge.watch=false", "process.name=test-safety"])
 
 
 def kill_robot(sides: Sides) -> None:

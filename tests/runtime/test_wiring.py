@@ -42,6 +42,7 @@ def test_a_dead_microphone_is_named_with_what_is_done_and_not_felt(tmp_path: Pat
 
 def test_the_robot_names_what_is_wrong_where_it_is_heard(tmp_path: Path) -> None:
     watch = open_watch(calibrated(tmp_path), channels=2)
+    assert watch is not None
     watch.push(noise(2.0, (0.04, 0.0)))
     assert [fault.code for fault in watch.faults] == ["air-dead"]
 
@@ -49,4 +50,12 @@ def test_the_robot_names_what_is_wrong_where_it_is_heard(tmp_path: Path) -> None
 def test_a_good_set_up_has_nothing_to_say(tmp_path: Path) -> None:
     walk = open_walk_for(calibrated(tmp_path), channels=2)
     walk.push(noise(2.0, (0.04, 0.001)))
+    assert not list(sensor_faults(walk.judge))
+
+
+def test_the_watch_can_be_left_out_for_test_signals() -> None:
+    settings = change(Settings(), ["judge.watch=false"])
+    assert open_watch(settings, channels=2) is None
+    walk = open_walk_for(settings, channels=2)
+    walk.push(noise(2.0, (0.0, 0.0)))
     assert not list(sensor_faults(walk.judge))

@@ -263,6 +263,7 @@ def running_sides(settings: Settings, graph: Graph) -> Iterator[Sides]:
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
     settings = replace(
         settings,
+        judge=replace(settings.judge, watch=False),
         capture=replace(capture, source="jack"),
         output=replace(output, actuator="jack"),
         process=replace(process, jack_server=graph.server or process.jack_server),

@@ -118,7 +118,8 @@ class Robot:
             for stage, duration in budget.robots_part(Watcher(self._birth.name), self._end.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
-        faults += [Fault(fault.code, str(fault)) for fault in self._watch.faults]
+        if self._watch:
+            faults += [Fault(fault.code, str(fault)) for fault in self._watch.faults]
         if peer is None:
             words = f"no operator at {self._settings.link.peer}:{self._settings.link.port} yet"
             faults.append(Fault("link", f"{words}: {failure or 'start `tactophone receive` there'}"))
@@ -181,7 +182,8 @@ class Robot:
             self._telemetry.mark(_SENT, (origin + block.end) % (1 << 32), now=now)
         truth = self._source.truth_now() if isinstance(self._source, KnowsTruth) else -1
         self._telemetry.publish(tick, now=now, truth=truth)
-        self._watch.push(block)
+        if self._watch:
+            self._watch.push(block)
 
     def _follow_network(self) -> None:
         tuning.prioritize_thread(self._settings.process.priority)

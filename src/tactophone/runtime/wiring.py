@@ -69,17 +69,14 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
 def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     """Make what turns sound of so many channels into commands, by the model and profile that the settings name.
 
-    Its judge is on its guard against faulty microphones.
+    Its judge is on its guard against faulty microphones, unless the settings say otherwise.
     """
     feel, wanted = settings.feel, settings.judge
     model = wanted.model or default_model(channels)
     calibration = _calibration(wanted.calibration, channels)
-    judge = guard(
-        open_judge(model, sample_rate=SAMPLE_RATE),
-        sample_rate=SAMPLE_RATE,
-        channels=channels,
-        reference=calibration.reference if calibration else None,
-    )
+    plain = open_judge(model, sample_rate=SAMPLE_RATE)
+    reference = calibration.reference if calibration else None
+    judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, reference=reference) if wanted.watch else plain
     if not math.isnan(wanted.threshold_dbfs):
         judge.threshold_dbfs = wanted.threshold_dbfs
     elif calibration:
@@ -94,8 +91,10 @@ def sensor_faults(judge: AnyJudge) -> Iterator[Fault]:
             yield Fault(fault.code, f"{fault} ({WORDS[judge.answer]})")
 
 
-def open_watch(settings: Settings, *, channels: int) -> FaultWatch:
+def open_watch(settings: Settings, *, channels: int) -> FaultWatch | None:
     """Make what names sensor faults where the sound is heard, before any codec has smoothed them."""
+    if not settings.judge.watch:
+        return None
     calibration = _calibration(settings.judge.calibration, channels)
     return FaultWatch(SAMPLE_RATE, calibration.reference if calibration else None)
 
