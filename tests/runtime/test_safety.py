@@ -3,15 +3,16 @@
 import os
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import pytest
 
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer, JackClient
-from tactophone.evaluation.latency import Graph, Sides, running_sides, wires
-from tactophone.evaluation.silence import Listener, outlive
+from tactophone.evaluation.latency import Graph, Sides, running_sides
+from tactophone.evaluation.silence import EndlessStroke, Listener, listening, outlive
 from tactophone.runtime.guard import RESTARTED
 from tactophone.telemetry import Watcher
 
@@ -42,20 +43,33 @@ def stop_operator(sides: Sides) -> None:
     sides.operator.stop_emergency()
 
 
+@pytest.fixture
+def graph() -> Iterator[Graph]:
+    """A sound server that goes on without who is late, and repeats his last period, as JACK does by default."""
+    with DummyServer(128, synchronous=False) as server:
+        yield Graph(server.name)
+
+
+@contextmanager
+def sides_felt(listener: Listener, graph: Graph) -> Iterator[tuple[Sides, JackClient]]:
+    with (
+        running_sides(SETTINGS, graph, open_source=EndlessStroke) as sides,
+        listening(listener, graph, sides) as client,
+    ):
+        yield sides, client
+
+
 @pytest.mark.parametrize("end", [kill_robot, freeze_robot, kill_operator, freeze_operator, stop_operator])
 def test_whatever_ends_the_finger_is_silent_within_a_tenth_of_a_second(
-    end: Callable[[Sides], None], jack_server: DummyServer
+    end: Callable[[Sides], None], graph: Graph
 ) -> None:
     # The machine itself may stand still for 40 ms now and then; it does not do so three times in a row.
-    assert any(outlive(SETTINGS, Graph(jack_server.name), end) <= 0.1 for _ in range(3))
+    assert any(outlive(SETTINGS, graph, end) <= 0.1 for _ in range(3))
 
 
-def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(jack_server: DummyServer) -> None:
-    listener, graph = Listener(), Graph(jack_server.name)
-    with running_sides(SETTINGS, graph) as sides:
-        client = JackClient("listener", listener.process, server=graph.server, **wires(graph, sides))
-        client.open()
-        assert eventually(lambda: listener.peak > 0.01)
+def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(graph: Graph) -> None:
+    listener = Listener()
+    with sides_felt(listener, graph) as (sides, client):
         first = sides.operator.pid
         freeze_operator(sides)
         assert eventually(lambda: sides.operator.restarts == 1)
@@ -68,7 +82,6 @@ def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(jack_
         assert listener.peak == 0.0
         watcher.ask("arm")
         assert eventually(lambda: listener.peak > 0.01)
-        client.close()
 
 
 def test_a_sound_server_that_dies_is_shown_and_its_successor_is_silent_then_felt(jack_server: DummyServer) -> None:

@@ -25,15 +25,22 @@ class DummyServer:
         Samples a period.
     name
         The server's name; by default one that no other process uses.
+    synchronous
+        Whether a period is only over when all clients are done. JACK's own default is not: it goes on without a client
+        that is late, and repeats that client's last period.
 
     Notes
     -----
-    The dummy driver hands over each period at the period's beginning, where a card does at its end.
+    The dummy driver hands over each period at the period's beginning, where a card does at its end. One process can be
+    a client of one server at a time only: libjack keeps the server in global variables.
     """
 
-    def __init__(self, period: int = 128, *, sample_rate: int = 48_000, name: str = "") -> None:
+    def __init__(
+        self, period: int = 128, *, sample_rate: int = 48_000, name: str = "", synchronous: bool = True
+    ) -> None:
         self.name = name or f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate
+        self._mode = ["-S"] if synchronous else []
         self._process: subprocess.Popen[bytes] | None = None
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the server
 
@@ -51,7 +58,7 @@ class DummyServer:
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
-        command = ["jackd", "-n", self.name, *schedule, "-S", "-d", "dummy"]
+        command = ["jackd", "-n", self.name, *schedule, *self._mode, "-d", "dummy"]
         self._process = subprocess.Popen(
             [*command, "-r", str(self.sample_rate), "-p", str(self.period)],
             stdout=self._log,

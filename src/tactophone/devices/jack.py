@@ -54,6 +54,7 @@ class JackClient:
         self._client: Any = None
         self._lost = False
         self._unwired = ""
+        self._rewire = True
 
     @property
     def sample_rate(self) -> int:
@@ -107,7 +108,8 @@ class JackClient:
         with contextlib.suppress(_jack().JackError):
             if self._client is None:
                 self._join(_jack())
-            self._wire()
+            if self._rewire:
+                self._wire()
 
     def close(self) -> None:
         """Leave the graph."""
@@ -137,7 +139,9 @@ class JackClient:
         client.set_process_callback(self._cycle(list(client.inports), list(client.outports)))
         client.set_xrun_callback(self._on_xrun)
         client.set_shutdown_callback(self._on_shutdown)
-        self._client = client
+        # Asking a port for its wires again and again would do too, but crashes when the server dies meanwhile.
+        client.set_port_connect_callback(self._on_wire)
+        self._client, self._rewire = client, True
         client.activate()
 
     def _abandon(self) -> None:
@@ -158,7 +162,7 @@ class JackClient:
         return cycle
 
     def _wire(self) -> None:
-        self._unwired = ""
+        self._unwired, self._rewire = "", False
         for port in (*self._client.inports, *self._client.outports):
             target = self._wires[port.shortname]
             if target and not port.connections:
@@ -174,9 +178,13 @@ class JackClient:
                 f"{port.name}: there is no JACK port {target} to wire it to; there are "
                 f"{', '.join(candidates) or 'none'}: choose one of them in the settings"
             )
+            self._rewire = True
 
     def _on_xrun(self, _: float) -> None:
         self.xruns += 1
+
+    def _on_wire(self, _one: Any, _other: Any, connected: bool) -> None:
+        self._rewire |= not connected
 
     def _on_shutdown(self, _status: Any, _reason: str) -> None:
         self._lost = True

@@ -10,6 +10,7 @@ records what the operator's port gives (or a sensor on the actuator). Two indepe
 They are taken with different clocks and must agree.
 """
 
+import secrets
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -26,6 +27,7 @@ from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.runtime import Supervisor, run_operator, run_robot
 from tactophone.runtime.pairing import on_one_machine
+from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.telemetry import MARKS, STAGES, Watcher
 from tactophone.types import FloatArray
 
@@ -127,7 +129,12 @@ def measure(
     """
     with running_sides(settings, graph) as sides:
         clicker = Clicker(clicks, seed=seed)
-        client = JackClient("tactophone-clicker", clicker.process, server=graph.server, **wires(graph, sides))
+        robot = sides.robot.name
+        clicks_to = {"contact": f"{robot}:contact", "air": f"{robot}:air"}
+        if graph.through_air:
+            clicks_to = {"click": graph.click_to}
+        felt = {"felt": felt_port(graph, sides)}
+        client = JackClient("tactophone-clicker", clicker.process, inputs=felt, outputs=clicks_to, server=graph.server)
         client.open()
         try:
             marks = _collect(clicker, Watcher(sides.robot.name), Watcher(sides.operator.name), progress)
@@ -256,8 +263,8 @@ def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 @contextmanager
-def running_sides(settings: Settings, graph: Graph) -> Iterator[Sides]:
-    """Run both sides, each in its process, until they are connected and beyond."""
+def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
+    """Run both sides, each in its process, from when they are connected; the robot hears ``open_source``."""
     capture, output, process = settings.capture, settings.output, settings.process
     if not graph.through_air:
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
@@ -270,19 +277,18 @@ def running_sides(settings: Settings, graph: Graph) -> Iterator[Sides]:
     )
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-")))
-        robot, operator = on_one_machine(settings, folder, name=process.name or "latency")
+        robot, operator = on_one_machine(settings, folder, name=f"{process.name or 'latency'}-{secrets.token_hex(3)}")
         receive = partial(run_operator, robot=robot.process.name)
+        send = partial(run_robot, open_source=open_source)
         receiving = stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
-        sending = stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
+        sending = stack.enter_context(Supervisor(send, robot, name=robot.process.name))
         _await_connection(operator.process.name)
         yield Sides(sending, receiving)
 
 
-def wires(graph: Graph, sides: Sides) -> dict[str, dict[str, str]]:
-    """Give the ports of a client that strokes the microphones and feels the actuator, and what they are wired to."""
-    robot, operator = sides.robot.name, sides.operator.name
-    strokes = {"click": graph.click_to} if graph.through_air else {"contact": f"{robot}:contact", "air": f"{robot}:air"}
-    return {"inputs": {"felt": graph.felt_from or f"{operator}:vibration"}, "outputs": strokes}
+def felt_port(graph: Graph, sides: Sides) -> str:
+    """Give the JACK port at which the vibration can be heard."""
+    return graph.felt_from or f"{sides.operator.name}:vibration"
 
 
 def _await_connection(operator: str) -> None:

@@ -1,20 +1,27 @@
 """How long a vibration outlives its cause: the link, the robot, the operator's process or the sound server ends.
 
-A client of the JACK graph plays an endless stroke into the robot's ports and listens at the operator's. Something is
-ended, and the time is taken until the vibration has sunk to -60 dB of full drive.
+The robot strokes without end, and a JACK client listens at the operator's port. Something is ended, and the time is
+taken until the vibration has sunk to -60 dB.
 """
 
+import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Self
 
 import numpy as np
 
 from tactophone.config import Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.evaluation.latency import PEAK, RATE, TONE, Graph, Sides, running_sides, wires
-from tactophone.types import FloatArray
+from tactophone.evaluation.latency import PEAK, RATE, TONE, Graph, Sides, felt_port, running_sides
+from tactophone.types import AudioBlock, FloatArray
+
+BLOCK = 128
+"""Samples a block of the stroke."""
 
 SILENT = 1e-3
 """Amplitude that counts as silent: -60 dB of full drive."""
@@ -28,21 +35,38 @@ AFTERMATH = 0.6
 _LONGEST = 60.0
 
 
+class EndlessStroke:
+    """A source that strokes without end."""
+
+    sample_rate, channels = RATE, 2
+
+    def __init__(self, _: Settings) -> None:
+        self._second = (PEAK * np.sin(2 * np.pi * TONE / RATE * np.arange(RATE + BLOCK))).astype(np.float32)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for start in itertools.count(0, BLOCK):
+            phase = start % RATE  # a second is a whole number of the tone's periods
+            tone = self._second[phase : phase + BLOCK]
+            yield AudioBlock(np.stack([tone, tone], axis=1), RATE, start)
+
+
 class Listener:
-    """Strokes without end, and notes the peak of each period; ``process`` is for a JACK client."""
+    """Notes when each period came and how strong it was; ``process`` is for a JACK client."""
 
     def __init__(self) -> None:
-        self._phase = 0
         self._rows = np.zeros((int(_LONGEST * RATE / 16), 2))
         self._count = 0
 
-    def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+    def process(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
         """Be the JACK callback."""
-        size = len(inputs[0])
-        tone = PEAK * np.sin(2 * np.pi * TONE / RATE * np.arange(self._phase, self._phase + size))
-        self._phase = (self._phase + size) % RATE  # a whole number of the tone's periods
-        for output in outputs:
-            output[:] = tone
         if self._count < len(self._rows):
             self._rows[self._count] = time.monotonic(), np.abs(inputs[0]).max()
             self._count += 1
@@ -53,12 +77,15 @@ class Listener:
         return float(self._rows[self._count - 1, 1]) if self._count else 0.0
 
     def outlived(self, moment: float) -> float:
-        """Seconds from a moment to the end of the last period that was not silent; infinite if it never ended."""
+        """Seconds from a moment to the first period from which on all are silent; infinite if there is none.
+
+        Where a sound server stands still for a while, its output is unknown and counts as vibrating.
+        """
         rows = self._rows[: self._count]
-        loud = rows[(rows[:, 0] > moment) & (rows[:, 1] > SILENT), 0]
-        if not len(loud):
-            return 0.0
-        return math.inf if loud[-1] == rows[-1, 0] else float(loud[-1] - moment)
+        loud = np.flatnonzero(rows[:, 1] > SILENT)
+        if not len(loud) or loud[-1] == len(rows) - 1:
+            return math.inf
+        return float(rows[loud[-1] + 1, 0] - moment)
 
 
 def outlive(settings: Settings, graph: Graph, end: Callable[[Sides], None]) -> float:
@@ -75,18 +102,26 @@ def outlive(settings: Settings, graph: Graph, end: Callable[[Sides], None]) -> f
         When nothing is felt to begin with.
     """
     listener = Listener()
-    with running_sides(settings, graph) as sides:
-        client = JackClient("tactophone-listener", listener.process, server=graph.server, **wires(graph, sides))
-        client.open()
-        try:
-            _await_vibration(listener)
-            time.sleep(STROKE)
-            moment = time.monotonic()
-            end(sides)
-            time.sleep(AFTERMATH)
-            return listener.outlived(moment)
-        finally:
-            client.close()
+    with running_sides(settings, graph, open_source=EndlessStroke) as sides, listening(listener, graph, sides):
+        time.sleep(STROKE)
+        _await_vibration(listener)  # again: a busy machine may have let it fade for a moment
+        moment = time.monotonic()
+        end(sides)
+        time.sleep(AFTERMATH)
+        return listener.outlived(moment)
+
+
+@contextmanager
+def listening(listener: Listener, graph: Graph, sides: Sides) -> Iterator[JackClient]:
+    """Listen, from when the stroke is felt; gives the listening client."""
+    wires = {"felt": felt_port(graph, sides)}
+    client = JackClient("tactophone-listener", listener.process, inputs=wires, outputs={}, server=graph.server)
+    client.open()
+    try:
+        _await_vibration(listener)
+        yield client
+    finally:
+        client.close()
 
 
 def _await_vibration(listener: Listener) -> None:

@@ -20,6 +20,7 @@ from typing import Self, TypeAlias
 
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
+from tactophone.runtime import tuning
 from tactophone.runtime.watchdog import LOOK_EVERY, Patience, Watchdog
 from tactophone.telemetry import Watcher
 
@@ -133,6 +134,8 @@ class Supervisor:
 
     def _watch(self) -> None:
         """Look after the process until somebody ends it, here or there."""
+        # The network thread has warned already, if this is refused.
+        tuning.prioritize_thread(self._settings.process.priority)
         while not self._ended.is_set():
             if not self._watch_one():
                 self._ended.set()
