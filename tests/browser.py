@@ -62,9 +62,9 @@ def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True) -> None:
     """Press on a stone and move back and forth over it."""
     stage = browser.find_element(By.ID, "stage")
     width, height = stage.rect["width"], stage.rect["height"]
-    actions = ActionBuilder(browser, duration=30)
+    actions = ActionBuilder(browser, duration=80)
     for k in range(16):
-        along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.9 * k)) / 0.555 - 0.5
+        along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.5 * k)) / 0.555 - 0.5
         place = (0, int(height * along)) if height > width else (int(width * along), 0)
         actions.pointer_action.move_to(stage, *place)
         if k == 0:

@@ -61,5 +61,5 @@ def test_a_round_goes_through_the_whole_telephone(browser: webdriver.Chrome, add
     wait(browser, lambda: text(browser, "verdict") != "")
     result = json.loads(results.read_text())
     assert result["order"] == [touch.name.lower() for touch in shuffled(SEED)]
-    assert min(result["strokes"]) >= 2
+    assert min(result["strokes"]) >= 1
     browser.get("about:blank")  # before its server goes

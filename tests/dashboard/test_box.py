@@ -69,7 +69,7 @@ def test_a_round_is_played_to_its_end_by_moving_the_pointer(
     (line,) = results.read_text().splitlines()
     result = json.loads(line)
     assert (result["correct"], result["choices"], result["seed"]) == (2, [1, 4], 7)
-    assert all(count >= 2 for count in result["strokes"])
+    assert all(count >= 1 for count in result["strokes"])
     assert 0 < result["round_trip"] < 1
     stones = [node.text for node in browser.find_elements(By.CSS_SELECTOR, "#lifted .slot")]
     assert stones == ["smooth", "rough ✓", "smooth", "smooth", "rough ✓"]

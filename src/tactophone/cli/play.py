@@ -70,8 +70,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _simulated(settings: Settings) -> Settings:
-    """No device on either end: the finger is simulated, and the browser plays the vibration."""
-    return config.change(settings, ["capture.source=finger", "output.actuator=none"])
+    """No device on either end: the finger is simulated, and the browser plays the vibration.
+
+    Nor is there an actuator that a stalled process could drive for ever, which is what the watchdog is for.
+    """
+    return config.change(settings, ["capture.source=finger", "output.actuator=none", "process.watchdog=false"])
 
 
 def _lay(inbox: Connection, settings: Settings) -> Source:

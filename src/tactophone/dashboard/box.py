@@ -23,7 +23,7 @@ from tactophone.dashboard.feed import Run
 from tactophone.dashboard.message import pack, tick_table
 from tactophone.dashboard.server import CREDIT, LARGEST_WISH, page
 from tactophone.dashboard.stones import Box, Point, Round, past, within_reach
-from tactophone.telemetry import Snapshot
+from tactophone.telemetry import Request, Snapshot
 from tactophone.types import Touch
 
 PERIOD = 0.008
@@ -143,6 +143,7 @@ class _Player:
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
         self._begun, self._ticks = time.monotonic(), []
+        self._run.ask(Request("arm"))  # beginning is a person's word, should a fault have muted the run
         self._reach(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))
 

@@ -73,8 +73,9 @@ def tick_table(ticks: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     """Give rows of time and `TICK_COLUMNS`, not more than one every `TICK_STEP`; the newest always."""
     slots = np.floor(ticks["time"] / TICK_STEP)
     chosen = ticks[np.append(np.flatnonzero(np.diff(slots)), len(ticks) - 1)] if len(ticks) else ticks
-    columns = [chosen["time"] - origin, *chosen["probabilities"].T]
-    return np.column_stack([*columns, *(chosen[name] for name in TICK_COLUMNS[3:])])
+    columns = {name: chosen[name] for name in TICK_COLUMNS[3:]}
+    columns["frequency"] = np.where(chosen["amplitude"] > 0, chosen["frequency"], 0)  # silence has no pitch
+    return np.column_stack([chosen["time"] - origin, *chosen["probabilities"].T, *columns.values()])
 
 
 def _finite(value: Any) -> Any:

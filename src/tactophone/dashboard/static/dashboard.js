@@ -40,7 +40,8 @@ function wave(id, name, low) {
     label: (value) => (value ? "" : "0"),
     over: (plot, [times, lows, highs]) => {
       times.forEach((time, k) => {
-        if (highs[k] >= CLIPPED || lows[k] <= -CLIPPED) plot.block([time - 0.02, time + 0.01], [-top, top], "warn");
+        if (highs[k] < CLIPPED && lows[k] > -CLIPPED) return;
+        [[0.88 * top, top], [-top, -0.88 * top]].forEach((edge) => plot.block([time - 0.02, time + 0.01], edge, "warn"));
       });
     },
   });
@@ -143,7 +144,7 @@ function appendScope({ rows, numbers }) {
 
 function showWhole({ state: told, counters, gauges }) {
   state = told;
-  put($("run"), [state.source, state.link, state.output].filter(Boolean).join("  →  ") || state.role);
+  put($("run"), [state.source, state.link, state.output === "none" ? "no actuator" : state.output].filter(Boolean).join("  →  ") || state.role);
   document.title = `Tactophone ${state.role}`;
   controls.show(state, alive);
   showFaults($("faults"), state.faults);

@@ -26,12 +26,16 @@ const feed = new Feed("box", {
   onMessage: ({ words, tables }) => {
     if (words.result) return lift(words, tables);
     speaker.play(tables.vibration.numbers);
-    const ready = words.alive && words.armed;
-    showLife(ready ? "ready" : words.alive ? "muted" : "starting", ready);
+    if (words.alive) showLife(words.armed ? "ready" : "muted by a fault: begin a new round", words.armed);
+    else showLife("starting", false);
+    $("begin").disabled = $("again").disabled = !words.alive;
     if (words.felt) train(words);
   },
   onAnswer: ({ refused }) => { if (refused) put($("told"), refused); },
-  onLost: () => showLife("disconnected", false),
+  onLost: () => {
+    showLife("disconnected", false);
+    $("begin").disabled = $("again").disabled = true;
+  },
 });
 
 const hand = new Hand($("stage"), $("finger"), {
@@ -65,7 +69,6 @@ function train({ felt, truth }) {
 function showLife(text, ready) {
   put($("life"), text);
   $("life").dataset.alive = ready;
-  $("begin").disabled = $("again").disabled = !ready;
 }
 
 function show(screen) {

@@ -6,6 +6,7 @@ export const DEPTH = 0.07;
 const MARGIN = 0.015;
 const LENGTH = 4 * PITCH + WIDTH;
 const STEP = 0.004; // m a key press
+const SPEED = 0.12; // m/s of the arm while it presses; over that, the shipped detector takes smooth for rough
 
 /** Put five slots into a stage; upright on a phone. `mark(slot, k)` may dress each. */
 export function lay(stage, mark = (slot, k) => { slot.textContent = k + 1; }) {
@@ -36,13 +37,16 @@ function within(stage, left, top) {
   return [along * (LENGTH + 2 * MARGIN) - MARGIN, across * (DEPTH + 2 * MARGIN) - MARGIN];
 }
 
-/** Follows pointer and keys; tells every change by `onMove({x, y, force})`, and each touch-down by `onTouch()`. */
+/**
+ * The fingertip: goes where pointer and keys lead, as fast as an arm does while it presses.
+ * Tells every change by `onMove({x, y, force})`, and each touch-down by `onTouch()`.
+ */
 export class Hand {
   #stage;
   #finger;
-  #x = LENGTH / 2;
-  #y = DEPTH / 2;
-  #force = -1;
+  #here = { x: LENGTH / 2, y: DEPTH / 2, force: -1 };
+  #goal = { x: LENGTH / 2, y: DEPTH / 2 };
+  #stepped = null; // ms, when the finger last moved on its way to the goal
 
   constructor(stage, finger, { onMove, onTouch, pressure }) {
     this.#stage = stage;
@@ -52,12 +56,12 @@ export class Hand {
       stage.addEventListener(kind, (event) => this.#point(event));
     }
     stage.addEventListener("keydown", (event) => this.#key(event));
-    stage.addEventListener("blur", () => this.#go(this.#x, this.#y, -1));
+    stage.addEventListener("blur", () => this.lift());
     new ResizeObserver(() => { lay(stage); this.#draw(); }).observe(stage);
   }
 
   lift() {
-    this.#go(this.#x, this.#y, -1);
+    this.#lead(this.#goal.x, this.#goal.y, -1);
   }
 
   #point(event) {
@@ -71,35 +75,56 @@ export class Hand {
     const share = event.pointerType === "pen" ? 2 * event.pressure : 1;
     const box = this.#stage.getBoundingClientRect();
     const [x, y] = within(this.#stage, (event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
-    this.#go(x, y, pressed ? this.pressure() * share : -1);
+    this.#lead(x, y, pressed ? this.pressure() * share : -1);
   }
 
   #key(event) {
     const turn = upright(this.#stage);
+    const { x, y } = this.#goal;
+    const { force } = this.#here;
     const steps = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-    if (event.key === " ") this.#go(this.#x, this.#y, this.#force > 0 ? -1 : this.pressure());
+    if (event.key === " ") this.#lead(x, y, force > 0 ? -1 : this.pressure());
     else if (event.key in steps) {
       const [right, down] = steps[event.key];
       const [along, across] = turn ? [down, right] : [right, down];
-      this.#go(this.#x + STEP * along, this.#y + STEP * across, this.#force);
+      this.#lead(x + STEP * along, y + STEP * across, force);
     } else return;
     event.preventDefault();
   }
 
-  #go(x, y, force) {
-    const touched = force > 0 && this.#force <= 0;
-    this.#x = Math.min(Math.max(x, -MARGIN), LENGTH + MARGIN);
-    this.#y = Math.min(Math.max(y, -MARGIN), DEPTH + MARGIN);
-    this.#force = force;
-    this.#draw();
-    this.onMove({ x: this.#x, y: this.#y, force });
+  #lead(x, y, force) {
+    this.#goal = { x: Math.min(Math.max(x, -MARGIN), LENGTH + MARGIN), y: Math.min(Math.max(y, -MARGIN), DEPTH + MARGIN) };
+    const slides = force > 0 && this.#here.force > 0;
+    const touched = force > 0 && this.#here.force <= 0;
+    if (!slides || force !== this.#here.force) this.#go(slides ? this.#here : this.#goal, force);
     if (touched) this.onTouch();
+    if (slides && this.#stepped === null) {
+      this.#stepped = performance.now();
+      requestAnimationFrame((now) => this.#step(now));
+    }
+  }
+
+  /** Come nearer to the goal, until it is reached or the finger lifts. */
+  #step(now) {
+    const [x, y] = [this.#goal.x - this.#here.x, this.#goal.y - this.#here.y];
+    const share = Math.min(1, (SPEED * Math.max(0, now - this.#stepped)) / 1000 / Math.hypot(x, y));
+    const done = this.#here.force <= 0 || !(Math.hypot(x, y) > 0);
+    this.#stepped = done ? null : now;
+    if (done) return;
+    this.#go({ x: this.#here.x + share * x, y: this.#here.y + share * y }, this.#here.force);
+    requestAnimationFrame((next) => this.#step(next));
+  }
+
+  #go({ x, y }, force) {
+    this.#here = { x, y, force };
+    this.#draw();
+    this.onMove(this.#here);
   }
 
   #draw() {
-    const [left, top] = place(this.#stage, this.#x, this.#y);
+    const [left, top] = place(this.#stage, this.#here.x, this.#here.y);
     this.#finger.style.left = `${100 * left}%`;
     this.#finger.style.top = `${100 * top}%`;
-    this.#finger.dataset.pressed = this.#force > 0;
+    this.#finger.dataset.pressed = this.#here.force > 0;
   }
 }
