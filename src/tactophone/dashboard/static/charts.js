@@ -123,7 +123,7 @@ export class Chart {
   #timeAxis() {
     const { scale, times } = this.options;
     const steps = [1, 0.8, 0.6, 0.4, 0.2, 0];
-    const tell = (value) => (value ? `−${Math.round(value * scale)}` : "0");
+    const tell = (value) => (value ? `−${Math.round(10 * value * scale) / 10}` : "0");
     return {
       size: times ? 22 : 0,
       gap: 3,

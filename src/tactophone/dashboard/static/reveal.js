@@ -62,7 +62,7 @@ function drawTrace(track) {
 function drawSignals(ticks, track) {
   charts ??= makeCharts();
   const end = Math.max(ticks[0].at(-1) ?? 0, track[0].at(-1) ?? 0);
-  span = 5 * Math.ceil(Math.max(1, end) / 5); // five steps of whole seconds
+  span = Math.max(1, end);
   charts.touches.draw([ticks[0], ticks[TOUCH], spread(track, ticks[0])], end);
   charts.roughness.draw([ticks[0], ticks[ROUGHNESS]], end);
   charts.level.draw([ticks[0], ticks[LEVEL]], end);
