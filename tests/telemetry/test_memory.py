@@ -55,6 +55,12 @@ def test_another_version_is_refused(name: str) -> None:
             Watcher(name)
 
 
+def test_what_another_version_left_is_replaced(name: str) -> None:
+    (folder() / f"{PREFIX}{name}").write_bytes(b"\0" * 1000)
+    with Telemetry(name):
+        assert Watcher(name).snapshot().tick_end == 0
+
+
 def test_a_file_that_somebody_else_laid_there_is_not_opened_through_a_link(name: str) -> None:
     path = folder() / f"{PREFIX}{name}"
     path.symlink_to(os.devnull)
