@@ -36,13 +36,13 @@ unit: $(READY)
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime tests
 
-# Makes the two models inside the package anew, from simulated sound alone: docs/training.md. About 15 minutes.
+# Makes the two models inside the package anew, from simulated sound alone: docs/training.md. About 5 minutes.
 STONES = build/stones
 MODELS = src/tactophone/perception/models
-TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96
+TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96 --precision bfloat16
 SCORE  = $(BIN)/python -m tactophone evaluate
 model: $(READY)
-	$(BIN)/python -m tactophone simulate dataset $(STONES)
+	$(BIN)/python -m tactophone simulate dataset $(STONES) --seconds 10
 	$(TRAIN) --out $(MODELS)/paper.onnx
 	$(TRAIN) --out $(MODELS)/paper-mono.onnx --variant one-channel
 	for model in paper paper-mono; do \
