@@ -1,7 +1,7 @@
 """Reads recordings as the live system hears them: through the same resampler, to the model's rate."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -68,11 +68,12 @@ def _read(path: Path, changed_ns: int, order: tuple[int, ...], rate: int, codec:
         if max(order) >= file.channels:
             raise DatasetError(f"{path}: has {file.channels} channel, but {len(order)} are wanted; use one-channel")
         resampler = Resampler(file.samplerate, rate, channels=len(order))
-        if codec is None:
-            blocks = file.blocks(READ_SIZE, dtype="float32", always_2d=True)
-        else:
-            blocks = iter([_through(codec, file.read(dtype="float32", always_2d=True), path, file.samplerate)])
-        taken = [resampler.push(AudioBlock(np.ascontiguousarray(one[:, order]), file.samplerate)) for one in blocks]
+        read = file.blocks(READ_SIZE, dtype="float32", always_2d=True)
+        blocks: Iterable[FloatArray] = (np.ascontiguousarray(block[:, order]) for block in read)
+        if codec:
+            # The codec remembers what came before, so it gets the recording in one piece.
+            blocks = [_through(codec, np.concatenate(list(blocks)), path, file.samplerate)]
+        taken = [resampler.push(AudioBlock(block, file.samplerate)) for block in blocks]
         return np.concatenate([*taken, resampler.flush()])
 
 
