@@ -10,8 +10,9 @@ from rich.table import Table
 from tactophone.cli import flags, terminal
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
+from tactophone.evaluation.decisions import LONGEST, Delays, measure_decisions
 from tactophone.evaluation.latency import Graph, Measured, measure
-from tactophone.runtime.wiring import SAMPLE_RATE
+from tactophone.runtime.wiring import SAMPLE_RATE, open_walk_for
 from tactophone.telemetry import STAGES
 
 FLAGS = {
@@ -33,6 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--period", type=int, default=128, metavar="N", help="samples a period of that server, 32 to 1024")
     add("--click-to", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
     add("--felt-from", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
+    add("--clicks-only", action="store_true", help="leave out how long the decision takes (simulated, 10 s)")
     add("--json", action="store_true", help="print all figures for a program")
 
 
@@ -47,17 +49,22 @@ def run(args: argparse.Namespace) -> int:
         measured = measure(
             settings, graph, clicks=args.clicks, progress=lambda share: bar.update(task, completed=share)
         )
+        delays = None if args.clicks_only else measure_decisions(open_walk_for(settings, channels=2))
     if args.json:
-        terminal.print_json(as_figures(measured))
+        terminal.print_json(as_figures(measured, delays))
         return 0
-    terminal.out().print(_table(measured))
+    terminal.out().print(_table(measured, delays))
     terminal.out().print(_words(measured, settings, dummy=args.dummy), soft_wrap=True)
+    if delays is not None:
+        terminal.out().print(_words_of_decisions(delays), soft_wrap=True)
     return 0
 
 
-def as_figures(measured: Measured) -> dict[str, object]:
-    """Give percentiles in milliseconds, by stage and end to end."""
+def as_figures(measured: Measured, delays: Delays | None) -> dict[str, object]:
+    """Give percentiles in milliseconds, by stage and end to end, and of the decision."""
     rows = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
+    if delays is not None:
+        rows |= {"contact to felt": np.array(delays.touch), "edge to changed feel": np.array(delays.edge)}
     percentiles = {name: _percentiles_ms(durations) for name, durations in rows.items()}
     counts = {"clicks": measured.clicks, "missed": measured.missed, "period": measured.period}
     return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
@@ -74,7 +81,7 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
 
 
-def _table(measured: Measured) -> Table:
+def _table(measured: Measured, delays: Delays | None) -> Table:
     table = Table(title="milliseconds from a click to the first vibration", box=None, pad_edge=False)
     table.add_column("stage")
     for percentile in PERCENTILES:
@@ -83,6 +90,10 @@ def _table(measured: Measured) -> Table:
         table.add_row(stage, *_cells(measured.stages[stage]))
     table.add_row("sum of the stages", *_cells(_sum(measured)), style="bold")
     table.add_row("end to end", *_cells(measured.end_to_end), style="bold")
+    if delays is not None:
+        table.add_section()
+        table.add_row("decision: contact to felt", *_cells(np.array(delays.touch)))
+        table.add_row("decision: edge to changed feel", *_cells(np.array(delays.edge)))
     return table
 
 
@@ -105,3 +116,12 @@ def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
             "a card adds one period there, and one or two at the device."
         )
     return "\n".join(words)
+
+
+def _words_of_decisions(delays: Delays) -> str:
+    touches, edges = len(delays.touch) + delays.missed_touches, len(delays.edge) + delays.missed_edges
+    return (
+        "Decisions: simulated finger, virtual time, packets of 2.5 ms; line and devices come on top. "
+        f"{touches} touches, {delays.missed_touches} not felt; {edges} edges between smooth and rough, "
+        f"{delays.missed_edges} not told in {LONGEST:g} s."
+    )

@@ -103,15 +103,16 @@ class Memory:
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         with _created(self._path) if create else _opened(self._path) as file:
-            self._whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
+            whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
+        # Plain arrays, made once: making a view costs as much as what is then done with it.
+        self._views = {name: np.asarray(whole[name]).reshape(_LAYOUT[name].shape) for name in _LAYOUT.names or ()}
         if create:
             self["gauges"][:] = np.nan
             self["pid"][...] = os.getpid()
             self["fingerprint"][...] = _FINGERPRINT
 
     def __getitem__(self, field: str) -> NDArray[Any]:
-        view: NDArray[Any] = self._whole[field].reshape(_LAYOUT[field].shape)
-        return view
+        return self._views[field]
 
     @property
     def writer_alive(self) -> bool:
