@@ -10,7 +10,7 @@ from typing import Any
 import onnx
 
 from tactophone.errors import ModelError
-from tactophone.perception import Gate, ModelCard, read_model
+from tactophone.perception import DecisionRule, Gate, ModelCard, read_model
 from tactophone.perception.model import CARD_KEY
 from tactophone.training.graph import Storage, build_graph, read_graph
 from tactophone.training.networks import Weights, channels_of
@@ -66,6 +66,13 @@ def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
     """Write scores into a model file's card, beside or over those of that name."""
     card = read_model(path).card
     write_graph(path, onnx.load(str(path)), replace(card, scores={**card.scores, name: dict(scores)}))
+
+
+def set_decision(path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, out: Path) -> None:
+    """Write a model file again with another decision rule, and what it does on validation data, in its card."""
+    card = read_model(path).card
+    told = {**card.scores, "operating point": dict(scores)}
+    write_graph(out, onnx.load(str(path)), replace(card, decision=rule, scores=told))
 
 
 def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
