@@ -24,7 +24,7 @@ def demonstration(seed: int = 0) -> SimulatedFinger:
     script = Script(rng, x=_START[0], y=_START[1])
     script.hover(0.6)
     for placed, slips in zip(scene.placed, (False, True), strict=True):
-        explore(script, placed, Visit(STROKING, force=1.3, speed=0.1, slips=slips))
+        explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
     setup = Setup.draw(seed, COMPETITION)
     return SimulatedFinger(scene, script.moves, setup=setup, seed=seed, duration=script.time, place=_START)
