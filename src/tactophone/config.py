@@ -180,11 +180,15 @@ def read(path: Path) -> Settings:
 
 def change(settings: Settings, assignments: Iterable[str]) -> Settings:
     """Apply ``section.name=value`` texts; a value that is not TOML is taken as the text it is."""
+    defaults = {entry.name: entry.default for entry in entries()}
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
         if not equals:
             raise ConfigError(f"--set {assignment}: wanted section.name=value, such as link.port=48470")
-        settings = replace(settings, name.strip(), _value(text.strip()), where="--set")
+        value = _value(text.strip())
+        if isinstance(defaults.get(name.strip()), str) and not isinstance(value, str):
+            value = text.strip()  # a device may be named "3"
+        settings = replace(settings, name.strip(), value, where="--set")
     return settings
 
 
