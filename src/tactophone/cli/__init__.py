@@ -35,6 +35,7 @@ VERBS: dict[str, str] = {
     "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
     "tune": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model file",
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
+    "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""

@@ -3,10 +3,11 @@
 import functools
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
@@ -103,6 +104,11 @@ class Recording:
     segments: tuple[Segment, ...] = ()
     properties: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}), hash=False)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to other processes, which a read-only view of properties does not by itself."""
+        *values, properties = (getattr(self, one.name) for one in fields(self))
+        return _arrived, (*values, dict(properties))
+
     def known(self, name: str) -> str:
         """Give a field or a property as text, empty if nothing is known: what splits group by.
 
@@ -111,6 +117,11 @@ class Recording:
         """
         value = self.properties[name] if name in self.properties else getattr(self, name, "")
         return value.name.lower() if isinstance(value, Touch) else str(value or "")
+
+
+def _arrived(*values: Any) -> Recording:
+    *others, properties = values
+    return Recording(*others, properties=MappingProxyType(properties))
 
 
 @dataclass(frozen=True, slots=True)

@@ -96,15 +96,20 @@ def cross_validate(
     judged: list[Judgement] = []
     for done, fold in enumerate(folds):
         report(done, fold.name)
-        key = _key(method, fold)
+        key = fold_key(method, fold)
         found = cache.get(key, fold) if cache else None
         if found is None:
-            judge = method.fit(fold.train)
-            found = [judge(recording) for recording in fold.test]
+            found = judge_fold(method, fold)
             if cache:
                 cache.put(key, found)
         judged += found
     return judged
+
+
+def judge_fold(method: Method, fold: Fold) -> list[Judgement]:
+    """Train on a fold's one side and judge its other."""
+    judge = method.fit(fold.train)
+    return [judge(recording) for recording in fold.test]
 
 
 def shuffle_labels(dataset: Dataset, *, seed: int) -> Dataset:
@@ -116,7 +121,8 @@ def shuffle_labels(dataset: Dataset, *, seed: int) -> Dataset:
     return replace(kept, recordings=tuple(replace(one, label=new[one.surface]) for one in kept.recordings))
 
 
-def _key(method: Method, fold: Fold) -> str:
+def fold_key(method: Method, fold: Fold) -> str:
+    """Name a fold's result by all that it follows from."""
     sides = f"{method.identity}\n{fingerprint(fold.train)}\n"
     # The test side in its own order, as judgements are stored by it.
     tested = "".join(fingerprint([one]) for one in fold.test)

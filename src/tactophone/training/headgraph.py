@@ -84,13 +84,14 @@ def answer_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
 
 
 def build(nodes: list[NodeProto], tensors: Mapping[str, NDArray[np.generic]], *, features: int) -> onnx.ModelProto:
-    """Make a checked model of nodes and constants; integers stay integers, the rest is stored in float32."""
+    """Make a checked model of nodes and those constants that they use; integers stay so, the rest is float32."""
+    used = {name for node in nodes for name in node.input}
     graph = helper.make_graph(
         nodes,
         "head",
         [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, ["windows", features])],
         [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, ["windows", 3])],
-        [numpy_helper.from_array(_stored(value), name) for name, value in tensors.items()],
+        [numpy_helper.from_array(_stored(value), name) for name, value in tensors.items() if name in used],
     )
     imports = [helper.make_opsetid("", OPSET), helper.make_opsetid("ai.onnx.ml", 3)]
     model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)

@@ -1,0 +1,164 @@
+"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and a page with figures."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from tactophone.cli import terminal
+from tactophone.cli.choosing import add_choice, choose
+from tactophone.cli.train import prepare_torch
+from tactophone.dataset import Dataset
+from tactophone.errors import ConfigError
+from tactophone.evaluation.crossvalidation import Cache, default_cache
+
+if TYPE_CHECKING:
+    from tactophone.evaluation.benchmark import Plan, Result
+    from tactophone.evaluation.contenders import Cost
+
+FAST_SECONDS, FAST_SEED = 3.0, 5
+"""Of the simulated takes that ``--fast`` makes where no data is given."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument(
+        "--data", type=Path, action="append", default=[], metavar="DIR",
+        help="a data set, repeatable; each is scored by itself, real and simulated sound never mixed. Without it: a "
+        "small simulated one, made on the spot",
+    )  # fmt: skip
+    add_choice(parser)
+    parser.add_argument("--methods", metavar="LIST", help="names divided by commas (default: all)")
+    parser.add_argument(
+        "--splits", metavar="LIST",
+        help="names divided by commas, as `evaluate --split` takes them (default: by surface, and by stroke, pressure, "
+        "scenario and session where the data tells them)",
+    )  # fmt: skip
+    parser.add_argument("--fast", action="store_true", help="three folds by surface alone: minutes, not hours")
+    parser.add_argument(
+        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.html"
+    )
+    parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes, 1 or more")
+    parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="where folds' results are kept (default: the user's)")
+    parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
+    parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
+    parser.add_argument(
+        "--table3", action="store_true", help="print the task, by a simulated operator"
+    )
+    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task a method, 1 or more")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, score and report."""
+    if args.workers < 1 or args.rounds < 1:
+        raise ConfigError(f"--workers {args.workers}, --rounds {args.rounds}: 1 or more of each")
+    prepare_torch()
+    cache = Cache(args.cache) if args.cache else default_cache()
+    if args.table1 or args.table2 or args.table3:
+        return _print_tables(args, cache)
+    from tactophone.evaluation.contenders import measure_costs
+
+    results: list[Result] = []
+    costs: dict[str, dict[str, Cost]] = {}
+    for dataset in _datasets(args, cache):
+        plan = _plan(dataset, args)
+        results += _run(plan, cache, args)
+        names = [one.name for one in plan.contenders if not one.control]
+        costs[dataset.name] = measure_costs(dataset, names)
+    _write(args.out, results, costs)
+    if args.json:
+        terminal.print_json([one.as_json() for one in results])
+        return 0
+    _show(results, costs)
+    terminal.log().print(f"{args.out / 'report.html'}, {args.out / 'results.json'}")
+    return 0
+
+
+def _datasets(args: argparse.Namespace, cache: Cache) -> list[Dataset]:
+    folders = args.data or [_simulated(cache.folder / "simulated", args.workers)]
+    return [choose(folder, args.where) for folder in folders]
+
+
+def _simulated(folder: Path, workers: int) -> Path:
+    """Make a small simulated set, once."""
+    from tactophone.simulation import TAKES, catalogue
+    from tactophone.simulation.generate import Style, finish, make, plan
+
+    takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
+    things = [thing for thing in catalogue() if thing.number >= 0]
+    jobs = plan(things, Style(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
+    with terminal.progress("simulating") as bar:
+        for _ in bar.track(make(folder, jobs, processes=workers), total=len(jobs), task_id=bar.add_task("", note="")):
+            pass
+    finish(folder, jobs)
+    return folder
+
+
+def _plan(dataset: Dataset, args: argparse.Namespace) -> "Plan":
+    from tactophone.evaluation.benchmark import Plan, splits_of
+    from tactophone.evaluation.contenders import contenders_for
+
+    contenders = contenders_for(dataset, args.methods.split(",") if args.methods else ())
+    splits = tuple(args.splits.split(",")) if args.splits else splits_of(dataset, fast=args.fast)
+    return Plan(dataset, contenders, splits)
+
+
+def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> list["Result"]:
+    from tactophone.evaluation.benchmark import run_plan
+
+    place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
+    with terminal.progress(plan.dataset.name) as bar:
+        task = bar.add_task("", total=None, note="")
+
+        def show(done: int, of: int, name: str) -> None:
+            bar.update(task, completed=done, total=of, note=name)
+
+        return run_plan(plan, cache, place=place, workers=args.workers, report=show)  # type: ignore[arg-type]
+
+
+def _write(folder: Path, results: Sequence["Result"], costs: dict[str, dict[str, "Cost"]]) -> None:
+    from tactophone.evaluation.page import write_page
+
+    folder.mkdir(parents=True, exist_ok=True)
+    told = {
+        "results": [one.as_json() for one in results],
+        "costs": {dataset: {name: asdict(cost) for name, cost in some.items()} for dataset, some in costs.items()},
+    }
+    (folder / "results.json").write_text(json.dumps(told, indent=1))
+    notes = (
+        "Each table is of one data set and one split; every recording was judged by a model that never met its side. "
+        "Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first method.",
+        "Scores are of updates while the finger truly touches, whatever a method's own contact gate says; bumps and "
+        "delays are as felt, with the gate. A control in italics hears only what no surface can have said.",
+    )
+    (folder / "report.html").write_text(write_page(results, costs=costs, notes=notes), encoding="utf-8")
+
+
+def _show(results: Sequence["Result"], costs: dict[str, dict[str, "Cost"]]) -> None:
+    from tactophone.evaluation.page import told_delay
+
+    shown = {(one.dataset, one.split) for one in results}
+    for dataset, split in sorted(shown):
+        # What 80 characters hold; the page has the rest.
+        table = Table("method", "balanced accuracy", "AUC", "at 1 %", "bumps/min", "edge p50 / p95", "us", pad_edge=False)
+        for one in (one for one in results if (one.dataset, one.split) == (dataset, split)):
+            scores = one.scores["two-class"]
+            cost = costs.get(dataset, {}).get(one.method)
+            table.add_row(
+                one.method.removeprefix("control: "), str(scores["balanced_accuracy"]), f"{scores['auc'].value:.3f}",
+                f"{scores['recall_at_1'].value:.2f}", f"{one.bumps_per_minute:.1f}",
+                told_delay(one.edge_ms).partition(" (")[0], f"{cost.update_us:.0f}" if cost else "",
+            )  # fmt: skip
+        terminal.out().print(f"{dataset}, {split}", table)
+
+
+def _print_tables(args: argparse.Namespace, cache: Cache) -> int:
+    from tactophone.cli.paper_tables import print_tables
+
+    return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)

@@ -1,0 +1,75 @@
+"""The paper's tables beside ours: I and II on data in the authors' layout, III with a simulated operator."""
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from tactophone.cli import terminal
+from tactophone.dataset import Dataset
+from tactophone.evaluation.crossvalidation import Cache
+
+if TYPE_CHECKING:
+    from tactophone.evaluation.paper_tables import Line
+    from tactophone.evaluation.task import Outcome
+
+
+def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: Cache) -> int:
+    """Print the tables that were asked for."""
+    from tactophone.evaluation.paper_tables import table_one, table_two
+
+    for dataset in datasets:
+        for wanted, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
+            if wanted:
+                lines = make(dataset, args.methods.split(",") if args.methods else (), cache)
+                _print_lines(f"{title}, {dataset.name} ({origin(dataset)})", lines, as_json=args.json)
+    if args.table3:
+        _print_task(args)
+    return 0
+
+
+def origin(dataset: Dataset) -> str:
+    """Tell whether sound is simulated, for a heading."""
+    simulated = any(one.known("source") == "simulated" or _told_simulated(dataset) for one in dataset.recordings)
+    return "SIMULATED sound" if simulated else "as recorded"
+
+
+def _told_simulated(dataset: Dataset) -> bool:
+    """The simulator leaves stories beside its files, also in the authors' layout, which has no manifest."""
+    from tactophone.simulation.storing import read_story
+
+    return read_story(dataset.recordings[0].path) is not None
+
+
+def _print_lines(title: str, lines: Sequence["Line"], *, as_json: bool) -> None:
+    if as_json:
+        terminal.print_json({"title": title, "lines": [line.as_json() for line in lines]})
+        return
+    table = Table("", *lines[0].values, title=title, title_justify="left")
+    for line in lines:
+        table.add_row(line.name, *line.values.values())
+    terminal.out().print(table)
+
+
+def _print_task(args: argparse.Namespace) -> None:
+    from tactophone.evaluation.task import play_task
+
+    with terminal.progress("simulated operator") as bar:
+        task = bar.add_task("", total=None, note="")
+        outcomes = play_task(
+            args.methods.split(",") if args.methods else (), rounds=args.rounds,
+            report=lambda name: bar.update(task, note=name),
+        )  # fmt: skip
+    if args.json:
+        terminal.print_json([one.as_json() for one in outcomes])
+        return
+    terminal.out().print(_task_table(outcomes, args.rounds))
+
+
+def _task_table(outcomes: Sequence["Outcome"], rounds: int) -> Table:
+    title = f"Table III: SIMULATED OPERATOR, five stones, {rounds} rounds a method (paper: 1:06 and 1:02 min, two rounds)"
+    table = Table("felt through", "rough one found", "both found", "decision time (s)", title=title, title_justify="left")
+    for one in outcomes:
+        table.add_row(one.name, one.found, one.both, one.duration)
+    return table

@@ -1,0 +1,113 @@
+"""The benchmark's figures, as SVG text that stands inside a page."""
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tactophone.evaluation.benchmark import Result
+from tactophone.evaluation.figures import BLUE, GREY, VERMILION, load_pyplot
+
+_PALETTE = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#000000", "#999933", "#666666", "#8C564B", "#BBBBBB")
+"""For all but the two that matter most: Okabe and Ito's others, then greys and browns."""
+
+
+def draw_scores(results: Sequence[Result]) -> str:
+    """Draw balanced accuracy of every method with its interval, best on top."""
+    pyplot = load_pyplot()
+    rows = sorted(results, key=lambda one: one.scores["two-class"]["balanced_accuracy"].value)
+    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained")
+    for place, one in enumerate(rows):
+        score = one.scores["two-class"]["balanced_accuracy"]
+        colour = colour_of(one.method)
+        axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
+        axis.plot(score.value, place, "o", color=colour, markersize=6, markerfacecolor="white" if one.control else None)
+    axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    axis.text(0.502, len(rows) - 0.4, "chance", color="#555555", fontsize=8)
+    axis.set(yticks=range(len(rows)), yticklabels=[one.method for one in rows], ylim=(-0.6, len(rows) - 0.1))
+    axis.set_xlabel("balanced accuracy per update (90 % of draws of the surfaces)")
+    return _svg(pyplot, figure)
+
+
+def draw_curves(results: Sequence[Result]) -> str:
+    """Draw rough recall over the false positive rate, on a log axis: what matters is on the left."""
+    pyplot = load_pyplot()
+    figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
+    for number, one in enumerate(results):
+        rate, recall = np.array(one.curve).T
+        bold = one.method in ("ours", "paper/general", "paper/one-channel")
+        axis.plot(
+            100 * rate, recall, color=colour_of(one.method, number), linewidth=2.4 if bold else 1.1, label=one.method,
+            linestyle=(0, (2, 2)) if one.control else "-", zorder=3 if bold else 2,
+        )  # fmt: skip
+    axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
+    axis.set_xticklabels(("0.1", "1", "10", "100"))
+    axis.set_xlabel("smooth updates called rough (%)")
+    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _svg(pyplot, figure)
+
+
+def draw_delays(results: Sequence[Result]) -> str:
+    """Draw the time to a right decision after contact and after an edge: median to 95th percentile."""
+    pyplot = load_pyplot()
+    rows = [one for one in results if np.isfinite(one.contact_ms[0]) or np.isfinite(one.edge_ms[0])][::-1]
+    figure, axes = pyplot.subplots(1, 2, sharey=True, figsize=(8.6, 1.0 + 0.32 * len(rows)), layout="constrained")
+    for axis, name, times in (
+        (axes[0], "after contact", [one.contact_ms for one in rows]),
+        (axes[1], "after an edge", [one.edge_ms for one in rows]),
+    ):
+        for place, ((middle, late, missed), one) in enumerate(zip(times, rows, strict=True)):
+            if not np.isfinite(middle):
+                continue
+            axis.plot([middle, late], [place, place], color=colour_of(one.method), linewidth=2.2, alpha=0.55)
+            axis.plot(middle, place, "o", color=colour_of(one.method), markersize=5)
+            axis.plot(late, place, "|", color=colour_of(one.method), markersize=9)
+            axis.annotate(f" never: {missed:.0%}", (late, place), fontsize=7, va="center", color="#555555")
+        axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
+        axis.set_xlabel(f"ms to a right decision {name}")
+        axis.set_xlim(0, None)
+        axis.margins(x=0.18)
+    axes[0].set(yticks=range(len(rows)), yticklabels=[one.method for one in rows], ylim=(-0.6, len(rows) - 0.4))
+    return _svg(pyplot, figure)
+
+
+def draw_reliability(results: Sequence[Result]) -> str:
+    """Draw how often rough is true over how sure of it a method is; honest ones follow the diagonal."""
+    pyplot = load_pyplot()
+    kept = [one for one in results if not one.control and one.reliability]
+    figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
+    axis.plot([0, 1], [0, 1], color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    for number, one in enumerate(kept):
+        confidence, share = np.array(one.reliability).T
+        bold = one.method in ("ours", "paper/general", "paper/one-channel")
+        axis.plot(
+            confidence, share, marker="o", markersize=3.5, linewidth=2.2 if bold else 0.9, label=one.method,
+            color=colour_of(one.method, number), zorder=3 if bold else 2,
+        )  # fmt: skip
+    axis.set(xlim=(0, 1), ylim=(0, 1), xlabel="confidence in rough", ylabel="share truly rough")
+    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _svg(pyplot, figure)
+
+
+def colour_of(method: str, number: int = 0) -> str:
+    """Give ours vermilion and the paper blue, everywhere; the others what is left."""
+    if method == "ours":
+        return VERMILION
+    if method in ("paper/general", "paper/one-channel"):
+        return BLUE if method == "paper/general" else "#56B4E9"
+    return _PALETTE[hash_of(method) % len(_PALETTE)] if not number else _PALETTE[number % len(_PALETTE)]
+
+
+def hash_of(text: str) -> int:
+    """Number a name in the same way in every run, which ``hash`` does not."""
+    return sum(ord(letter) * (place + 1) for place, letter in enumerate(text))
+
+
+def _svg(pyplot: Any, figure: Any) -> str:
+    out = io.StringIO()
+    with pyplot.rc_context({"svg.hashsalt": "tactophone", "svg.fonttype": "none"}):
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+    return out.getvalue().partition("<svg")[1] + out.getvalue().partition("<svg")[2]

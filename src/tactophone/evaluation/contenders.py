@@ -1,0 +1,139 @@
+"""Who takes part in a benchmark, by name, for sound of one or two channels; and what each costs to run."""
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import soundfile
+
+from tactophone.dataset import Dataset, Recording
+from tactophone.errors import ConfigError
+from tactophone.evaluation.benchmark import Contender
+from tactophone.evaluation.controls import OverBandMethod
+from tactophone.evaluation.methods import PaperMethod
+from tactophone.evaluation.ways import way_method
+from tactophone.perception import DecisionRule, default_model, detector_for, model_path, read_model
+from tactophone.training.lesson import ABSTAIN_FROM
+from tactophone.training.making import OPEN_GATE, Course
+from tactophone.training.recipes import paper
+from tactophone.training.touches import Ear
+from tactophone.training.ways import WAYS, train_way
+from tactophone.types import AudioBlock
+
+CONTROL = "control: only over 8 kHz"
+CONTROL_RATE = 40_000
+"""Hz; under it there is nothing over 8 kHz to be distrusted."""
+
+HOP, STEPS, BATCH_SIZE = 64, 600, 500
+"""Of the paper's training: half a million windows a fold, where its score is flat (docs/training.md)."""
+
+PAPER_LATENCY, WAY_LATENCY = 3.04e-3, 0.38e-3
+"""Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a method costs to run: weights, bytes of its file, processor time of an update in microseconds."""
+
+    parameters: int
+    byte_count: int
+    update_us: float
+
+
+def contender_names(channels: int) -> tuple[str, ...]:
+    """List who can take part, the reference first."""
+    variants = ("paper/general", "paper/fine-tuned", "paper/one-channel") if channels == 2 else ("paper/one-channel",)
+    return (*variants, *(name for name in WAYS if name != "ours"), "ours")
+
+
+def contenders_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[Contender, ...]:
+    """Make the contenders for a data set, and its control where its sound has a band over 8 kHz.
+
+    Raises
+    ------
+    ConfigError
+        If a name is unknown.
+    """
+    channels = channels_of(dataset)
+    allowed = contender_names(channels)
+    wanted = names or allowed
+    if unknown := [name for name in wanted if name not in (*allowed, *contender_names(2))]:
+        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}")
+    kept = [name for name in allowed if name in wanted and not _is_impossible(name, dataset)]
+    control = (Contender(OverBandMethod(), control=True),) if _has_high_band(dataset) else ()
+    return (*(_contender(name, dataset, channels) for name in kept), *control)
+
+
+def channels_of(dataset: Dataset) -> int:
+    """Two, where every recording holds contact and air; one otherwise."""
+    return 2 if all(set(one.channels) == {"contact", "air"} for one in dataset.recordings) else 1
+
+
+def measure_costs(dataset: Dataset, names: Sequence[str]) -> dict[str, Cost]:
+    """Make each method's model file from a few recordings and run it, a paper's sound buffer at a time."""
+    channels = channels_of(dataset)
+    few = replace(dataset, recordings=_few(dataset))
+    costs = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            path = Path(folder) / f"{name.replace('/', '-')}.onnx"
+            if name in WAYS:
+                train_way(path, few, name, ear=Ear(channels=channels))
+            else:
+                path = model_path(default_model(1 if name == "paper/one-channel" else channels))
+            costs[name] = cost_of(path)
+    return costs
+
+
+def cost_of(path: Path, *, duration: float = 5.0) -> Cost:
+    """Measure what a model file costs; processor time, so that others' work does not count."""
+    model = read_model(path)
+    detector = detector_for(model, sample_rate=48_000)
+    rng = np.random.default_rng(0)
+    noise = (0.1 * rng.standard_normal((round(duration * 48_000), model.card.channels))).astype(np.float32)
+    updates, spent = 0, 0.0
+    for start in range(0, len(noise), 512):
+        block = AudioBlock(noise[start : start + 512], 48_000, start)
+        before = time.thread_time()
+        updates += len(detector.push(block))
+        spent += time.thread_time() - before
+    return Cost(_parameters(path), path.stat().st_size, 1e6 * spent / max(updates, 1))
+
+
+def _contender(name: str, dataset: Dataset, channels: int) -> Contender:
+    if name in WAYS:
+        return Contender(way_method(name, channels=channels), DecisionRule(abstain_from=ABSTAIN_FROM), WAY_LATENCY)
+    recipe = replace(
+        paper(name.partition("/")[2]),  # type: ignore[arg-type]  # the names are those of the variants
+        hop=HOP, batch_size=BATCH_SIZE, least_steps=STEPS, precision="bfloat16",
+    )  # fmt: skip
+    told = any(one.segments for one in dataset.recordings)
+    if not told:
+        recipe = replace(recipe, labelling=replace(recipe.labelling, threshold=0.0, relative=False))
+    return Contender(PaperMethod(Course(recipe, gate=None if told else OPEN_GATE)), latency=PAPER_LATENCY)
+
+
+def _is_impossible(name: str, dataset: Dataset) -> bool:
+    """A surface's height is regressed only where it is told."""
+    return name == "surface" and not any(one.known("ra_um") for one in dataset.recordings)
+
+
+def _has_high_band(dataset: Dataset) -> bool:
+    return bool(soundfile.info(dataset.recordings[0].path).samplerate >= CONTROL_RATE)
+
+
+def _few(dataset: Dataset) -> tuple[Recording, ...]:
+    """One recording of each of six surfaces of either label: a cost hangs on shapes, not on what was learnt."""
+    firsts = {one.surface: one for one in dataset.recordings}
+    some = sorted(firsts.values(), key=lambda one: (one.known("label"), one.surface))
+    return (*some[:6], *some[-6:])
+
+
+def _parameters(path: Path) -> int:
+    graph = onnx.load(str(path)).graph
+    trees = [len(one.floats) for node in graph.node for one in node.attribute if one.name == "nodes_values"]
+    return sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)

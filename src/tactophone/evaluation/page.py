@@ -1,0 +1,123 @@
+"""The benchmark's report: one HTML file that holds its tables and figures, and loads nothing."""
+
+import html
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+
+from tactophone.evaluation.benchmark import Result
+from tactophone.evaluation.benchmark_figures import draw_curves, draw_delays, draw_reliability, draw_scores
+from tactophone.evaluation.contenders import Cost
+
+COLUMNS = (
+    "method", "balanced accuracy", "AUC", "recall at 1 %", "false positives", "at the reference's recall",
+    "false bumps a minute", "contact p50 / p95 (never)", "edge p50 / p95 (never)", "calibration error", "p",
+)  # fmt: skip
+
+_STYLE = """
+:root { color-scheme: light dark; --rule: #ccc; --soft: #f4f4f4; --best: #fde9df; }
+@media (prefers-color-scheme: dark) {
+  :root { --rule: #555; --soft: #222; --best: #4a2a1a; } .figure { background: #fff; }
+}
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 78rem; margin: 2rem auto; padding: 0 1rem; }
+h2 { margin-top: 3rem; border-bottom: 1px solid var(--rule); } caption { text-align: left; padding: .4rem 0; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; }
+th, td { padding: .3rem .6rem; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
+th { vertical-align: bottom; white-space: normal; background: var(--soft); }
+th:first-child, td:first-child { text-align: left; }
+tr.ours { background: var(--best); } tr.control { font-style: italic; opacity: .75; }
+.figure { display: inline-block; margin: .5rem 0; padding: .5rem; } .figure svg { max-width: 100%; height: auto; }
+"""
+
+
+def write_page(results: Sequence[Result], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]) -> str:
+    """Write the report.
+
+    Parameters
+    ----------
+    results
+        Of all data sets and splits.
+    costs
+        Of each method, by data set.
+    notes
+        Paragraphs at the top: what was run, on what.
+    """
+    parts = [f"<p>{html.escape(note)}</p>" for note in notes]
+    for dataset, of_set in groupby(results, key=lambda one: one.dataset):
+        parts.append(f"<h2>{html.escape(dataset)}</h2>")
+        if dataset in costs:
+            parts.append(_costs(costs[dataset]))
+        for split, some in groupby(of_set, key=lambda one: one.split):
+            parts += _section(list(some), split)
+    body = "\n".join(parts)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Tactophone benchmark</title>'
+        f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>\n'
+        f"<body><h1>Tactophone benchmark</h1>\n{body}\n</body></html>\n"
+    )
+
+
+def row_of(result: Result) -> tuple[str, ...]:
+    """Tell a result in the order of :data:`COLUMNS`."""
+    scores = result.scores["two-class"]
+    difference = result.differences.get("balanced_accuracy")
+    return (
+        result.method,
+        str(scores["balanced_accuracy"]),
+        str(scores["auc"]),
+        str(scores["recall_at_1"]),
+        _number(scores["false_positive_rate"].value, ".3f"),
+        _number(result.false_positives_at_reference, ".3f"),
+        _number(result.bumps_per_minute, ".1f"),
+        told_delay(result.contact_ms),
+        told_delay(result.edge_ms),
+        _number(result.calibration_error, ".3f"),
+        _number(difference.p, ".3f") if difference else "reference",
+    )
+
+
+def told_delay(delay: tuple[float, float, float]) -> str:
+    """Tell a delay.
+
+    >>> told_delay((82.4, 179.6, 0.04)), told_delay((float("nan"), float("nan"), float("nan")))
+    ('82 / 180 ms (4 %)', '-')
+    """
+    middle, late, missed = delay
+    return "-" if math.isnan(middle) else f"{middle:.0f} / {late:.0f} ms ({100 * missed:.0f} %)"
+
+
+def _section(results: Sequence[Result], split: str) -> list[str]:
+    figures = [draw_scores(results), draw_curves(results)]
+    if any(math.isfinite(one.contact_ms[0]) or math.isfinite(one.edge_ms[0]) for one in results):
+        figures.append(draw_delays(results))
+    figures.append(draw_reliability(results))
+    return [
+        f"<h3>{html.escape(split)}</h3>",
+        _table(COLUMNS, [(row_of(one), one) for one in results], caption="Updates in contact, two-class rule."),
+        *(f'<div class="figure">{figure}</div>' for figure in figures),
+    ]
+
+
+def _costs(costs: Mapping[str, Cost]) -> str:
+    rows = [
+        ((name, f"{cost.parameters:,}", f"{cost.byte_count / 1000:,.0f}", f"{cost.update_us:.0f}"), None)
+        for name, cost in costs.items()
+    ]
+    heading = ("method", "parameters", "file (kB)", "processor time of an update (us)")
+    return _table(heading, rows, caption="What each costs to run, resampling and FFT included, in a hot loop.")
+
+
+def _table(heading: Sequence[str], rows: Sequence[tuple[Sequence[str], Result | None]], *, caption: str) -> str:
+    head = "".join(f"<th>{html.escape(cell)}</th>" for cell in heading)
+    lines = []
+    for cells, result in rows:
+        kind = "control" if result and result.control else "ours" if cells[0] == "ours" else ""
+        lines.append(f'<tr class="{kind}">' + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + "</tr>")
+    return (
+        f'<div class="scroll"><table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(lines)}</tbody></table></div>"
+    )
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else format(value, form)
