@@ -47,9 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cache", type=Path, metavar="DIR", help="where folds' results are kept (default: the user's)")
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
-    parser.add_argument(
-        "--table3", action="store_true", help="print the task, by a simulated operator"
-    )
+    parser.add_argument("--table3", action="store_true", help="print the task, by a simulated operator")
     parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task a method, 1 or more")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
@@ -146,7 +144,8 @@ def _show(results: Sequence["Result"], costs: dict[str, dict[str, "Cost"]]) -> N
     shown = {(one.dataset, one.split) for one in results}
     for dataset, split in sorted(shown):
         # What 80 characters hold; the page has the rest.
-        table = Table("method", "balanced accuracy", "AUC", "at 1 %", "bumps/min", "edge p50 / p95", "us", pad_edge=False)
+        heading = ("method", "balanced accuracy", "AUC", "at 1 %", "bumps/min", "edge p50 / p95", "us")
+        table = Table(*heading, pad_edge=False)
         for one in (one for one in results if (one.dataset, one.split) == (dataset, split)):
             scores = one.scores["two-class"]
             cost = costs.get(dataset, {}).get(one.method)

@@ -15,7 +15,7 @@ from tactophone.dataset import Segment, truth_of
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
 from tactophone.evaluation.figures import draw_feeling
-from tactophone.haptics import PROFILES, Limits
+from tactophone.haptics import PROFILES, SOUNDING, Limits
 from tactophone.perception import shipped_models
 from tactophone.walk import Walk, open_walk
 
@@ -33,7 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a model file, or one that ships ({', '.join(shipped_models()) or 'none'}); "
         "default: the shipped one for the recording's channels",
     )  # fmt: skip
-    add("--profile", default="paper", metavar="NAME", help=f"how belief becomes vibration: {', '.join(PROFILES)}")
+    add(
+        "--profile",
+        default="paper",
+        metavar="NAME",
+        help=f"how belief becomes vibration: {', '.join(PROFILES)}; or the sound itself: {', '.join(SOUNDING)}",
+    )
     add(
         "--contact", choices=("fast", "window"), default="fast",
         help="tell contact within milliseconds, or by the model's whole window as in the paper",
@@ -117,7 +122,10 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     outputs = Outputs.beside(args.out, stem, json=args.json)
     with terminal.progress("feeling") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
-        summary, feeling = feel(source, walk, outputs, watch=lambda tick: bar.update(task, completed=tick.block.end))
+        sounding = SOUNDING[args.profile](walk.limits) if args.profile in SOUNDING else None
+        summary, feeling = feel(
+            source, walk, outputs, sounding=sounding, watch=lambda tick: bar.update(task, completed=tick.block.end)
+        )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
@@ -128,7 +136,7 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
         files["picture"] = args.out / f"{stem}.feel.png"
         _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)
     mono = source.channels == 1 and not args.model
-    return _Result(path, walk.judge.detector.name, walk.profile.name, mono, label, summary, files)
+    return _Result(path, walk.judge.detector.name, args.profile, mono, label, summary, files)
 
 
 def _replay(sources: list[FileSource], args: argparse.Namespace) -> None:
@@ -143,7 +151,7 @@ def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
         args.model or "",
         sample_rate=source.sample_rate,
         channels=source.channels,
-        profile=args.profile,
+        profile="paper" if args.profile in SOUNDING else args.profile,
         limits=Limits(ceiling=args.ceiling),
         fast_contact=args.contact == "fast",
     )

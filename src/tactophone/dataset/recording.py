@@ -121,7 +121,7 @@ class Recording:
 
 def _arrived(*values: Any) -> Recording:
     *others, properties = values
-    return Recording(*others, properties=MappingProxyType(properties))
+    return Recording(*others, MappingProxyType(properties))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,9 @@ import soundfile
 
 from tactophone.evaluation.envelope import Envelope
 from tactophone.evaluation.timeline import TimelineWriter
-from tactophone.haptics import Oscillator, Playback
-from tactophone.types import AudioBlock, Source, Tick, Touch
+from tactophone.haptics import Oscillator, Playback, Sounding
+from tactophone.perception.resample import Resampler
+from tactophone.types import AudioBlock, FloatArray, Source, Tick, Touch
 from tactophone.walk import Walk
 
 HAPTIC_RATE = 48_000
@@ -87,6 +88,8 @@ class Feeling:
         Of the sound to come.
     sample_rate
         Of the sound to come, in Hz.
+    sounding
+        Renders the sound itself, in place of the walk's commands.
 
     Attributes
     ----------
@@ -94,12 +97,16 @@ class Feeling:
         Envelopes of the two waveforms, for a picture.
     """
 
-    def __init__(self, outputs: Outputs, walk: Walk, *, channels: int, sample_rate: int) -> None:
+    def __init__(
+        self, outputs: Outputs, walk: Walk, *, channels: int, sample_rate: int, sounding: Sounding | None = None
+    ) -> None:
         self.microphones = Envelope(channels, sample_rate=sample_rate)
         self.vibration = Envelope(1, sample_rate=HAPTIC_RATE)
         self._outputs, self._walk, self._sample_rate = outputs, walk, sample_rate
         self._oscillator = Oscillator(walk.limits, sample_rate=HAPTIC_RATE)
         self._playback = Playback(self._oscillator)
+        self._sounding = sounding
+        self._resampler = Resampler(sample_rate, HAPTIC_RATE, channels=channels)
         self._touches: Counter[Touch] = Counter()
         self._loudest_dbfs = -np.inf
         self._last: AudioBlock | None = None
@@ -146,7 +153,7 @@ class Feeling:
         )
 
     def _write(self, tick: Tick, *, until: float) -> None:
-        wave = self._playback.push(tick.commands, until=until)
+        wave = self._render(tick, until=until)
         self._waveform.write(wave)
         self.vibration.push(wave[:, None])
         self._timeline.write(tick)
@@ -154,9 +161,19 @@ class Feeling:
             self._touches[prediction.touch] += 1
             self._loudest_dbfs = max(self._loudest_dbfs, prediction.level_dbfs)
 
+    def _render(self, tick: Tick, *, until: float) -> FloatArray:
+        if self._sounding is None:
+            return self._playback.push(tick.commands, until=until)
+        return self._sounding.push(self._resampler.push(tick.block))
+
 
 def feel(
-    source: Source, walk: Walk, outputs: Outputs, *, watch: Callable[[Tick], None] = lambda tick: None
+    source: Source,
+    walk: Walk,
+    outputs: Outputs,
+    *,
+    sounding: Sounding | None = None,
+    watch: Callable[[Tick], None] = lambda tick: None,
 ) -> tuple[Summary, Feeling]:
     """Feel a source to its end.
 
@@ -168,6 +185,8 @@ def feel(
         Made for that source's rate and channels; it is reset first.
     outputs
         The files to write.
+    sounding
+        Renders the sound itself, in place of the walk's commands.
     watch
         Called with each step, for a progress bar or a page.
 
@@ -176,7 +195,7 @@ def feel(
     The summary, and the feeling with the envelopes of what was heard and felt.
     """
     walk.reset()
-    feeling = Feeling(outputs, walk, channels=source.channels, sample_rate=source.sample_rate)
+    feeling = Feeling(outputs, walk, channels=source.channels, sample_rate=source.sample_rate, sounding=sounding)
     with source, feeling:
         for block in source:
             watch(feeling.push(block))

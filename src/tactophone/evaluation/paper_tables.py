@@ -4,6 +4,7 @@ The authors' rule scores: a window over 0.005 mean absolute value is rough if P(
 more. Models learn from the training objects alone.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
@@ -114,5 +115,5 @@ def _accuracy(judged: Sequence[Judgement], label: Touch) -> float:
 
 
 def _line(name: str, columns: Sequence[str], values: Sequence[float]) -> Line:
-    told = ("-" if value != value else f"{value:.3f}" for value in values)
+    told = ("-" if math.isnan(value) else f"{value:.3f}" for value in values)
     return Line(name, dict(zip(columns, told, strict=True)))

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from tactophone.errors import ConfigError
 from tactophone.evaluation.bootstrap import COVERAGE
-from tactophone.haptics import Oscillator
-from tactophone.haptics.profiles import PROFILES
-from tactophone.haptics.sounding import SOUNDING, open_sounding
+from tactophone.haptics import PROFILES, SOUNDING, Oscillator
 from tactophone.perception import shipped_models
 from tactophone.simulation.operator import Felt, make_bank, play, render_visits
 from tactophone.types import AudioBlock, FloatArray
@@ -81,7 +79,7 @@ def play_task(
 def felt_through(name: str) -> Felt:
     """Make the way from both microphones to the vibration: the live walk and its oscillator, or a sounding profile."""
     if name in SOUNDING:
-        return lambda sound: open_sounding(name, sample_rate=RATE).render_whole(sound)
+        return lambda sound: SOUNDING[name](None).render_whole(sound)
     model, _, profile = name.partition(":")
     return lambda sound: _walked(sound, model, profile or "paper")
 
@@ -97,9 +95,7 @@ def _walked(sound: FloatArray, model: str, profile: str) -> FloatArray:
     return out
 
 
-def _outcome(
-    name: str, found: NDArray[np.bool_], both: NDArray[np.bool_], duration: NDArray[np.float64]
-) -> Outcome:
+def _outcome(name: str, found: NDArray[np.bool_], both: NDArray[np.bool_], duration: NDArray[np.float64]) -> Outcome:
     low, middle, high = np.quantile(duration, [0.05, 0.5, 0.95])
     return Outcome(
         name, _share(found), _share(both), f"{middle:.1f} ({low:.1f}-{high:.1f})", float(both.mean()), float(middle)

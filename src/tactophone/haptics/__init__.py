@@ -5,15 +5,23 @@ from tactophone.haptics.limits import Limits
 from tactophone.haptics.mapping import PROFILES, PaperProfile, open_profile
 from tactophone.haptics.oscillator import Oscillator
 from tactophone.haptics.playback import Playback
+from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
+from tactophone.haptics.sounding import SOUNDING, Sounding
 
 __all__ = [
     "PROFILES",
+    "SOUNDING",
     "Actuator",
+    "ErmProfile",
     "Limits",
+    "LraProfile",
     "Oscillator",
     "PaperProfile",
+    "PerceptualProfile",
     "Playback",
+    "Sounding",
     "clocked_actuator",
+    "discriminable_steps",
     "jack_actuator",
     "open_profile",
     "portaudio_actuator",

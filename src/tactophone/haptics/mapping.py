@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from tactophone.errors import ConfigError
+from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 
@@ -65,7 +66,9 @@ class PaperProfile:
         return HapticCommand(10 ** (level_dbfs / 20), frequency, prediction.end)
 
 
-PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType({"paper": PaperProfile})
+PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType(
+    {"paper": PaperProfile, "perceptual": PerceptualProfile, "erm": ErmProfile, "lra": LraProfile}
+)
 """Every profile by the name that ``feel --profile`` takes."""
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.haptics.sensation import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
 from tactophone.types import FloatArray
 
 INTEGRATION = 0.03
@@ -19,12 +20,6 @@ INTEGRATION = 0.03
 
 GLANCE = 10
 """Values in a third of a second: what is felt as one, and taken as one piece of evidence."""
-
-FULL_DRIVE_DB = 65.0
-"""Sensation level of full drive at 250 Hz: our assumption of a strong voice coil; rough at 60 Hz is then 40 dB."""
-
-PITCH_JND = 0.18
-LEVEL_JND_DB = 1.5
 
 _D_PRIME = 0.954
 """Standard deviations between two things told apart three times in four (Macmillan & Creelman 2005, table A5.2)."""
@@ -35,9 +30,6 @@ LOWEST, HIGHEST = 15.0, 1000.0
 _ZERO_PADDING = 4
 _HILL = 2 / INTEGRATION
 """Hz; half of the spectral hill that a sine makes in so short a time."""
-
-_BEST = 250.0
-_CORNER = 40.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,16 +46,6 @@ class Percepts:
 
     level_db: NDArray[np.float64]
     pitch: NDArray[np.float64]
-
-
-def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Detection threshold in dB over that at 250 Hz, for the same drive of the actuator.
-
-    >>> [round(float(threshold_db(f)), 1) for f in (20, 40, 60, 120, 250)]
-    [31.7, 31.7, 24.7, 12.7, 0.0]
-    """
-    octaves = np.log2(np.maximum(np.asarray(frequency, dtype=np.float64), _CORNER) / _BEST)
-    return np.asarray(12.0 * np.abs(octaves))
 
 
 def feel_waveform(waveform: FloatArray, rate: int) -> Percepts:

@@ -1,0 +1,102 @@
+"""Rendering profiles beside the paper's: one that fits the finger, and two for motors that cannot play a sine.
+
+All go from *smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a true one.
+"""
+
+from dataclasses import dataclass
+
+from tactophone.haptics.sensation import amplitude_for, count_steps
+from tactophone.types import HapticCommand, Prediction, Profile, Touch
+
+_PATH = 200
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptualProfile:
+    """Spaces roughness evenly in just-noticeable steps, of frequency and of level over threshold.
+
+    Equal ratios of frequency are equal steps (Weber's law), and so are equal differences of level in dB; from high
+    and faint (smooth) to low and strong (rough). The paper's 60 to 120 Hz hold 4 steps of frequency, this band 11.
+
+    Parameters
+    ----------
+    lowest, highest
+        The actuator's measured band, in Hz, as far as a finger tells pitch in it.
+    faint_db, strong_db
+        Levels over threshold; 33 dB is all that full drive gives at 40 Hz.
+    """
+
+    lowest: float = 40.0
+    highest: float = 250.0
+    faint_db: float = 15.0
+    strong_db: float = 33.0
+    name: str = "perceptual"
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        """Give the vibration wished for; its time is the window's end."""
+        share = prediction.roughness
+        frequency = self.highest * (self.lowest / self.highest) ** share
+        if prediction.touch is Touch.NONE:
+            return HapticCommand(0.0, frequency, prediction.end)
+        level_db = self.faint_db + share * (self.strong_db - self.faint_db)
+        return HapticCommand(amplitude_for(level_db, frequency), frequency, prediction.end)
+
+
+@dataclass(frozen=True, slots=True)
+class ErmProfile:
+    """For an eccentric rotating mass, whose speed is its strength: one number moves both.
+
+    Its force grows with the square of its speed; under a starting voltage it does not turn. The figures are those of
+    a coin motor such as Precision Microdrives 310-103: about 80 to 220 Hz.
+
+    Parameters
+    ----------
+    slowest, fastest
+        Speeds in Hz at which it still turns, and at full drive.
+    """
+
+    slowest: float = 80.0
+    fastest: float = 220.0
+    name: str = "erm"
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        """Give the vibration that the motor makes; drive it by ``frequency / fastest``."""
+        share = 0.0 if prediction.touch is Touch.NONE else prediction.roughness
+        frequency = self.slowest + share * (self.fastest - self.slowest)
+        amplitude = 0.0 if prediction.touch is Touch.NONE else (frequency / self.fastest) ** 2
+        return HapticCommand(amplitude, frequency, prediction.end)
+
+
+@dataclass(frozen=True, slots=True)
+class LraProfile:
+    """For a linear resonant actuator, which moves at its resonance alone: only its level tells anything.
+
+    Parameters
+    ----------
+    resonance
+        In Hz; 150 to 235 by maker. Off by 10 Hz it gives half the force or less.
+    faint_db
+        Level of smooth, in dB of full drive.
+    """
+
+    resonance: float = 175.0
+    faint_db: float = -25.0
+    name: str = "lra"
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        """Give the vibration wished for; its time is the window's end."""
+        if prediction.touch is Touch.NONE:
+            return HapticCommand(0.0, self.resonance, prediction.end)
+        level_db = self.faint_db * (1 - prediction.roughness)
+        return HapticCommand(10 ** (level_db / 20), self.resonance, prediction.end)
+
+
+def discriminable_steps(profile: Profile) -> tuple[float, float]:
+    """Count the steps that a finger tells apart between a profile's smooth and its rough: of frequency, and in all."""
+    stimuli = []
+    for place in range(_PATH + 1):
+        roughness = place / _PATH
+        touch = Touch.ROUGH if roughness >= 0.5 else Touch.SMOOTH
+        command = profile.command(Prediction((0.0, 1 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0))
+        stimuli.append((command.amplitude, command.frequency))
+    return count_steps(stimuli)
