@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactophone.cli.train import RECIPES
 from tactophone.dataset import Dataset
 from tactophone.evaluation.judging import judge_of, scores_of
 from tactophone.evaluation.metrics import measure
@@ -54,3 +55,7 @@ def test_boosted_trees_are_written_out_as_they_were_grown(dataset: Dataset) -> N
     (trees,) = [node for node in graph.graph.node if node.op_type == "TreeEnsembleRegressor"]
     modes = next(one for one in trees.attribute if one.name == "nodes_modes").strings
     assert {b"LEAF", b"BRANCH_LEQ"} == set(modes)
+
+
+def test_train_knows_every_way() -> None:
+    assert set(RECIPES) == {"paper", *WAYS}

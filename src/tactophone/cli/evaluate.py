@@ -10,7 +10,7 @@ from rich.table import Table
 
 from tactophone.cli import terminal
 from tactophone.cli.choosing import add_choice, choose
-from tactophone.cli.train import add_recipe, course_of
+from tactophone.cli.train import add_recipe, course_of, ear_of
 from tactophone.dataset import Dataset, Fold, split
 from tactophone.dataset.splits import NAMES
 from tactophone.errors import ConfigError
@@ -88,21 +88,33 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
-    course = course_of(args)
-    # torch has been prepared: the methods may now import it.
-    from tactophone.evaluation.methods import LevelMethod, PaperMethod
+    method, channels = _method(args)
+    from tactophone.evaluation.methods import LevelMethod
 
     cache = None if args.no_cache else default_cache()
-    method = PaperMethod(course)
     reports = {method.name: _report(_judge_folds(method, split(dataset, args.split), cache))}
     if args.baselines is not None:
-        level = LevelMethod(course.recipe.channels)
+        level = LevelMethod(channels)
         reports[level.name] = _report(_judge_folds(level, split(dataset, args.split), cache))
     for seed in range(args.baselines or 0):
         shuffled = shuffle_labels(dataset, seed=seed)
         judged = _judge_folds(method, split(shuffled, args.split), cache)
         reports[f"shuffled {seed + 1}"] = _report(judged)
     return reports
+
+
+def _method(args: argparse.Namespace) -> tuple[Method, int]:
+    """Make the method of a recipe; gives also how many channels it hears."""
+    if args.recipe != "paper":
+        ear = ear_of(args)
+        from tactophone.evaluation.ways import WayMethod
+
+        return WayMethod(args.recipe, ear), ear.channels
+    course = course_of(args)
+    # torch has been prepared: the methods may now import it.
+    from tactophone.evaluation.methods import PaperMethod
+
+    return PaperMethod(course), course.recipe.channels
 
 
 def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[Judgement]:

@@ -14,8 +14,13 @@ from tactophone.errors import ConfigError
 from tactophone.training.recipes import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
 
 if TYPE_CHECKING:
+    from tactophone.link import Codec
     from tactophone.perception import Gate
     from tactophone.training.making import Course
+    from tactophone.training.touches import Ear
+
+RECIPES = ("paper", "ours", "level", "rules", "median-frequency", "scalogram-cnn", "surface", "logistic", "boosting")
+"""The paper's, and every name of `training.ways.WAYS`, which is not imported for a list of words."""
 
 _OVERRIDES = {
     "epochs": (int, "passes over the windows, 1 or more"),
@@ -45,7 +50,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def add_recipe(parser: argparse._ActionsContainer) -> None:
     """Add the options that make a recipe."""
     standard = paper("general")
-    parser.add_argument("--recipe", choices=["paper"], default="paper", help="what to train")
+    parser.add_argument(
+        "--recipe", choices=RECIPES, default="paper",
+        help="what to train; the options that follow are of the paper's, but for --opus and --channels",
+    )  # fmt: skip
+    parser.add_argument(
+        "--channels", type=int, choices=(1, 2), default=2, help="that recipes other than the paper's hear"
+    )
     parser.add_argument("--variant", choices=VARIANTS, default="general", help="which of the paper's three models")
     parser.add_argument(
         "--following", choices=FOLLOWING, default="paper",
@@ -76,6 +87,8 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
+    if args.recipe != "paper":
+        return _train_way(args)
     course = course_of(args)
     dataset = choose(args.data, args.where)
     saved = args.out.with_name(args.out.name + ".unfinished.npz")
@@ -96,16 +109,44 @@ def course_of(args: argparse.Namespace) -> "Course":
         If an option is out of range, or torch is not installed.
     """
     prepare_torch()
-    from tactophone.link import Codec
     from tactophone.training.making import Course
 
     recipe = _recipe(args)
-    codec = None
-    if args.opus is not None:
-        if not 16 <= args.opus <= 512:
-            raise ConfigError(f"--opus {args.opus}: from 16 to 512 kbit/s")
-        codec = Codec("opus", channels=recipe.channels, packet_size=480, bitrate_bps=1000 * args.opus)
+    codec = _codec(args.opus, recipe.channels)
     return Course(recipe, args.seed, codec, getattr(args, "start", None), _gate(args.gate))
+
+
+def ear_of(args: argparse.Namespace) -> "Ear":
+    """Turn the options into how a recipe other than the paper's hears; its kind is the recipe's own."""
+    prepare_torch()
+    from tactophone.training.touches import Ear
+    from tactophone.training.ways import WAYS
+
+    return Ear(WAYS[args.recipe].kind, args.channels, _codec(args.opus, args.channels))
+
+
+def _codec(bitrate_kbps: int | None, channels: int) -> "Codec | None":
+    from tactophone.link import Codec
+
+    if bitrate_kbps is None:
+        return None
+    if not 16 <= bitrate_kbps <= 512:
+        raise ConfigError(f"--opus {bitrate_kbps}: from 16 to 512 kbit/s")
+    return Codec("opus", channels=channels, packet_size=480, bitrate_bps=1000 * bitrate_kbps)
+
+
+def _train_way(args: argparse.Namespace) -> int:
+    ear = ear_of(args)
+    from tactophone.training.touches import listen
+    from tactophone.training.ways import train_way
+
+    dataset = choose(args.data, args.where)
+    with terminal.progress("listening") as bar:
+        task = bar.add_task("", total=len(dataset.recordings), note="")
+        listen(dataset.recordings, ear, report=lambda done: bar.update(task, completed=done))
+    train_way(args.out, dataset, args.recipe, ear=ear)
+    print(args.out)
+    return 0
 
 
 def prepare_torch() -> None:

@@ -3,7 +3,7 @@
 import functools
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -121,7 +121,7 @@ class Recording:
 
 def _arrived(*values: Any) -> Recording:
     *others, properties = values
-    return Recording(*others, MappingProxyType(properties))
+    return replace(Recording(*others), properties=MappingProxyType(properties))
 
 
 @dataclass(frozen=True, slots=True)
