@@ -24,10 +24,14 @@ def open_page(browser: webdriver.Chrome, page: Page) -> None:
 
 def test_it_shows_a_rough_stroke_as_rough_within_a_second(browser: webdriver.Chrome, page: Page, run: Run) -> None:
     open_page(browser, page)
-    wait(browser, lambda: text(browser, "verdict") == "no contact")
-    run.touch, begin = Touch.ROUGH, time.monotonic()
-    wait(browser, lambda: text(browser, "verdict") == "rough")
-    assert time.monotonic() - begin < 1.0
+    delays = []
+    for _ in range(3):
+        run.touch = Touch.NONE
+        wait(browser, lambda: text(browser, "verdict") == "no contact")
+        run.touch, begin = Touch.ROUGH, time.monotonic()
+        wait(browser, lambda: text(browser, "verdict") == "rough")
+        delays.append(time.monotonic() - begin)
+    assert sorted(delays)[1] < 1.0
     wait(browser, lambda: text(browser, "frequency") == "60\u202fHz")
     assert text(browser, "amplitude") == "50\u202f%"
 
