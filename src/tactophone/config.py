@@ -109,7 +109,7 @@ class Process:
     lock_memory: bool = _setting(False, "keep the process in memory (mlockall)")
     watchdog: bool = _setting(True, "end a stalled process, and begin a new one that stays muted")
     stall_timeout: float = _setting(
-        0.035, "without a callback while vibrating, after which a process counts as stalled", unit="s", span=(0.01, 1)
+        0.05, "without a callback while vibrating, after which a process counts as stalled", unit="s", span=(0.01, 1)
     )
 
 

@@ -110,18 +110,18 @@ def _live(*, keyboard: bool) -> contextlib.AbstractContextManager[Live | None]:
 def _line(snapshot: Snapshot) -> Text:
     sound = np.abs(snapshot.sound[-4800:]).max(axis=0, initial=1e-6)
     contact, air = 20 * np.log10(np.maximum(sound, 1e-6))
-    parts = [f"contact {contact:4.0f} dBFS", f"air {air:4.0f} dBFS"]
+    parts = [f"contact {contact:4.0f}  air {air:4.0f} dBFS"]
     if snapshot.ticks.size and snapshot.state.role == "operator":
         tick = snapshot.ticks[-1]
-        parts += [f"{Touch(tick['touch']).name.lower():6}", f"{tick['frequency']:3.0f} Hz {tick['amplitude']:4.2f}"]
+        parts.append(f"{Touch(tick['touch']).name.lower():6} {tick['frequency']:3.0f} Hz {tick['amplitude']:4.2f}")
     counters = snapshot.counters
-    sent = counters["packets_received"] or counters["packets_sent"]
-    parts.append(f"{sent} packets, {counters['packets_lost']} lost")
+    packets = counters["packets_received"] or counters["packets_sent"]
+    parts.append(f"{counters['packets_lost']} lost of {packets}")
     total = snapshot.gauges["latency_total"]
     if np.isfinite(total):
         parts.append(f"{1000 * total:.1f} ms")
     style = "green" if snapshot.state.role != "operator" or snapshot.state.armed else "yellow"
-    return Text("   ".join(parts), style=style, no_wrap=True, overflow="ellipsis")
+    return Text("  ".join(parts), style=style, no_wrap=True, overflow="ellipsis")
 
 
 @contextlib.contextmanager

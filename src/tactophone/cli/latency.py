@@ -67,6 +67,7 @@ def as_figures(measured: Measured, delays: Delays | None) -> dict[str, object]:
         rows |= {"contact to felt": np.array(delays.touch), "edge to changed feel": np.array(delays.edge)}
     percentiles = {name: _percentiles_ms(durations) for name, durations in rows.items()}
     counts = {"clicks": measured.clicks, "missed": measured.missed, "period": measured.period}
+    counts["restarts"] = measured.restarts
     return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
 
 
@@ -110,6 +111,10 @@ def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
         "Sum and end to end are measured with different clocks; "
         f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]
+    if measured.restarts:
+        words.append(
+            f"A stalled side was begun again {measured.restarts} times and stayed muted: is the machine too busy?"
+        )
     if dummy:
         words.append(
             "A server without a card hands a period over at its beginning, so capture comes out up to a period early: "

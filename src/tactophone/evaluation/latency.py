@@ -93,12 +93,15 @@ class Measured:
         By marks; for each stage of `tactophone.telemetry.STAGES`.
     period
         Samples a period of the JACK server.
+    restarts
+        Times that a side had to be begun again meanwhile; clicks after one are missed, as it stays muted.
     """
 
     clicks: int
     end_to_end: NDArray[np.float64]
     stages: dict[str, NDArray[np.float64]]
     period: int
+    restarts: int = 0
 
     @property
     def missed(self) -> int:
@@ -141,7 +144,8 @@ def measure(
             period = client.period
         finally:
             client.close()
-    return analyse(clicker, marks, period=period)
+        restarts = sides.robot.restarts + sides.operator.restarts
+    return replace(analyse(clicker, marks, period=period), restarts=restarts)
 
 
 class Clicker:

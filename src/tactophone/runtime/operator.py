@@ -6,6 +6,7 @@ what is asked through telemetry's mailbox, as far as the guard allows.
 """
 
 import dataclasses
+import math
 import signal
 import threading
 import time
@@ -17,17 +18,17 @@ from typing import Self
 import numpy as np
 
 from tactophone.config import Settings
-from tactophone.errors import TactophoneError
-from tactophone.haptics import PROFILES, Limits, Oscillator, open_profile
+from tactophone.haptics import PROFILES, Limits, Oscillator
 from tactophone.link import Heard, News, ReceivingEnd, UdpSocket
 from tactophone.pipeline import Receiver
 from tactophone.runtime import budget, tuning
 from tactophone.runtime.budget import Neighbour
+from tactophone.runtime.desk import Desk
 from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
 from tactophone.runtime.supervisor import Birth
 from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post, sensor_faults
-from tactophone.telemetry import MARKS, Fault, Request, State, Telemetry, Watcher
-from tactophone.types import FloatArray, HapticCommand, Tick
+from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.types import FloatArray, HapticCommand, Prediction, Tick, Touch
 
 HOUSEKEEPING = 0.02
 """Seconds between two looks at mailbox, devices and counters."""
@@ -37,6 +38,9 @@ LONGEST_RECEIVE = 0.005
 
 BUDGET_EVERY = 1.0
 """Seconds between two reckonings of the latency budget."""
+
+LONGEST_CALL = 2.0
+"""Seconds that a robot is given to call, before its absence is told as a fault."""
 
 SILENT_LINK = 0.5
 """Seconds without sound or belief after which the line counts as silent, in words."""
@@ -72,8 +76,11 @@ class Operator:
         self._submitted = self._rendered = 0
         self._heard_at = time.monotonic()
         self._budgeted_at = 0.0
+        self._counters: dict[str, int] = {}
+        self._gauges: dict[str, float] = {}
+        self._floor_dbfs = -math.inf
         self._warnings: tuple[Fault, ...] = ()
-        self._enforce()
+        self._desk = Desk(self._guard, self._oscillator, self._receiver)
         self._thread = threading.Thread(target=self._guarded, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
@@ -98,52 +105,21 @@ class Operator:
 
     def stop(self) -> None:
         """Stop vibrating at once, and stay stopped until somebody arms; may be called from a signal handler."""
-        self._guard.stop()
-        self._oscillator.stop()
+        self._desk.stop()
 
     def look_after(self, now: float) -> None:
         """Do what is asked and show how things are; call it every `HOUSEKEEPING`."""
-        self._obey(self._telemetry.requests())
+        self._telemetry.count("requests_refused", len(self._desk.obey(self._telemetry.requests())))
         self._actuator.device.revive()
         self._show_counts()
         self._show_budget(now)
         self._telemetry.update(self._state(now), now=now)
 
-    def _obey(self, requests: list[Request]) -> None:
-        own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
-        refused = self._guard.obey(request for request in requests if request not in own)
-        refused += [request.action for request in own if not self._adjust(request)]
-        self._telemetry.count("requests_refused", len(refused))
-        self._enforce()
-
-    def _adjust(self, request: Request) -> bool:
-        """Change how is judged or mapped; a profile or threshold that is not to be had is refused."""
-        try:
-            if request.action == "profile":
-                self._receiver.walk.profile = open_profile(request.text)
-            elif -120.0 <= request.value <= 0.0:
-                self._receiver.walk.judge.threshold_dbfs = request.value
-            else:
-                return False
-        except TactophoneError:
-            return False
-        return True
-
-    def _enforce(self) -> None:
-        """Carry the guard's word to where the sound is made."""
-        limits = self._oscillator.limits
-        if limits.ceiling != self._guard.ceiling:
-            self._oscillator.limits = dataclasses.replace(limits, ceiling=self._guard.ceiling)
-        if self._guard.armed:
-            self._oscillator.release()
-        else:
-            self._oscillator.stop()
-
     def _show_counts(self) -> None:
         """Carry the parts' own counts over into telemetry."""
         device, faults = self._actuator.device, self._oscillator.faults
         counts = {
-            **self._end.counters,
+            **self._counters,
             "xruns": device.xruns,
             "callback_faults": device.process_faults,
             "device_losses": device.losses,
@@ -155,7 +131,7 @@ class Operator:
         }
         for name, total in counts.items():
             self._telemetry.count(name, total - self._telemetry.counter(name))
-        for name, value in {**self._end.gauges, "device_latency": device.latency}.items():
+        for name, value in {**self._gauges, "device_latency": device.latency}.items():
             self._telemetry.gauge(name, value)
 
     def _show_budget(self, now: float) -> None:
@@ -181,6 +157,7 @@ class Operator:
             profiles=tuple(PROFILES),
             detector=walk.judge.detector.name,
             threshold_dbfs=walk.judge.threshold_dbfs,
+            noise_floor_dbfs=round(self._floor_dbfs, 0),
             link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
             output=self._settings.output.actuator,
             faults=tuple(self._faults(now)),
@@ -192,10 +169,10 @@ class Operator:
             yield Fault("actuator", self._actuator.device.fault)
         yield from sensor_faults(self._receiver.walk.judge)
         silent = now - self._heard_at
-        if self._end.session.peer is None:
+        if self._end.session.peer is None and silent > LONGEST_CALL:
             failure = self._end.session.failure
-            yield Fault("link", f"no robot has called: {failure or 'start `tactophone send` there'}")
-        elif silent > SILENT_LINK:
+            yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
+        elif self._end.session.peer and silent > SILENT_LINK:
             yield Fault("silence", "connected, but no sound comes from the robot: look at its microphones and the line")
 
     def _guarded(self, work: Callable[[], None]) -> None:
@@ -208,15 +185,20 @@ class Operator:
         self.ended.set()
 
     def _follow_network(self) -> None:
-        warning = tuning.prioritize_thread(self._settings.process.priority)
-        if warning:
-            self._warnings = (Fault("priority", warning),)
+        process, looked_at = self._settings.process, 0.0
+        warnings = {"priority": tuning.prioritize_thread(process.priority)}
+        if process.lock_memory:
+            warnings["memory"] = tuning.lock_memory()
+        self._warnings = tuple(Fault(code, words) for code, words in warnings.items() if words)
         while not self.ended.is_set():
             datagrams = self._socket.receive(LONGEST_RECEIVE)
             now = time.monotonic()
             for news in (*self._end.receive(datagrams, now=now), *self._end.poll(now)):
                 self._take(news, received=now)
             post(self._end, self._socket)
+            if now - looked_at >= HOUSEKEEPING:
+                # Copied here, by the one thread that changes them, for the main thread to show.
+                looked_at, self._counters, self._gauges = now, dict(self._end.counters), dict(self._end.gauges)
 
     def _take(self, news: News, *, received: float) -> None:
         if isinstance(news, Heard):
@@ -246,6 +228,8 @@ class Operator:
         if felt:
             self._oscillator.submit(felt[-1])
             self._submitted = end
+        for belief in tick.predictions:
+            self._floor_dbfs = _floor(self._floor_dbfs, belief)
         now = time.monotonic()
         self._telemetry.mark(_JUDGED, end, now=now)
         self._telemetry.publish(dataclasses.replace(tick, commands=felt), now=now, truth=self._neighbour.truth())
@@ -278,6 +262,13 @@ def run_operator(settings: Settings, birth: Birth, *, robot: str = "") -> None:
             operator.ended.wait(HOUSEKEEPING)
     if operator.failure is not None:
         raise operator.failure
+
+
+def _floor(floor_dbfs: float, belief: Prediction) -> float:
+    """Follow the level while nothing is touched, over some hundred windows."""
+    if belief.touch is not Touch.NONE or not math.isfinite(belief.level_dbfs):
+        return floor_dbfs
+    return belief.level_dbfs if math.isinf(floor_dbfs) else floor_dbfs + 0.01 * (belief.level_dbfs - floor_dbfs)
 
 
 def _muted_because(settings: Settings, birth: Birth) -> str:

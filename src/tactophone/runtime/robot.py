@@ -155,6 +155,8 @@ class Robot:
 
     def _follow_sound(self) -> None:
         self._warn("priority", tuning.prioritize_thread(self._settings.process.priority))
+        if self._settings.process.lock_memory:
+            self._warn("memory", tuning.lock_memory())
         if self._settings.capture.source == "file":
             self._await_listener()
         sound = iter(self._source) if isinstance(self._source, LiveSource) else paced(self._source)

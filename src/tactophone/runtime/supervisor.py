@@ -130,7 +130,9 @@ class Supervisor:
                 if watcher.pid == self.pid and watcher.pulse().beat > 0:
                     return
             time.sleep(0.02)
-        raise TactophoneError(f"{self.name} did not start within {START_TIMEOUT:g} s: run it again with --log debug")
+        raise TactophoneError(
+            f"{self.name} did not start within {START_TIMEOUT:g} s: see what it said, or wait for a calmer machine"
+        )
 
     def _watch(self) -> None:
         """Look after the process until somebody ends it, here or there."""

@@ -26,7 +26,7 @@ class Patience:
     A device with long periods calls less often, so that at least two of them are waited for.
     """
 
-    vibrating: float = 0.035
+    vibrating: float = 0.05
     silent: float = PATIENCE
 
 

@@ -56,8 +56,6 @@ GAUGES: dict[str, str] = {
     "loss_ratio": "share of packets lost in the last seconds",
     "redundancy": "earlier packets carried in each packet",
     "round_trip": "to the other side and back, s",
-    "contact_dbfs": "level of the contact microphone, dBFS",
-    "air_dbfs": "level of the air microphone, dBFS",
     "output_amplitude": "amplitude of the vibration now, 0-1 of full drive",
     "device_period": "sound that the actuator's device asks for at once, s",
     "device_latency": "what the sound device says of its own delay, s",
