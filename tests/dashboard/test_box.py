@@ -117,6 +117,23 @@ def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, l
     assert browser.find_element(By.ID, "done").is_enabled()
 
 
+def test_a_second_window_takes_the_place_until_it_is_closed(browser: webdriver.Chrome, box: Page) -> None:
+    begin(browser, box)
+    first = browser.current_window_handle
+    browser.switch_to.new_window("window")
+    browser.get(box.url)
+    wait(browser, lambda: text(browser, "life") == "ready")
+    second = browser.current_window_handle
+    browser.switch_to.window(first)
+    wait(browser, lambda: text(browser, "life") == "opened in another window")
+    time.sleep(1.5)  # longer than a lost page waits before it comes back
+    browser.switch_to.window(second)
+    assert text(browser, "life") == "ready"
+    browser.close()
+    browser.switch_to.window(first)
+    wait(browser, lambda: text(browser, "life") == "ready")
+
+
 def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page, led: tuple[Run, Box]) -> None:
     begin(browser, box)
     stroke(browser, 4, lift=False)

@@ -11,6 +11,7 @@ import select
 import statistics
 import time
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,9 @@ LONGEST_ROUND = 600.0
 SHOWN = 2_000
 """Points of a signal on the last screen."""
 
+TAKEN = 4001
+"""WebSocket close code, of the range for applications, that says: opened in another window."""
+
 
 def stone_box(box: Box) -> web.Application:
     """Build the stone box's page."""
@@ -46,7 +50,7 @@ def stone_box(box: Box) -> web.Application:
 
 
 class _Table:
-    """Where one player at a time sits; whoever comes later takes the place."""
+    """Where one player at a time sits; who comes takes the place, who comes back must find it free."""
 
     def __init__(self, box: Box) -> None:
         self._box = box
@@ -57,8 +61,11 @@ class _Table:
     async def sit(self, request: web.Request) -> web.StreamResponse:
         view = web.WebSocketResponse(heartbeat=20, max_msg_size=LARGEST_WISH, compress=False)
         await view.prepare(request)
-        if self._seat is not None:
-            await self._seat.close(message=b"the box was opened in another window")
+        if self._seat is not None and not self._seat.closed:
+            loser = view if "again" in request.query else self._seat
+            await loser.close(code=TAKEN)
+            if loser is view:
+                return view
         self._seat = view
         player = _Player(self._box, self._run, view, self._played)
         async with asyncio.TaskGroup() as tasks:
@@ -66,7 +73,7 @@ class _Table:
             await player.receive()
             sending.cancel()
         player.lift()
-        self._played = player.played
+        self._played = max(self._played, player.played)
         return view
 
 
@@ -103,15 +110,15 @@ class _Player:
 
     async def send(self) -> None:
         """Send what is new of the vibration, for as long as somebody listens."""
-        while not self._view.closed:
-            await self._credit.acquire()
-            snapshot = self._run.snapshot(self._last)
-            if snapshot is not None:
-                await self._view.send_bytes(self._message(snapshot))
-                self._last = snapshot
-            else:
-                self._credit.release()
-            await asyncio.sleep(PERIOD)
+        with suppress(ConnectionError):
+            while not self._view.closed:
+                await self._credit.acquire()
+                if (snapshot := self._run.snapshot(self._last)) is None:
+                    self._credit.release()
+                else:
+                    await self._view.send_bytes(self._message(snapshot))
+                    self._last = snapshot
+                await asyncio.sleep(PERIOD)
 
     def lift(self) -> None:
         """Take the finger off whatever it is on."""

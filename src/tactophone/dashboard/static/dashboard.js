@@ -192,7 +192,7 @@ function picture(time) {
 const feed = new Feed("live", {
   onMessage: take,
   onAnswer: ({ refused }) => controls.refuse(refused),
-  onLost: () => { alive = false; showLife("page disconnected"); },
+  onLost: (why) => { alive = false; showLife(why); },
 });
 const controls = new Controls((wish) => feed.send(wish));
 requestAnimationFrame(picture);

@@ -1,6 +1,7 @@
 // The feed: one WebSocket, binary messages in (message.py tells how they lie), wishes out.
 
 const RETRY = 1000; // ms
+const TAKEN = 4001; // close code of box.py: somebody else sits there
 
 /** Split a message into its words and its tables; a table is {rows, columns, numbers}, row by row. */
 export function parse(buffer) {
@@ -32,15 +33,15 @@ export class Feed {
     if (this.#socket.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(wish));
   }
 
-  #connect() {
-    const address = new URL(this.#path, location.href);
+  #connect(query = "") {
+    const address = new URL(this.#path + query, location.href);
     address.protocol = "ws:";
     this.#socket = new WebSocket(address);
     this.#socket.binaryType = "arraybuffer";
     this.#socket.addEventListener("message", ({ data }) => this.#take(data));
-    this.#socket.addEventListener("close", () => {
-      this.onLost();
-      setTimeout(() => this.#connect(), RETRY);
+    this.#socket.addEventListener("close", ({ code }) => {
+      this.onLost(code === TAKEN ? "opened in another window" : "disconnected");
+      setTimeout(() => this.#connect("?again"), RETRY);
     });
   }
 

@@ -32,8 +32,8 @@ const feed = new Feed("box", {
     if (words.felt) train(words);
   },
   onAnswer: ({ refused }) => { if (refused) put($("told"), refused); },
-  onLost: () => {
-    showLife("disconnected", false);
+  onLost: (why) => {
+    showLife(why, false);
     $("begin").disabled = $("again").disabled = true;
   },
 });
