@@ -15,7 +15,9 @@ from tactophone.errors import ConfigError
 from tactophone.evaluation.benchmark import Contender
 from tactophone.evaluation.controls import OverBandMethod
 from tactophone.evaluation.methods import PaperMethod
+from tactophone.evaluation.vibration import VibrationMethod
 from tactophone.evaluation.ways import way_method
+from tactophone.haptics import SOUNDING
 from tactophone.perception import DecisionRule, default_model, detector_for, model_path, read_model
 from tactophone.training.lesson import ABSTAIN_FROM
 from tactophone.training.making import OPEN_GATE, Course
@@ -47,7 +49,7 @@ class Cost:
 def contender_names(channels: int) -> tuple[str, ...]:
     """List who can take part, the reference first."""
     variants = ("paper/general", "paper/fine-tuned", "paper/one-channel") if channels == 2 else ("paper/one-channel",)
-    return (*variants, *(name for name in WAYS if name != "ours"), "ours")
+    return (*variants, *(name for name in WAYS if name != "ours"), *SOUNDING, "ours")
 
 
 def contenders_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[Contender, ...]:
@@ -80,6 +82,8 @@ def measure_costs(dataset: Dataset, names: Sequence[str]) -> dict[str, Cost]:
     costs = {}
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
+            if name in SOUNDING:
+                continue
             path = Path(folder) / f"{name.replace('/', '-')}.onnx"
             if name in WAYS:
                 train_way(path, few, name, ear=Ear(channels=channels))
@@ -107,6 +111,8 @@ def cost_of(path: Path, *, duration: float = 5.0) -> Cost:
 def _contender(name: str, dataset: Dataset, channels: int) -> Contender:
     if name in WAYS:
         return Contender(way_method(name, channels=channels), DecisionRule(abstain_from=ABSTAIN_FROM), WAY_LATENCY)
+    if name in SOUNDING:
+        return Contender(VibrationMethod(name), latency=SOUNDING[name](None).latency)
     recipe = replace(
         paper(name.partition("/")[2]),  # type: ignore[arg-type]  # the names are those of the variants
         hop=HOP, batch_size=BATCH_SIZE, least_steps=STEPS, precision="bfloat16",

@@ -1,0 +1,88 @@
+"""Renderers that have no detector, scored: how well their vibration's own features tell rough from smooth.
+
+A finger that feels the sound itself must do the telling. Its part is taken by a logistic regression on what a finger
+can feel of the vibration: its level, its peaks, and its strength in bands from 35 Hz to 1 kHz.
+"""
+
+import functools
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import soundfile
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tactophone.dataset import Recording, channel_order
+from tactophone.evaluation.judging import Judge, Judgement
+from tactophone.haptics import SOUNDING
+from tactophone.haptics.sounding import DOWN, RATE
+from tactophone.perception.resample import Resampler
+from tactophone.training.head import even_weights
+from tactophone.types import AudioBlock, FloatArray, Touch
+
+VERSION = 1
+SLOW_RATE = RATE // DOWN
+SIZE, HOP = 1024, 128 / 3
+"""At 4 kHz: the paper's 256 ms and 10.67 ms."""
+
+EDGES = np.geomspace(35, 1000, 9)
+FAINT = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationMethod:
+    """A renderer of :data:`tactophone.haptics.SOUNDING`, with a regression in a finger's place."""
+
+    name: str
+
+    @property
+    def identity(self) -> str:
+        """The renderer, and its version."""
+        return f"vibration {VERSION} {self.name}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Judge:
+        """Weigh what is felt, every surface weighing the same."""
+        from sklearn.linear_model import LogisticRegression
+        from sklearn.pipeline import make_pipeline
+        from sklearn.preprocessing import StandardScaler
+
+        felt = [_feel(one, self.name)[1] for one in recordings]
+        sizes, names = [len(rows) for rows in felt], sorted({one.surface for one in recordings})
+        rough = np.repeat([one.label is Touch.ROUGH for one in recordings], sizes)
+        surface = np.repeat([names.index(one.surface) for one in recordings], sizes)
+        model = make_pipeline(StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky"))
+        weights = even_weights(rough, surface)
+        model.fit(np.concatenate(felt), rough, logisticregression__sample_weight=weights)
+
+        def judge(recording: Recording) -> Judgement:
+            time, rows = _feel(recording, self.name)
+            share = model.predict_proba(rows)[:, 1].astype(np.float32)
+            shares = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
+            return Judgement(recording, time, shares, np.ones(len(time), bool))
+
+        return judge
+
+
+@functools.lru_cache(maxsize=1 << 13)
+def _feel(recording: Recording, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    vibration = SOUNDING[name](None).render_whole(_contact(recording))[DOWN - 1 :: DOWN]
+    count = max(0, int((len(vibration) - SIZE) / HOP) + 1)
+    starts = np.floor(np.arange(count) * HOP).astype(np.intp)
+    windows = sliding_window_view(vibration, SIZE)[starts].astype(np.float64)
+    powers = np.square(np.abs(np.fft.rfft(windows * np.hanning(SIZE)))) / SIZE
+    bins = np.fft.rfftfreq(SIZE, 1 / SLOW_RATE)
+    bands = [powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in itertools.pairwise(EDGES)]
+    power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
+    rows = np.log10(np.stack([*bands, power, (peak + FAINT) / (power + FAINT)], axis=1) + FAINT)
+    return (starts + SIZE) / SLOW_RATE, rows
+
+
+def _contact(recording: Recording) -> FloatArray:
+    sound, rate = soundfile.read(recording.path, dtype="float32", always_2d=True)
+    contact = np.ascontiguousarray(sound[:, channel_order(recording, wanted=1)])
+    if rate == RATE:
+        return contact
+    resampler = Resampler(rate, RATE, channels=1)
+    return np.concatenate([resampler.push(AudioBlock(contact, rate)), resampler.flush()])

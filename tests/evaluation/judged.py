@@ -1,0 +1,29 @@
+"""Judgements made by hand."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.dataset import Recording, Segment
+from tactophone.evaluation.judging import Judgement
+from tactophone.types import Touch
+
+HOP = 0.01
+
+
+def judged(
+    rough: Sequence[float],
+    *,
+    label: Touch | None,
+    segments: Sequence[Segment] = (),
+    surface: str = "slate",
+    contact: Sequence[bool] | None = None,
+    none: float = 0.0,
+) -> Judgement:
+    """An update every 10 ms with these shares of rough."""
+    share = np.array(rough, np.float32)
+    rows = np.stack([np.full_like(share, none), (1 - none) * (1 - share), (1 - none) * share], axis=1)
+    recording = Recording(Path(f"{surface}.wav"), surface, label, segments=tuple(segments))
+    open_gate = np.ones(len(share), bool) if contact is None else np.array(contact)
+    return Judgement(recording, HOP * np.arange(1, len(share) + 1), rows, open_gate)

@@ -1,0 +1,86 @@
+import math
+from pathlib import Path
+
+import pytest
+
+from tactophone.dataset import Dataset
+from tactophone.errors import ConfigError
+from tactophone.evaluation.benchmark import Plan, Result, folds_with_edges, run_plan, splits_of
+from tactophone.evaluation.contenders import contender_names, contenders_for, cost_of, measure_costs
+from tactophone.evaluation.crossvalidation import Cache
+from tactophone.evaluation.page import COLUMNS, row_of, write_page
+from tactophone.perception import model_path
+from tests.surfaces import surfaces
+
+METHODS = ("level", "logistic", "direct", "ours")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return surfaces(tmp_path_factory.mktemp("scrapes"), each=6)
+
+
+@pytest.fixture(scope="module")
+def results(dataset: Dataset) -> list[Result]:
+    plan = Plan(dataset, contenders_for(dataset, METHODS), ("3-fold",))
+    return run_plan(plan, Cache(dataset.root / "cache"))
+
+
+def test_ours_tells_scrapes_apart_and_level_does_not(results: list[Result]) -> None:
+    by_name = {one.method: one for one in results}
+    assert list(by_name) == list(METHODS)
+    assert by_name["ours"].scores["two-class"]["balanced_accuracy"].value > 0.9
+    assert by_name["level"].scores["two-class"]["balanced_accuracy"].value < 0.9
+    assert by_name["ours"].calibration_error < 0.2
+
+
+def test_times_to_a_right_decision_are_told_after_contact_and_after_edges(results: list[Result]) -> None:
+    ours = results[-1]
+    assert 0 < ours.contact_ms[0] < 150
+    assert 0 < ours.edge_ms[0] < 300
+
+
+def test_all_but_the_reference_are_compared_with_it(results: list[Result]) -> None:
+    assert not results[0].differences
+    assert results[-1].differences["balanced_accuracy"].estimate.value > 0
+    assert results[-1].differences["balanced_accuracy"].p < 0.1
+
+
+def test_edges_are_made_of_held_out_surfaces_alone(dataset: Dataset, tmp_path: Path) -> None:
+    for fold in folds_with_edges(dataset, "3-fold", tmp_path):
+        own = {one.surface for one in fold.test if one.label is not None}
+        for edge in (one for one in fold.test if one.label is None):
+            assert set(edge.surface.split(" to ")) <= own
+            assert not set(edge.surface.split(" to ")) & {one.surface for one in fold.train}
+
+
+def test_splits_follow_what_the_data_tells(dataset: Dataset) -> None:
+    assert splits_of(dataset) == ("leave-one-surface-out", "5-fold")
+    assert splits_of(dataset, fast=True) == ("3-fold",)
+
+
+def test_who_takes_part(dataset: Dataset) -> None:
+    names = [one.name for one in contenders_for(dataset)]
+    assert names[0] == "paper/general"
+    assert names[-1] == "ours"
+    assert set(names) == set(contender_names(2))
+    with pytest.raises(ConfigError, match="no method guesswork"):
+        contenders_for(dataset, ["guesswork"])
+
+
+def test_costs_are_measured_on_files_that_run(dataset: Dataset) -> None:
+    costs = measure_costs(dataset, ["level", "ours", "direct"])
+    assert set(costs) == {"level", "ours"}
+    assert costs["ours"].parameters < 20_000
+    assert cost_of(model_path("paper"), duration=0.5).parameters > 1_800_000
+
+
+def test_the_page_stands_alone_and_tells_every_result(results: list[Result], dataset: Dataset) -> None:
+    page = write_page(results, costs={dataset.name: measure_costs(dataset, ["level"])}, notes=["a <note>"])
+    assert all(one.method in page for one in results)
+    assert page.count("<svg") == 4
+    assert "&lt;note&gt;" in page
+    assert "src=" not in page
+    assert "@import" not in page
+    assert len(row_of(results[0])) == len(COLUMNS)
+    assert not math.isnan(results[0].bumps_per_minute)
