@@ -96,7 +96,6 @@ def run(args: argparse.Namespace) -> int:
         saved.unlink(missing_ok=True)
     _train(args.out, course, dataset, saved=saved)
     saved.unlink(missing_ok=True)
-    print(args.out)
     return 0
 
 
@@ -189,6 +188,7 @@ def _gate(text: str | None) -> "Gate | None":
 
 
 def _train(out: Path, course: "Course", dataset: Dataset, *, saved: Path) -> None:
+    from tactophone.training.crew import join_crew
     from tactophone.training.making import find_windows, learn, write_trained
     from tactophone.training.trainer import Progress
 
@@ -203,4 +203,7 @@ def _train(out: Path, course: "Course", dataset: Dataset, *, saved: Path) -> Non
             bar.update(task, completed=told.steps, total=told.of, note=f"loss {told.loss:.4f}")
 
         weights = learn(course, windows, saved=saved, report=show)
-    write_trained(out, course, weights, dataset=dataset)
+    # Under torchrun all processes end with the same weights; one of them writes.
+    if join_crew().leads:
+        write_trained(out, course, weights, dataset=dataset)
+        print(out)

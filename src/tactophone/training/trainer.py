@@ -18,6 +18,7 @@ from torch import nn
 from tactophone.perception.features import magnitudes
 from tactophone.training import checkpoint
 from tactophone.training.checkpoint import Checkpoint
+from tactophone.training.crew import Crew, join_crew
 from tactophone.training.networks import PaperNetwork, Weights, weights_of, with_weights
 from tactophone.training.recipes import Recipe
 from tactophone.training.windows import Windows, batches, grid
@@ -72,6 +73,7 @@ class Run:
         initial: Weights | None = None,
     ) -> None:
         _prepare_torch()
+        self._crew = join_crew()
         self._windows, self._recipe, self._seed, self._saved = windows, recipe, seed, saved
         self.network = _network(recipe, seed, initial)
         self._optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
@@ -82,11 +84,13 @@ class Run:
         epochs = _epochs(self._windows, self._recipe, self._seed)
         loss, written = float("nan"), time.monotonic()
         for step, which in self._schedule(len(epochs)):
-            features, labels = _batch(self._windows, which, noise=self._recipe.noise, seed=(self._seed, step))
-            new = _learn(self.network, self._optimiser, features, labels, recipe=self._recipe)
+            features, labels = _batch(
+                self._windows, which, noise=self._recipe.noise, seed=(self._seed, step), crew=self._crew
+            )
+            new = _learn(self.network, self._optimiser, features, labels, recipe=self._recipe, crew=self._crew)
             loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
             yield Progress(step + 1, sum(epochs), loss)
-            if self._saved and time.monotonic() - written > SAVE_EVERY:
+            if self._saved and self._crew.leads and time.monotonic() - written > SAVE_EVERY:
                 arrays = checkpoint.state_of(self.network, self._optimiser)
                 checkpoint.save(self._saved, Checkpoint(self._identity, step + 1, arrays))
                 written = time.monotonic()
@@ -148,13 +152,14 @@ def _epochs(windows: Windows, recipe: Recipe, seed: int) -> list[int]:
 
 
 def _batch(
-    windows: Windows, which: NDArray[np.intp], *, noise: float, seed: tuple[int, int]
+    windows: Windows, which: NDArray[np.intp], *, noise: float, seed: tuple[int, int], crew: Crew
 ) -> tuple[torch.Tensor, torch.Tensor]:
+    """Give the features of this process's part of a batch, and the labels of all of it."""
     samples = windows.take(which)
     rng = np.random.Generator(np.random.SFC64(seed))
     samples += noise * rng.standard_normal(samples.shape, np.float32)
     labels = windows.labels[which].astype(np.int64)
-    return torch.from_numpy(magnitudes(samples)), torch.from_numpy(labels)
+    return torch.from_numpy(magnitudes(samples[crew.part(len(which))])), torch.from_numpy(labels)
 
 
 def _learn(
@@ -164,15 +169,19 @@ def _learn(
     labels: torch.Tensor,
     *,
     recipe: Recipe,
+    crew: Crew,
 ) -> float:
     optimiser.zero_grad(set_to_none=True)
     with torch.autocast("cpu", torch.bfloat16, enabled=recipe.precision == "bfloat16"):
         log_probabilities = network(features)
     weight = torch.tensor(recipe.class_weights)
-    loss = nn.functional.nll_loss(log_probabilities.float(), labels, weight=weight)
+    mine = labels[crew.part(len(labels))]
+    loss = nn.functional.nll_loss(log_probabilities.float(), mine, weight=weight, reduction="sum")
+    loss = loss / weight[labels].sum()
     loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
+    total = crew.add_up(network, loss)
     optimiser.step()
-    return float(loss.detach())
+    return total
 
 
 def _identity(windows: Windows, recipe: Recipe, *, seed: int, initial: Weights | None) -> str:
