@@ -43,8 +43,8 @@ export class Chart {
    * @param node where it goes
    * @param options.span     seconds shown, or what tells them
    * @param options.lines    one `line` a column after the time
-   * @param options.y        () => [low, high]
-   * @param options.splits   y values with a grid line
+   * @param options.y        (plot, lowest, highest) => [low, high]
+   * @param options.splits   () => y values with a grid line; without it, round ones
    * @param options.label    y value => text
    * @param options.times    whether times stand below
    * @param options.scale    from seconds to what stands below

@@ -119,7 +119,7 @@ const pictures = [
   }),
   history("frequencies", [FREQUENCY], {
     lines: [line("felt")],
-    y: () => [0, 200], splits: () => [0, 60, 120, 180], label: (value) => tell(value), times: true,
+    y: (plot, lowest, highest) => [0, Math.max(200, 1.1 * highest)], label: (value) => tell(value), times: true,
   }),
 ];
 
