@@ -33,6 +33,7 @@ VERBS: dict[str, str] = {
     "record": "record an object as the paper did: seven guided takes, judged at once, nothing ever lost",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
+    "adapt": "make a model better on new objects, recorded once, without losing elsewhere; measured before and after",
     "tune": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model file",
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
     "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",
