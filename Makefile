@@ -6,8 +6,9 @@ READY   = $(VENV)/.ready
 
 .PHONY: demo test lint types imports unit realtime model clean
 
+# RECORDING=finger.wav sends that in place of the simulated finger's sound.
 demo: $(READY)  ## feel a smooth and a rough stone, with no hardware: prints where picture and sound are
-	$(BIN)/python -m tactophone demo
+	$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
 
 test: lint types imports unit realtime  ## everything CI checks
 
