@@ -50,6 +50,9 @@ def main() -> None:
 
 
 def row(what: str, goal: str, measured: Measured) -> None:
+    if not len(measured.end_to_end):
+        print(f"| {what} | {goal} | nothing was felt | {measured.restarts} restarts |", flush=True)
+        return
     p50, p95, p99 = 1000 * np.percentile(measured.end_to_end, (50, 95, 99))
     note = f"{measured.clicks} clicks, {measured.missed} missed; budget within {1000 * measured.disagreement:.2f} ms"
     note += f"; {measured.restarts} restarts" if measured.restarts else ""

@@ -18,6 +18,7 @@ from tactophone.telemetry import STAGES
 FLAGS = {
     "--codec": "link.codec",
     "--packet": "link.packet_duration",
+    "--judge": "link.judge",
     "--model": "judge.model",
     "--name": "process.name",
 }
@@ -105,9 +106,10 @@ def _cells(durations: NDArray[np.float64]) -> list[str]:
 def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
     link = settings.link
     codec = link.codec if link.codec == "pcm16" else f"Opus, {1000 * link.packet_duration:g} ms"
+    sent = "belief alone" if link.judge else codec
     words = [
         f"{measured.clicks} clicks, {measured.missed} not felt; periods of {measured.period} samples "
-        f"({1000 * measured.period / SAMPLE_RATE:.2f} ms); {codec}; sealed.",
+        f"({1000 * measured.period / SAMPLE_RATE:.2f} ms); {sent}; sealed.",
         "Sum and end to end are measured with different clocks; "
         f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]

@@ -90,7 +90,9 @@ class Measured:
     end_to_end
         By samples counted.
     stages
-        By marks; for each stage of `tactophone.telemetry.STAGES`.
+        By marks; for each stage of `tactophone.telemetry.STAGES`, of the clicks whose marks were all found.
+    disagreement
+        Between the mean of those clicks end to end and the mean of their stages' sum.
     period
         Samples a period of the JACK server.
     restarts
@@ -100,6 +102,7 @@ class Measured:
     clicks: int
     end_to_end: NDArray[np.float64]
     stages: dict[str, NDArray[np.float64]]
+    disagreement: float
     period: int
     restarts: int = 0
 
@@ -107,12 +110,6 @@ class Measured:
     def missed(self) -> int:
         """Clicks that were not felt."""
         return self.clicks - len(self.end_to_end)
-
-    @property
-    def disagreement(self) -> float:
-        """Seconds between the mean end to end and the mean of the budget's sum."""
-        total = np.sum(list(self.stages.values()), axis=0)
-        return float(abs(np.mean(total) - np.mean(self.end_to_end))) if np.size(total) else float("nan")
 
 
 def measure(
@@ -203,15 +200,19 @@ class Clicker:
 
 def analyse(clicker: Clicker, marks: dict[str, NDArray[np.void]], *, period: int) -> Measured:
     """Follow each click's packet through the marks."""
-    end_to_end, rows = [], []
-    for click, onset in clicker.onsets():
-        moments = _moments(clicker, marks, click, onset)
-        if moments is not None:
-            end_to_end.append((onset - click) / RATE)
-            rows.append(np.diff(moments))
-    table = np.array(rows).reshape(-1, len(STAGES))
-    stages = {stage: table[:, index] for index, stage in enumerate(STAGES)}
-    return Measured(len(clicker.clicks), np.array(end_to_end), stages, period)
+    felt = list(clicker.onsets())
+    found = [_moments(clicker, marks, click, onset) for click, onset in felt]
+    followed = np.array(
+        [(onset - click) / RATE for (click, onset), moments in zip(felt, found, strict=True) if moments]
+    )
+    table = np.diff(np.array([moments for moments in found if moments]).reshape(-1, len(STAGES) + 1), axis=1)
+    return Measured(
+        clicks=len(clicker.clicks),
+        end_to_end=np.array([(onset - click) / RATE for click, onset in felt]),
+        stages={stage: table[:, index] for index, stage in enumerate(STAGES)},
+        disagreement=float(abs(table.sum(axis=1).mean() - followed.mean())) if len(followed) else float("nan"),
+        period=period,
+    )
 
 
 def _moments(clicker: Clicker, marks: dict[str, NDArray[np.void]], click: int, onset: int) -> list[float] | None:

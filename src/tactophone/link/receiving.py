@@ -85,7 +85,7 @@ class ReceivingEnd:
     @property
     def origin(self) -> int:
         """The timestamp on the wire of the first sample given in this session."""
-        return self._arrival.origin
+        return self._beliefs.origin if self._beliefs.begun else self._arrival.origin
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[News]:
         """Take everything that has come by now, and give what can be had of it."""
@@ -189,6 +189,16 @@ class _Beliefs:
         self._timeline = Timeline()
         self._newest = -1
         self._envelope = Envelope()
+
+    @property
+    def begun(self) -> bool:
+        """Whether any belief has come."""
+        return self._newest >= 0
+
+    @property
+    def origin(self) -> int:
+        """The timestamp on the wire from which beliefs' times are counted."""
+        return self._timeline.origin
 
     def push(self, timestamp: int, content: bytes, *, now: float) -> list[Believed]:
         samples = self._timeline.position(timestamp)

@@ -19,7 +19,7 @@ import numpy as np
 
 from tactophone.config import Settings
 from tactophone.haptics import PROFILES, Limits, Oscillator
-from tactophone.link import Heard, News, ReceivingEnd, UdpSocket
+from tactophone.link import Believed, Heard, News, ReceivingEnd, UdpSocket
 from tactophone.pipeline import Receiver
 from tactophone.runtime import budget, tuning
 from tactophone.runtime.budget import Neighbour
@@ -201,16 +201,22 @@ class Operator:
                 looked_at, self._counters, self._gauges = now, dict(self._end.counters), dict(self._end.gauges)
 
     def _take(self, news: News, *, received: float) -> None:
-        if isinstance(news, Heard):
-            end = self._position(news.block.end)
-            self._telemetry.mark(_RECEIVED, end, now=received - news.waited)
-            self._telemetry.mark(_RELEASED, end, now=received)
-            self._telemetry.mark(_DECODED, end, now=time.monotonic())
-            self._match_channels(news.block.channels)
+        match news:
+            case Heard(block, _, waited):
+                self._note_arrival(block.end, received - waited, received)
+                self._match_channels(block.channels)
+            case Believed(prediction):
+                self._note_arrival(round(prediction.end * SAMPLE_RATE), received, received)
         tick = self._receiver.take(news)
         if tick is not None:
             self._feel(tick)
         self._heard_at = received
+
+    def _note_arrival(self, end: int, received: float, released: float) -> None:
+        position = self._position(end)
+        self._telemetry.mark(_RECEIVED, position, now=received)
+        self._telemetry.mark(_RELEASED, position, now=released)
+        self._telemetry.mark(_DECODED, position, now=time.monotonic())
 
     def _position(self, samples: int) -> int:
         """Turn samples since the stream began into the timestamp on the wire."""

@@ -20,7 +20,15 @@ from tactophone.pipeline import Sender
 from tactophone.runtime import budget, tuning
 from tactophone.runtime.pacing import paced
 from tactophone.runtime.supervisor import Birth
-from tactophone.runtime.wiring import OpenSource, open_device, open_sending_end, open_walk_for, open_watch, post
+from tactophone.runtime.wiring import (
+    SAMPLE_RATE,
+    OpenSource,
+    open_device,
+    open_sending_end,
+    open_walk_for,
+    open_watch,
+    post,
+)
 from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
 from tactophone.types import AudioBlock
 
@@ -179,9 +187,11 @@ class Robot:
             post(self._end, self._socket)
             origin = self._end.origin
         now = time.monotonic()
-        if origin is not None:
-            self._telemetry.mark(_CAPTURED, (origin + block.end) % (1 << 32), now=captured)
-            self._telemetry.mark(_SENT, (origin + block.end) % (1 << 32), now=now)
+        # A belief goes by its window's end, as the operator knows no other time of it.
+        end = round(tick.predictions[-1].end * SAMPLE_RATE) if tick.predictions else block.end
+        if origin is not None and (tick.predictions or self._sender.judge is None):
+            self._telemetry.mark(_CAPTURED, (origin + end) % (1 << 32), now=captured)
+            self._telemetry.mark(_SENT, (origin + end) % (1 << 32), now=now)
         truth = self._source.truth_now() if isinstance(self._source, KnowsTruth) else -1
         self._telemetry.publish(tick, now=now, truth=truth)
         if self._watch:

@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactophone.haptics import Limits, Oscillator
+from tactophone.link import Codec
+from tactophone.pipeline import Receiver, open_walk
+from tactophone.runtime.desk import Desk
+from tactophone.runtime.guard import Guard
+from tactophone.simulation.line import paired_ends
+from tactophone.telemetry import Request
+from tactophone.types import HapticCommand
+
+from ..models import write_tiny_model
+
+
+@pytest.fixture
+def oscillator() -> Oscillator:
+    return Oscillator(Limits(ceiling=0.5))
+
+
+@pytest.fixture
+def receiver(tmp_path: Path) -> Receiver:
+    _, end = paired_ends(Codec())
+    return Receiver(end, open_walk(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000, channels=2))
+
+
+@pytest.fixture
+def desk(oscillator: Oscillator, receiver: Receiver) -> Desk:
+    return Desk(Guard(ceiling=0.5), oscillator, receiver)
+
+
+def peak(oscillator: Oscillator) -> float:
+    """What is felt a tenth of a second after a command for all there is."""
+    out = np.empty(1200, np.float32)
+    for _ in range(4):
+        oscillator.submit(HapticCommand(1.0, 60.0, 0.0))
+        oscillator.render(out)
+    return float(np.abs(out).max())
+
+
+def test_the_ceiling_reaches_the_oscillator(desk: Desk, oscillator: Oscillator) -> None:
+    assert 0.4 < peak(oscillator) <= 0.5
+    assert desk.obey([Request("ceiling", 0.1)]) == []
+    assert 0.0 < peak(oscillator) <= np.float32(0.1)
+
+
+def test_stopping_and_arming_reach_the_oscillator(desk: Desk, oscillator: Oscillator) -> None:
+    desk.stop()
+    assert peak(oscillator) == 0.0
+    desk.obey([Request("arm")])
+    assert peak(oscillator) > 0.4
+
+
+def test_who_begins_muted_vibrates_from_arming_on(oscillator: Oscillator, receiver: Receiver) -> None:
+    desk = Desk(Guard(ceiling=0.5, muted_because="for a test"), oscillator, receiver)
+    assert peak(oscillator) == 0.0
+    desk.obey([Request("arm")])
+    assert peak(oscillator) > 0.4
+
+
+def test_threshold_and_profile_reach_the_walk_or_are_refused(desk: Desk, receiver: Receiver) -> None:
+    assert desk.obey([Request("threshold_dbfs", -12.0), Request("profile", text="paper")]) == []
+    assert receiver.walk.judge.threshold_dbfs == -12.0
+    assert desk.obey([Request("threshold_dbfs", 3.0), Request("profile", text="telephone")]) == [
+        "threshold_dbfs",
+        "profile",
+    ]
+    assert desk.obey([Request("threshold_dbfs", float("nan"))]) == ["threshold_dbfs"]
+    assert receiver.walk.judge.threshold_dbfs == -12.0
