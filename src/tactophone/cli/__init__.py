@@ -36,6 +36,7 @@ VERBS: dict[str, str] = {
     "adapt": "make a model better on new objects, recorded once, without losing elsewhere; measured before and after",
     "tune": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model file",
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
+    "sweep": "cross-validate a recipe under every combination of settings, on cores or a Ray cluster",
     "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly told files",
 }

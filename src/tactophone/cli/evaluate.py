@@ -10,7 +10,7 @@ from rich.table import Table
 
 from tactophone.cli import terminal
 from tactophone.cli.choosing import add_choice, choose
-from tactophone.cli.train import add_recipe, course_of, ear_of
+from tactophone.cli.train import add_recipe, method_of
 from tactophone.dataset import Dataset, Fold, split
 from tactophone.dataset.splits import NAMES
 from tactophone.errors import ConfigError
@@ -88,7 +88,8 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
-    method, channels = _method(args)
+    method = method_of(args)
+    channels = args.channels if args.recipe != "paper" else 1 if args.variant == "one-channel" else 2
     from tactophone.evaluation.methods import LevelMethod
 
     cache = None if args.no_cache else default_cache()
@@ -101,20 +102,6 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Rep
         judged = _judge_folds(method, split(shuffled, args.split), cache)
         reports[f"shuffled {seed + 1}"] = _report(judged)
     return reports
-
-
-def _method(args: argparse.Namespace) -> tuple[Method, int]:
-    """Make the method of a recipe; gives also how many channels it hears."""
-    if args.recipe != "paper":
-        ear = ear_of(args)
-        from tactophone.evaluation.ways import WayMethod
-
-        return WayMethod(args.recipe, ear), ear.channels
-    course = course_of(args)
-    # torch has been prepared: the methods may now import it.
-    from tactophone.evaluation.methods import PaperMethod
-
-    return PaperMethod(course), course.recipe.channels
 
 
 def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[Judgement]:

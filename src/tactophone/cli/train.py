@@ -14,6 +14,7 @@ from tactophone.errors import ConfigError
 from tactophone.training.recipes import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
 
 if TYPE_CHECKING:
+    from tactophone.evaluation.crossvalidation import Method
     from tactophone.link import Codec
     from tactophone.perception import Gate
     from tactophone.training.making import Course
@@ -122,6 +123,28 @@ def ear_of(args: argparse.Namespace) -> "Ear":
     from tactophone.training.ways import WAYS
 
     return Ear(WAYS[args.recipe].kind, args.channels, _codec(args.opus, args.channels))
+
+
+def method_of(args: argparse.Namespace) -> "Method":
+    """Turn the options into a method that can be cross-validated.
+
+    Raises
+    ------
+    ConfigError
+        If an option is out of range, or torch is not installed.
+    """
+    if args.recipe not in RECIPES:
+        raise ConfigError(f"--recipe {args.recipe}: one of {', '.join(RECIPES)}")
+    if args.recipe != "paper":
+        ear = ear_of(args)
+        from tactophone.evaluation.ways import WayMethod
+
+        return WayMethod(args.recipe, ear)
+    course = course_of(args)
+    # torch has been prepared: the methods may now import it.
+    from tactophone.evaluation.methods import PaperMethod
+
+    return PaperMethod(course)
 
 
 def _codec(bitrate_kbps: int | None, channels: int) -> "Codec | None":

@@ -1,0 +1,61 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+from tactophone.dataset import write_metadata
+from tests.surfaces import surfaces
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> str:
+    folder = tmp_path / "scrapes"
+    folder.mkdir()
+    write_metadata(folder, surfaces(folder).recordings)
+    return str(folder)
+
+
+def test_prints_a_table_and_writes_json_and_a_page(
+    data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = [
+        "benchmark", "--data", data, "--methods", "level,ours", "--splits", "2-fold", "--workers", "1",
+        "--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache"),
+    ]  # fmt: skip
+    assert main(told) == 0
+    table = capsys.readouterr().out
+    assert "scrapes, 2-fold" in table
+    assert "ours" in table
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert [one["method"] for one in results["results"]] == ["level", "ours"]
+    assert set(results["costs"]["scrapes"]) == {"level", "ours"}
+    assert (tmp_path / "out" / "report.html").read_text().startswith("<!doctype html>")
+
+
+def test_what_cannot_be_is_said_in_a_line(data: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["benchmark", "--data", data, "--methods", "guesswork"]) == 1
+    assert main(["benchmark", "--data", data, "--workers", "0"]) == 1
+    assert main(["benchmark", "--data", data, "--table1"]) == 1
+    told = capsys.readouterr().err
+    assert "no method guesswork" in told
+    assert "1 or more" in told
+    assert "--authors-layout" in told
+
+
+def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told = [
+        "sweep", data, "--vary", "recipe=level,logistic", "--vary", "channels=1,2", "--split", "2-fold",
+        "--workers", "1", "--cache", str(tmp_path / "cache"), "--json",
+    ]  # fmt: skip
+    assert main(told) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == 4
+    assert [row["score"] for row in rows] == sorted((row["score"] for row in rows), reverse=True)
+    assert rows[0]["settings"].startswith("recipe logistic")
+
+
+@pytest.mark.parametrize("wish", ["recipe", "colour=red", "hop=many", "recipe=guesswork"])
+def test_a_wish_that_means_nothing_is_refused(wish: str, data: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sweep", data, "--vary", wish]) == 1
+    assert wish.rsplit("=", maxsplit=1)[-1] in capsys.readouterr().err

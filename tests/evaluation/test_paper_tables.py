@@ -1,0 +1,54 @@
+from pathlib import Path
+
+import pytest
+import soundfile
+
+from tactophone.dataset import Dataset, open_dataset
+from tactophone.errors import DatasetError
+from tactophone.evaluation.crossvalidation import Cache
+from tactophone.evaluation.paper_tables import PAPER_ONE, SHARES, TWO_COLUMNS, table_one, table_two
+from tests.surfaces import scrape, surfaces
+
+RATE = 16_000
+
+
+def authors(root: Path) -> Dataset:
+    """The authors' layout: four objects to train on, two to test, and a day's two runs."""
+    places = [("opus/stereo/00_wiggle", 1), ("opus/stereo/01_wiggle", 1), ("opus/stereo/02_wiggle", 0),
+              ("opus/stereo/03_wiggle", 0), ("opus/stereo/20_wiggle", 1), ("opus/stereo/21_wiggle", 0),
+              ("finals_recordings/day_1_rough", 1), ("finals_recordings/day_1_smooth", 0)]  # fmt: skip
+    for seed, (place, rough) in enumerate(places):
+        path = root / f"{place}.wav"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The layout has no segments: all of a file is contact.
+        sound = scrape(rough=bool(rough), seed=seed)[round(0.3 * RATE) : RATE]
+        soundfile.write(path, sound, RATE)
+    return open_dataset(root)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    return authors(tmp_path_factory.mktemp("authors"))
+
+
+def test_table_one_stands_beside_the_papers_own(dataset: Dataset) -> None:
+    lines = {line.name: line.values for line in table_one(dataset, ["ours"], Cache(dataset.root / "cache"))}
+    assert list(lines) == ["paper's own, competition", "ours, competition", "paper's own, test", "ours, test"]
+    assert lines["paper's own, test"]["rough_as_rough"] == "0.240"
+    shares = [float(lines["ours, test"][name]) for name in SHARES]
+    assert sum(shares) == pytest.approx(1, abs=0.005)
+    assert sum(PAPER_ONE["test"]) == pytest.approx(1, abs=0.005)
+
+
+def test_table_two_tells_each_class_and_day(dataset: Dataset) -> None:
+    lines = {line.name: line.values for line in table_two(dataset, ["ours"], Cache(dataset.root / "cache"))}
+    assert tuple(lines["ours"]) == TWO_COLUMNS
+    assert lines["ours"]["rough day 2"] == "-"
+    assert float(lines["ours"]["rough day 1"]) > 0.8
+    assert float(lines["ours"]["test smooth"]) > 0.8
+    assert lines["paper's own, fine-tuned"]["test smooth"] == "0.999"
+
+
+def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="authors' layout"):
+        table_one(surfaces(tmp_path), ["ours"], Cache(tmp_path / "cache"))
