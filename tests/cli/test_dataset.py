@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tests.dataset.folders import audiofolder
+from tests.dataset.folders import audiofolder, authors
 
 
 def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -34,3 +34,19 @@ def test_show_prints_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_no_dataset_is_one_line_and_exit_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dataset", "check", str(tmp_path)]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_split_is_shown_written_and_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    audiofolder(tmp_path)
+    assert main(["dataset", "split", str(tmp_path), "--by", "2-fold", "--write", "--json"]) == 0
+    assert [row["fold"] for row in json.loads(capsys.readouterr().out)] == ["fold 1", "fold 2"]
+    assert main(["dataset", "check", str(tmp_path)]) == 0
+    assert main(["dataset", "split", str(tmp_path), "--by", "given"]) == 0
+    assert main(["dataset", "split", str(tmp_path), "--by", "2-fold", "--fold", "3", "--write"]) == 1
+
+
+def test_a_layout_is_imported_and_has_a_card(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["dataset", "import", str(authors(tmp_path / "theirs")), str(tmp_path / "ours")]) == 0
+    assert capsys.readouterr().out.startswith("7 recordings in")
+    assert main(["dataset", "card", str(tmp_path / "ours")]) == 0
+    assert capsys.readouterr().out.strip() == str(tmp_path / "ours" / "README.md")

@@ -24,7 +24,7 @@ from tactophone.link import (
 )
 from tactophone.link.codec import NARROW_BAND
 from tactophone.link.identity import DEFAULT_FOLDER
-from tactophone.perception import AnyJudge, GuardedJudge, default_model, guard, open_judge
+from tactophone.perception import AnyJudge, GuardedJudge, default_model, guard, model_path, open_judge, read_model
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.faults import FaultWatch
 from tactophone.perception.guarded import WORDS
@@ -79,7 +79,8 @@ def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, reference=reference) if wanted.watch else plain
     if not math.isnan(wanted.threshold_dbfs):
         judge.threshold_dbfs = wanted.threshold_dbfs
-    elif calibration:
+    elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
+        # The calibrated level is an RMS; a gate that listens to a band alone has learnt its own threshold.
         judge.threshold_dbfs = calibration.threshold_dbfs
     return Walk(judge, open_profile(feel.profile), Limits(ceiling=feel.ceiling))
 
