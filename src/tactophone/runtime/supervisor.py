@@ -21,7 +21,7 @@ from typing import Self, TypeAlias
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
 from tactophone.runtime import tuning
-from tactophone.runtime.watchdog import LOOK_EVERY, Patience, Watchdog
+from tactophone.runtime.watchdog import LOOK_EVERY, PATIENCE, Patience, Watchdog
 from tactophone.telemetry import Watcher
 
 RESTART_DELAY = 0.5
@@ -153,7 +153,7 @@ class Supervisor:
         if process is None:
             return False
         watcher = self._watcher()
-        watchdog = Watchdog(Patience(vibrating=self._settings.process.stall_timeout))
+        watchdog = Watchdog(_patience(self._settings))
         while not self._ended.wait(LOOK_EVERY):
             if not process.is_alive():
                 return process.exitcode != 0
@@ -190,3 +190,10 @@ def _run(main: Main, settings: Settings, birth: Birth, words: Connection) -> Non
     except TactophoneError as error:
         words.send(str(error))
         raise SystemExit(1) from None
+
+
+def _patience(settings: Settings) -> Patience:
+    """Be in haste only where there is a finger: a file that stalls buzzes nobody, and a busy machine may be late."""
+    if settings.output.actuator in ("file", "none"):
+        return Patience(vibrating=PATIENCE)
+    return Patience(vibrating=settings.process.stall_timeout)
