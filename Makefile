@@ -37,16 +37,20 @@ unit: $(READY)
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime tests
 
-# Makes the two models inside the package anew, from simulated sound alone: docs/training.md. About 5 minutes.
+# Makes the models inside the package anew, from simulated sound alone: docs/training.md. About 12 minutes.
 STONES = build/stones
 MODELS = src/tactophone/perception/models
 TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96 --precision bfloat16
+WAYS   = ours level rules median-frequency surface scalogram-cnn logistic boosting
 SCORE  = $(BIN)/python -m tactophone evaluate
 model: $(READY)
 	$(BIN)/python -m tactophone simulate dataset $(STONES) --seconds 10
 	$(TRAIN) --out $(MODELS)/paper.onnx
 	$(TRAIN) --out $(MODELS)/paper-mono.onnx --variant one-channel
-	for model in paper paper-mono; do \
+	for way in $(WAYS); do \
+	  $(BIN)/python -m tactophone train $(STONES) --where split=train --recipe $$way --out $(MODELS)/$$way.onnx; \
+	done
+	for model in paper paper-mono ours; do \
 	  $(SCORE) $$model --data $(STONES) --where split=test --note "simulated, held out"; \
 	done
 	test ! -d "$(TACTOPHONE_RECORDINGS)" || $(SCORE) paper-mono --data $(TACTOPHONE_RECORDINGS)/lmt --where tier=core \

@@ -119,10 +119,10 @@ def course_of(args: argparse.Namespace) -> "Course":
 def ear_of(args: argparse.Namespace) -> "Ear":
     """Turn the options into how a recipe other than the paper's hears; its kind is the recipe's own."""
     prepare_torch()
-    from tactophone.training.touches import Ear
+    from tactophone.training.touches import RATE, Ear
     from tactophone.training.ways import WAYS
 
-    return Ear(WAYS[args.recipe].kind, args.channels, _codec(args.opus, args.channels))
+    return Ear(WAYS[args.recipe].kind, args.channels, _codec(args.opus, args.channels, bandwidth=RATE / 2))
 
 
 def method_of(args: argparse.Namespace) -> "Method":
@@ -147,14 +147,15 @@ def method_of(args: argparse.Namespace) -> "Method":
     return PaperMethod(course)
 
 
-def _codec(bitrate_kbps: int | None, channels: int) -> "Codec | None":
+def _codec(bitrate_kbps: int | None, channels: int, *, bandwidth: float = 0) -> "Codec | None":
     from tactophone.link import Codec
 
     if bitrate_kbps is None:
         return None
     if not 16 <= bitrate_kbps <= 512:
         raise ConfigError(f"--opus {bitrate_kbps}: from 16 to 512 kbit/s")
-    return Codec("opus", channels=channels, packet_size=480, bitrate_bps=1000 * bitrate_kbps)
+    wanted = {"bandwidth": bandwidth} if bandwidth else {}
+    return Codec("opus", channels=channels, packet_size=480, bitrate_bps=1000 * bitrate_kbps, **wanted)
 
 
 def _train_way(args: argparse.Namespace) -> int:

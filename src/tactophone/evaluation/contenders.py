@@ -30,8 +30,8 @@ CONTROL = "control: only over 8 kHz"
 CONTROL_RATE = 40_000
 """Hz; under it there is nothing over 8 kHz to be distrusted."""
 
-HOP, STEPS, BATCH_SIZE = 64, 600, 500
-"""Of the paper's training: half a million windows a fold, where its score is flat (docs/training.md)."""
+HOP, STEPS, BATCH_SIZE = 21, 600, 500
+"""Of the paper's training: least batches, where its score is flat, and the settings of docs/scores.md."""
 
 PAPER_LATENCY, WAY_LATENCY = 3.04e-3, 0.38e-3
 """Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, collect, rough_score
-from tactophone.perception import Model, detector_for
+from tactophone.perception import FORGIVING, Model, detector_for
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
 
 READ_SIZE = 1 << 16
@@ -61,8 +61,14 @@ def judge_with(opened: Callable[[int], Detector], *, channels: int) -> Judge:
 
 
 def judge_of(model: Model) -> Judge:
-    """Make a judge of a model, run as the live system runs it."""
-    return judge_with(lambda rate: detector_for(model, sample_rate=rate), channels=model.card.channels)
+    """Make a judge of a model, run as the live system runs it: some do without the air channel where there is none."""
+
+    def judge(recording: Recording) -> Judgement:
+        lacks = model.card.kind in FORGIVING and len(recording.channels) == 1
+        channels = 1 if lacks else model.card.channels
+        return judge_with(lambda rate: detector_for(model, sample_rate=rate), channels=channels)(recording)
+
+    return judge
 
 
 def _predict(opened: Callable[[int], Detector], recording: Recording, channels: int) -> list[Prediction]:

@@ -47,7 +47,12 @@ def ways_to_feel() -> tuple[str, ...]:
 
 
 def play_task(
-    names: Sequence[str] = (), *, rounds: int = 1000, seed: int = 0, report: Callable[[str], None] = lambda name: None
+    names: Sequence[str] = (),
+    *,
+    rounds: int = 1000,
+    visits: int = VISITS,
+    seed: int = 0,
+    report: Callable[[str], None] = lambda name: None,
 ) -> list[Outcome]:
     """Let the operator play rounds through each method.
 
@@ -60,11 +65,11 @@ def play_task(
     if unknown := [name for name in names if name not in allowed]:
         raise ConfigError(f"cannot feel through {', '.join(unknown)}; there are {', '.join(allowed)}")
     report("rendering visits")
-    visits = render_visits(visits=VISITS, seed=seed)
+    heard = render_visits(visits=visits, seed=seed)
     outcomes = []
     for name in names or allowed:
         report(name)
-        played = play(make_bank(visits, felt_through(name)), rounds=rounds, seed=seed)
+        played = play(make_bank(heard, felt_through(name)), rounds=rounds, seed=seed)
         outcomes.append(
             _outcome(
                 name,

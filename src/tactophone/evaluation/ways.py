@@ -44,12 +44,22 @@ def way_method(name: str, *, channels: int) -> WayMethod:
     return WayMethod(name, Ear(WAYS[name].kind, channels))
 
 
-def judge_by(graph: bytes, lesson: Lesson) -> Judge:
-    """Make a judge of a graph; it answers for every window of a recording at once."""
+def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None) -> Judge:
+    """Make a judge of a graph, which answers for every window of a recording at once.
+
+    Parameters
+    ----------
+    graph
+        As a model file holds it.
+    lesson
+        What it was learnt from.
+    ear
+        How it hears; as it did while learning, if not given.
+    """
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
 
     def judge(recording: Recording) -> Judgement:
-        (track,) = listen([recording], lesson.ear)
+        (track,) = listen([recording], ear or lesson.ear)
         (answer,) = session.run([LOG_PROBABILITIES], {FEATURES: lesson.features(track)})
         contact = track.level_dbfs >= lesson.threshold_dbfs
         return Judgement(recording, track.end, np.exp(answer, dtype=np.float32), contact)

@@ -3,6 +3,7 @@
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
+from tactophone.perception.extractors import FORGIVING
 from tactophone.perception.guarded import AnyJudge, GuardedJudge, guard
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Gate, Model, ModelCard, read_model
@@ -17,6 +18,7 @@ from tactophone.perception.shipped import (
 )
 
 __all__ = [
+    "FORGIVING",
     "KINDS",
     "AnyJudge",
     "Contact",

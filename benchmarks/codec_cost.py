@@ -1,0 +1,51 @@
+"""What the link's codec costs our own detector, by bandwidth and bitrate; prints docs/benchmark.md's table.
+
+python benchmarks/codec_cost.py DIR    (DIR: tactophone simulate dataset DIR --seconds 5 --takes long_medium,wiggle)
+"""
+
+import argparse
+from pathlib import Path
+
+from tactophone.dataset import Fold, open_dataset, split
+from tactophone.evaluation.benchmark import scored
+from tactophone.evaluation.judging import Judgement, scores_of
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.ways import judge_by
+from tactophone.link import Codec
+from tactophone.training.lesson import prepare
+from tactophone.training.touches import Ear
+from tactophone.training.ways import WAYS
+
+CODECS = (
+    None,
+    *(Codec("opus", packet_size=480, bandwidth=band, bitrate_bps=rate) for band, rate in (
+        (4000, 64_000), (4000, 96_000), (8000, 64_000), (8000, 96_000), (8000, 128_000), (20_000, 128_000),
+    )),
+)  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    folds = split(open_dataset(parser.parse_args().folder), "5-fold")
+    print("| codec | band | learnt through it: BA | AUC | rec1 | learnt without: BA | AUC | rec1 |")
+    print("|---|---|--:|--:|--:|--:|--:|--:|")
+    for codec in CODECS:
+        name = f"Opus, {codec.bitrate_bps // 1000} kbit/s" if codec else "PCM, 1.5 Mbit/s"
+        band = f"{codec.bandwidth / 1000:g} kHz" if codec else "all"
+        cells = [cell for learnt in (codec, None) for cell in _scores(folds, learnt=learnt, heard=codec)]
+        print(f"| {name} | {band} | {' | '.join(cells)} |", flush=True)
+
+
+def _scores(folds: tuple[Fold, ...], *, learnt: Codec | None, heard: Codec | None) -> list[str]:
+    judged: list[Judgement] = []
+    for fold in folds:
+        lesson = prepare(Ear(codec=learnt), fold.train)
+        judge = judge_by(WAYS["ours"].build(lesson).SerializeToString(), lesson, ear=Ear(codec=heard))
+        judged += map(judge, fold.test)
+    found = measure(scores_of(map(scored, judged), "two-class"))
+    return [f"{found[name]:.3f}" for name in ("balanced_accuracy", "auc", "recall_at_1")]
+
+
+if __name__ == "__main__":
+    main()
