@@ -30,8 +30,9 @@ types: $(READY)
 imports: $(READY)
 	$(BIN)/lint-imports
 
+# Two workers on two cores: libraries that start a thread a core themselves would only get in each other's way.
 unit: $(READY)
-	$(BIN)/python -m pytest -n 2 -m 'not realtime'
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m 'not realtime'
 
 # Real servers and processes, one after another: they would disturb each other's timing.
 realtime: $(READY)
