@@ -16,7 +16,7 @@ SECONDS = 6.0
 
 
 def plan(root: Path, takes: int = 2) -> Plan:
-    return Plan(root, Reference(threshold_dbfs=-37.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
+    return Plan(root, Reference(threshold_dbfs=-42.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
 
 
 def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = "") -> Recorder:
