@@ -12,6 +12,9 @@ from tactophone.training.export import make_card, read_weights, write_model
 from tactophone.training.networks import PaperNetwork, weights_of
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
+from tests.perception.test_calibration import CALIBRATION
+
+QUIET = replace(CALIBRATION, threshold_dbfs=-55.0, window_dbfs=-60.0)
 
 
 def recordings(surfaces: int, takes: int) -> Dataset:
@@ -54,7 +57,7 @@ def test_training_on_both_gives_networks_between_the_old_and_the_new(tmp_path: P
     start = model(tmp_path)
     made = open_dataset(audiofolder(tmp_path / "stones")).recordings
     material = Material(made[:4], made[4:6], made[4:], made[:2], made[:2])
-    course = course_for(start, "blend", label_dbfs=-60.0)
+    course = course_for(start, "blend", calibration=QUIET)
     course = replace(course, recipe=replace(course.recipe, least_steps=2, hop=64))
     trained = train_on_both(course, material)
     mixed = dict(mixtures(start, trained, "blend"))
@@ -62,15 +65,16 @@ def test_training_on_both_gives_networks_between_the_old_and_the_new(tmp_path: P
     before = read_weights(start)
     middle = (before["layer1.weight"] + trained["layer1.weight"]) / 2
     np.testing.assert_allclose(mixed[0.5]["layer1.weight"], middle, atol=1e-6)
-    write_adapted(tmp_path / "a.onnx", start, mixed[0.5], facts={"way": "blend"})
+    write_adapted(tmp_path / "a.onnx", course, mixed[0.5], facts={"way": "blend"})
     card = read_model(tmp_path / "a.onnx").card
     assert card.training["dataset"] == "stones"
     assert card.training["adapted"] == {"from": "general", "way": "blend"}
+    assert card.gate == Gate(QUIET.threshold_dbfs)
 
 
 def test_the_papers_way_has_its_threshold_and_mixes_nothing(tmp_path: Path) -> None:
     start = model(tmp_path)
-    course = course_for(start, "fine-tuned", label_dbfs=-60.0)
+    course = course_for(start, "fine-tuned", calibration=QUIET)
     assert course.recipe.labelling.relative
     trained = read_weights(start)
     assert [share for share, _ in mixtures(start, trained, "fine-tuned")] == [1.0]

@@ -11,6 +11,7 @@ from tactophone.cli import terminal
 from tactophone.cli.choosing import add_choice, choose
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
+from tactophone.perception.calibration import Calibration
 from tactophone.training.recipes import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
 
 if TYPE_CHECKING:
@@ -43,6 +44,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from", type=Path, dest="start", metavar="MODEL", help="go on from this model's parameters, not random ones"
     )
+    parser.add_argument(
+        "--calibration", type=Path, metavar="FILE",
+        help="what `tactophone calibrate` wrote: where contact begins, for labels and for the model's gate; for the "
+        "recipe paper, in place of --gate",
+    )  # fmt: skip
     parser.add_argument(
         "--restart", action="store_true", help="begin anew even if a killed run of this very training could go on"
     )
@@ -111,9 +117,22 @@ def course_of(args: argparse.Namespace) -> "Course":
     prepare_torch()
     from tactophone.training.making import Course
 
-    recipe = _recipe(args)
+    recipe, gate = _recipe(args), _gate(args.gate)
+    if calibrated := getattr(args, "calibration", None):
+        recipe, gate = _calibrated(recipe, Calibration.read(calibrated))
     codec = _codec(args.opus, recipe.channels)
-    return Course(recipe, args.seed, codec, getattr(args, "start", None), _gate(args.gate))
+    return Course(recipe, args.seed, codec, getattr(args, "start", None), gate)
+
+
+def _calibrated(recipe: Recipe, calibration: Calibration) -> "tuple[Recipe, Gate]":
+    """Take windows for contact from the calibrated level, unless the recipe's is relative; and gate there."""
+    from tactophone.perception import Gate
+
+    gate = Gate(calibration.threshold_dbfs)
+    if recipe.labelling.relative:
+        return recipe, gate
+    labelling = replace(recipe.labelling, loudness="rms", threshold=10 ** (calibration.window_dbfs / 20))
+    return replace(recipe, labelling=labelling), gate
 
 
 def ear_of(args: argparse.Namespace) -> "Ear":

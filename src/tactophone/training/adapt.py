@@ -16,7 +16,8 @@ import numpy as np
 
 from tactophone.dataset import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
-from tactophone.perception import ModelCard, read_model
+from tactophone.perception import Gate, ModelCard, read_model
+from tactophone.perception.calibration import Calibration
 from tactophone.training.export import read_weights, write_model
 from tactophone.training.making import Course, find_windows, learn
 from tactophone.training.recipes import Recipe, paper
@@ -87,7 +88,7 @@ def thinned(recordings: Sequence[Recording], most: int) -> tuple[Recording, ...]
     return tuple(ordered[place] for place in np.unique(places))
 
 
-def course_for(start: Path, way: Way, *, seed: int = 0, label_dbfs: float | None = None) -> Course:
+def course_for(start: Path, way: Way, *, seed: int = 0, calibration: Calibration | None = None) -> Course:
     """Describe the training that an adaptation does.
 
     Parameters
@@ -96,8 +97,9 @@ def course_for(start: Path, way: Way, *, seed: int = 0, label_dbfs: float | None
         A model file of kind ``paper``.
     way
         ``blend``, or the paper's own ``fine-tuned``.
-    label_dbfs
-        RMS level of a window from which it is taken for contact; the recipe's own if not given.
+    calibration
+        Of the set-up that the new objects were recorded with: where contact begins, for the labels and for the model's
+        gate; without one, the recipe and the first model say so.
 
     Raises
     ------
@@ -110,15 +112,16 @@ def course_for(start: Path, way: Way, *, seed: int = 0, label_dbfs: float | None
             f"{start}: of kind {card.kind}, but kind paper alone is adapted; train the other kinds anew on both data "
             "sets, which takes a minute"
         )
-    return Course(_recipe(card, way, label_dbfs), seed, start=start, gate=card.gate)
+    gate = Gate(calibration.threshold_dbfs) if calibration else card.gate
+    return Course(_recipe(card, way, calibration), seed, start=start, gate=gate)
 
 
-def _recipe(card: ModelCard, way: Way, label_dbfs: float | None) -> Recipe:
+def _recipe(card: ModelCard, way: Way, calibration: Calibration | None) -> Recipe:
     plain = paper("one-channel" if card.channels == 1 else "fine-tuned" if way == "fine-tuned" else "general")
     recipe = replace(plain, batch_size=BATCH, epochs=1, least_steps=STEPS, learning_rate=LEARNING_RATE)
-    if label_dbfs is None or recipe.labelling.relative:
+    if calibration is None or recipe.labelling.relative:
         return recipe
-    return replace(recipe, labelling=replace(recipe.labelling, threshold=10 ** (label_dbfs / 20)))
+    return replace(recipe, labelling=replace(recipe.labelling, threshold=10 ** (calibration.window_dbfs / 20)))
 
 
 def train_on_both(
@@ -138,8 +141,12 @@ def mixtures(start: Path, trained: dict[str, FloatArray], way: Way) -> Iterator[
         yield share, {name: (share * trained[name] + (1 - share) * before[name]).astype(np.float32) for name in trained}
 
 
-def write_adapted(path: Path, start: Path, weights: dict[str, FloatArray], *, facts: dict[str, object]) -> None:
+def write_adapted(path: Path, course: Course, weights: dict[str, FloatArray], *, facts: dict[str, object]) -> None:
     """Write the adapted model: the first one's card, with what it went through since."""
-    card = read_model(start).card
+    if course.start is None:
+        raise ValueError("an adaptation begins from a model")
+    card = read_model(course.start).card
     told = {**card.training, "adapted": {"from": card.name, **facts}}
-    write_model(path, replace(card, name=path.stem, training=told, scores={}), weights)
+    licence = "; ".join(filter(None, (card.licence, "adapted on recordings of the user's own")))
+    changed = replace(card, name=path.stem, gate=course.effective_gate, training=told, scores={}, licence=licence)
+    write_model(path, changed, weights)
