@@ -1,0 +1,39 @@
+"""Runs the tutorial's commands as they stand in docs/tutorial.md, one after another, in an empty folder."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+from tactophone.perception import read_model
+
+TUTORIAL = Path(__file__).parent.parent / "docs" / "tutorial.md"
+
+
+def commands() -> list[tuple[list[str], int]]:
+    """Each command with the exit code that the page promises, 0 unless it says otherwise."""
+    blocks = re.findall(r"```console\n(.*?)```", TUTORIAL.read_text(), flags=re.DOTALL)
+    lines = "\n".join(blocks).splitlines()
+    found = []
+    for line, following in zip(lines, [*lines[1:], ""], strict=True):
+        if line.startswith("$ tactophone "):
+            promised = re.fullmatch(r"\[exit (\d)\]", following)
+            found.append((shlex.split(line)[2:], int(promised[1]) if promised else 0))
+    return found
+
+
+# Minutes of work that would slow its neighbours: with the others that run by themselves.
+@pytest.mark.realtime
+def test_the_tutorial_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert len(commands()) > 12
+    for command, promised in commands():
+        assert main(command) == promised, command
+    assert not (tmp_path / "never.toml").exists()
+    made = ("calibration.toml", "recordings.png", "stones.onnx", "adapted.trade-off.png", "felt/wiggle.haptic.wav")
+    assert all((tmp_path / name).is_file() for name in made)
+    card = read_model(tmp_path / "adapted.onnx").card
+    assert card.training["adapted"]["new"] == ["brick", "glazed tile", "sawn plank", "whiteboard"]
+    assert "operating point" in card.scores
