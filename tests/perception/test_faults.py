@@ -70,7 +70,7 @@ def test_what_cannot_be_seen_neither_raises_nor_heals() -> None:
 
 
 def test_reset_equals_new() -> None:
-    watch = FaultWatch(RATE)
+    watch = FaultWatch(RATE, CALIBRATED)
     watch.push(block(np.zeros((RATE, 2))))
     assert watch.faults
     watch.reset()
@@ -78,9 +78,15 @@ def test_reset_equals_new() -> None:
 
 
 def test_one_channel_is_watched_for_what_one_can_have() -> None:
-    watch = FaultWatch(RATE)
+    watch = FaultWatch(RATE, CALIBRATED)
     watch.push(block(np.zeros((RATE, 1))))
     assert [fault.code for fault in watch.faults] == ["contact-dead"]
+
+
+def test_digital_silence_is_no_fault_where_nobody_knows_how_silence_sounds() -> None:
+    watch = FaultWatch(RATE)
+    watch.push(block(np.zeros((RATE, 2))))
+    assert watch.faults == ()
 
 
 def test_every_fault_says_what_to_do_and_can_be_made() -> None:

@@ -103,6 +103,8 @@ class Reference:
     contrast_db: float = 0.0
 
 
+UNCALIBRATED = Reference()
+
 SILENCE_DBFS = -90.0
 """No microphone and preamplifier is so quiet, but three steps of a 16-bit converter are."""
 
@@ -145,7 +147,7 @@ class FaultWatch:
     def __init__(self, sample_rate: int, reference: Reference | None = None) -> None:
         self.sample_rate = sample_rate
         self._signs = VitalSigns(sample_rate)
-        self._reference = reference or Reference()
+        self._reference = reference or UNCALIBRATED
         self.reset()
 
     @property
@@ -183,6 +185,9 @@ class FaultWatch:
 def signs(vitals: Vitals, reference: Reference) -> dict[SensorFault, bool | None]:
     """Look for the sign of each fault; ``None`` where it cannot be seen just now, or another fault hides it."""
     channels = range(len(vitals.level_dbfs))
+    if max(vitals.level_dbfs) < SILENCE_DBFS and reference == UNCALIBRATED:
+        # Digital silence is how files and paused sources sound, too; only a calibration knows what silence is here.
+        return dict.fromkeys(FAULTS)
     found: dict[SensorFault, bool | None] = {}
     for channel in channels:
         dead = vitals.level_dbfs[channel] < SILENCE_DBFS
