@@ -1,4 +1,4 @@
-"""What the link's codec costs our own detector, by bandwidth and bitrate; prints docs/benchmark.md's table.
+"""What the link's codec costs our own detector, by bandwidth and bitrate; prints a table.
 
 python benchmarks/codec_cost.py DIR    (DIR: tactophone simulate dataset DIR --seconds 5 --takes long_medium,wiggle)
 """
