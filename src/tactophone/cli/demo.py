@@ -23,9 +23,7 @@ from tactophone.evaluation.envelope import Envelope
 from tactophone.evaluation.figures import draw_feeling
 from tactophone.evaluation.timeline import read_timeline
 from tactophone.evaluation.witness import Witness
-
-SAMPLE_RATE = 48_000
-"""Hz of the live line, and so of all that is written."""
+from tactophone.runtime.wiring import SAMPLE_RATE
 
 PATIENCE = 20.0
 """Seconds beyond the sound's length after which a demonstration that hangs is over."""
@@ -96,7 +94,8 @@ def simulate(folder: Path, *, seed: int) -> Path:
 
 
 def _settings(args: argparse.Namespace, sound: Path) -> Settings:
-    name = flags.settings_of(args).process.name or "demo"
+    settings = flags.settings_of(args)
+    name = settings.process.name or "demo"
     fixed = [
         "capture.source=file",
         f"capture.device={sound}",
@@ -104,7 +103,7 @@ def _settings(args: argparse.Namespace, sound: Path) -> Settings:
         "output.actuator=none",
         f"process.name={name}",
     ]
-    return config.change(flags.settings_of(args), fixed)
+    return config.change(settings, fixed)
 
 
 def _write(
