@@ -43,12 +43,13 @@ realtime: $(READY)
 STONES = build/stones
 MODELS = src/tactophone/perception/models
 TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96 --precision bfloat16
-WAYS   = ours level rules median-frequency surface scalogram-cnn logistic boosting
+WAYS   = level rules median-frequency surface scalogram-cnn logistic boosting
 SCORE  = $(BIN)/python -m tactophone evaluate
 model: $(READY)
 	$(BIN)/python -m tactophone simulate dataset $(STONES) --seconds 10
 	$(TRAIN) --out $(MODELS)/paper.onnx
 	$(TRAIN) --out $(MODELS)/paper-mono.onnx --variant one-channel
+	$(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96 --recipe ours --out $(MODELS)/ours.onnx
 	for way in $(WAYS); do \
 	  $(BIN)/python -m tactophone train $(STONES) --where split=train --recipe $$way --out $(MODELS)/$$way.onnx; \
 	done

@@ -88,7 +88,8 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--opus", type=int, metavar="KBPS",
-        help="pass the sound through the link's Opus at this bitrate first, in kbit/s, 16 to 512; wants 48 kHz",
+        help="pass the sound through the link's Opus at this bitrate first, in kbit/s, 16 to 512; wants 48 kHz; other "
+        "recipes than the paper's are then trained on it as it is, and through 4 and through 8 kHz of Opus",
     )  # fmt: skip
 
 
@@ -178,15 +179,18 @@ def _codec(bitrate_kbps: int | None, channels: int, *, bandwidth: float = 0) -> 
 
 
 def _train_way(args: argparse.Namespace) -> int:
-    ear = ear_of(args)
-    from tactophone.training.touches import listen
+    prepare_torch()
+    from tactophone.training.making import licence_of
+    from tactophone.training.touches import RATE
     from tactophone.training.ways import train_way
 
     dataset = choose(args.data, args.where)
-    with terminal.progress("listening") as bar:
-        task = bar.add_task("", total=len(dataset.recordings), note="")
-        listen(dataset.recordings, ear, report=lambda done: bar.update(task, completed=done))
-    train_way(args.out, dataset, args.recipe, ear=ear)
+    codecs = [_codec(args.opus, args.channels, bandwidth=band) for band in (0.0, RATE / 2)]
+    with terminal.progress("learning") as bar:
+        bar.add_task("", total=None, note=args.recipe)
+        licence = licence_of(dataset)
+        train_way(args.out, dataset, args.recipe, channels=args.channels, through=list(filter(None, codecs)),
+                  licence=licence)  # fmt: skip
     print(args.out)
     return 0
 

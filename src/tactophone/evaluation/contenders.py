@@ -22,7 +22,6 @@ from tactophone.perception import DecisionRule, default_model, detector_for, mod
 from tactophone.training.lesson import ABSTAIN_FROM
 from tactophone.training.making import OPEN_GATE, Course
 from tactophone.training.recipes import paper
-from tactophone.training.touches import Ear
 from tactophone.training.ways import WAYS, train_way
 from tactophone.types import AudioBlock
 
@@ -86,7 +85,7 @@ def measure_costs(dataset: Dataset, names: Sequence[str]) -> dict[str, Cost]:
                 continue
             path = Path(folder) / f"{name.replace('/', '-')}.onnx"
             if name in WAYS:
-                train_way(path, few, name, ear=Ear(channels=channels))
+                train_way(path, few, name, channels=channels)
             else:
                 path = model_path(default_model(1 if name == "paper/one-channel" else channels))
             costs[name] = cost_of(path)

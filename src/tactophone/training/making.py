@@ -87,7 +87,7 @@ def learn(
 
 def write_trained(path: Path, course: Course, weights: dict[str, FloatArray], *, dataset: Dataset) -> None:
     """Write the model file, named after the file, with what it was trained on."""
-    card = make_card(weights, name=path.stem, gate=course.effective_gate, licence=_licence(dataset))
+    card = make_card(weights, name=path.stem, gate=course.effective_gate, licence=licence_of(dataset))
     if _is_simulated(dataset):
         card = replace(card, scores={"real sound": UNTESTED})
     facts = training_facts(
@@ -108,7 +108,8 @@ def _is_simulated(dataset: Dataset) -> bool:
     return all(one.known("source") == "simulated" for one in dataset.recordings)
 
 
-def _licence(dataset: Dataset) -> str:
+def licence_of(dataset: Dataset) -> str:
+    """Tell under which licences the sound is, that whoever passes the weights on may know."""
     if _is_simulated(dataset):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
     told = sorted({one.known("licence") for one in dataset.recordings} - {""})

@@ -1,6 +1,6 @@
 """Every way of telling rough from smooth that is not the paper's network, by name: what it hears, and how it learns."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -8,6 +8,7 @@ from types import MappingProxyType
 import onnx
 
 from tactophone.dataset import Dataset
+from tactophone.link import Codec
 from tactophone.perception import ModelCard
 from tactophone.training import learners
 from tactophone.training.export import write_graph
@@ -61,7 +62,9 @@ WAYS: Mapping[str, Way] = MappingProxyType(
 )
 
 
-def train_way(path: Path, dataset: Dataset, name: str, *, ear: Ear | None = None, licence: str = "") -> ModelCard:
+def train_way(
+    path: Path, dataset: Dataset, name: str, *, channels: int = 2, through: Sequence[Codec] = (), licence: str = ""
+) -> ModelCard:
     """Train one way on labelled recordings and write its model file.
 
     Parameters
@@ -72,20 +75,21 @@ def train_way(path: Path, dataset: Dataset, name: str, *, ear: Ear | None = None
         Usable recordings.
     name
         A key of :data:`WAYS`.
-    ear
-        How it hears; two channels, if not given. Its kind is the way's own.
+    channels
+        That it hears.
+    through
+        Codecs through which each recording is heard once more.
     licence
         Of the weights, and what the training sound's licences ask for.
     """
     way = WAYS[name]
-    ear = Ear(way.kind, ear.channels, ear.codec) if ear else Ear(way.kind)
-    lesson = prepare(ear, dataset.recordings)
+    lesson = prepare(Ear(way.kind, channels), dataset.recordings, through=through)
     facts = {
         "recipe": name,
         "dataset": dataset.name,
         "surfaces": len(dataset.surfaces),
         "sha256": dataset.fingerprint,
-        "codec": ear.codec.name if ear.codec else "none",
+        "through": ["nothing", *(f"{one.name}, {one.bitrate_bps} bit/s, {one.bandwidth:g} Hz" for one in through)],
     }
     card = lesson.card(name, training=facts, licence=licence)
     write_graph(path, way.build(lesson), card)
