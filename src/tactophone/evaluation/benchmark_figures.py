@@ -52,25 +52,35 @@ def draw_curves(results: Sequence[Result]) -> str:
 def draw_delays(results: Sequence[Result]) -> str:
     """Draw the time to a right decision after contact and after an edge: median to 95th percentile."""
     pyplot = load_pyplot()
-    rows = [one for one in results if np.isfinite(one.contact_ms[0]) or np.isfinite(one.edge_ms[0])][::-1]
-    figure, axes = pyplot.subplots(1, 2, sharey=True, figsize=(8.6, 1.0 + 0.32 * len(rows)), layout="constrained")
-    for axis, name, times in (
-        (axes[0], "after contact", [one.contact_ms for one in rows]),
-        (axes[1], "after an edge", [one.edge_ms for one in rows]),
-    ):
-        for place, ((middle, late, missed), one) in enumerate(zip(times, rows, strict=True)):
-            if not np.isfinite(middle):
-                continue
-            axis.plot([middle, late], [place, place], color=colour_of(one.method), linewidth=2.2, alpha=0.55)
-            axis.plot(middle, place, "o", color=colour_of(one.method), markersize=5)
-            axis.plot(late, place, "|", color=colour_of(one.method), markersize=9)
-            axis.annotate(f" never: {missed:.0%}", (late, place), fontsize=7, va="center", color="#555555")
+    kinds = {
+        "after contact": {one.method: one.contact_ms for one in results},
+        "after an edge": {one.method: one.edge_ms for one in results},
+    }
+    kinds = {name: some for name, some in kinds.items() if any(np.isfinite(middle) for middle, _, _ in some.values())}
+    rows = [one.method for one in results if any(np.isfinite(some[one.method][0]) for some in kinds.values())][::-1]
+    figure, axes = pyplot.subplots(
+        1, len(kinds), sharey=True, squeeze=False, figsize=(4.6 * len(kinds) + 1, 1.0 + 0.32 * len(rows)),
+        layout="constrained",
+    )  # fmt: skip
+    axes = axes[0]
+    for axis, (name, times) in zip(axes, kinds.items(), strict=True):
+        for place, method in enumerate(rows):
+            _draw_delay(axis, place, times[method], colour=colour_of(method))
         axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
-        axis.set_xlabel(f"ms to a right decision {name}")
-        axis.set_xlim(0, None)
-        axis.margins(x=0.18)
-    axes[0].set(yticks=range(len(rows)), yticklabels=[one.method for one in rows], ylim=(-0.6, len(rows) - 0.4))
+        axis.set(xlabel=f"ms to a right decision {name}: median, 95 %", xlim=(0, None))
+        axis.margins(x=0.2)
+    axes[0].set(yticks=range(len(rows)), yticklabels=rows, ylim=(-0.6, len(rows) - 0.4))
     return _svg(pyplot, figure)
+
+
+def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, colour: str) -> None:
+    middle, late, missed = delay
+    if not np.isfinite(middle):
+        return
+    axis.plot([middle, late], [place, place], color=colour, linewidth=2.2, alpha=0.55)
+    axis.plot(middle, place, "o", color=colour, markersize=5)
+    axis.plot(late, place, "|", color=colour, markersize=9)
+    axis.annotate(f"  never: {missed:.0%}", (late, place), fontsize=7, va="center", color="#555555")
 
 
 def draw_reliability(results: Sequence[Result]) -> str:

@@ -4,11 +4,13 @@ The paper states an RMS level; its authors' code takes the mean of the absolute 
 the second reads 2 dB lower.
 """
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.types import FloatArray
 
@@ -48,7 +50,7 @@ def banded_dbfs(samples: FloatArray) -> float:
     >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
     (True, -3.0)
     """
-    taper = np.hanning(len(samples) + 1)[:-1]
+    taper = _taper(len(samples))
     powers = np.square(np.abs(np.fft.rfft(samples * taper)))
     half = len(samples) // 2
     power = 2 * powers[half // 32 : half // 2].sum() / (np.square(taper).sum() * len(samples))
@@ -60,6 +62,11 @@ LOUDNESS: dict[LoudnessRule, Callable[[FloatArray], float]] = {
     "mean_absolute": mean_absolute_dbfs,
     "banded": banded_dbfs,
 }
+
+
+@functools.cache
+def _taper(size: int) -> NDArray[np.float64]:
+    return np.asarray(np.hanning(size + 1)[:-1])
 
 
 def _dbfs(amplitude: float) -> float:
