@@ -20,7 +20,8 @@ import psutil
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
-from tactophone.evaluation.latency import Graph, Measured, Sides, measure, running_sides
+from tactophone.evaluation.clicks import Measured
+from tactophone.evaluation.latency import Graph, Sides, measure, running_sides
 from tactophone.evaluation.silence import outlive
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")

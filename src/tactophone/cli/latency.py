@@ -10,8 +10,9 @@ from rich.table import Table
 from tactophone.cli import flags, terminal
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
+from tactophone.evaluation.clicks import Measured
 from tactophone.evaluation.decisions import LONGEST, Delays, measure_decisions
-from tactophone.evaluation.latency import Graph, Measured, measure
+from tactophone.evaluation.latency import Graph, measure
 from tactophone.runtime.wiring import SAMPLE_RATE, open_walk_for
 from tactophone.telemetry import STAGES
 

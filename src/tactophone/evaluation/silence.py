@@ -17,7 +17,8 @@ import numpy as np
 from tactophone.config import Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.evaluation.latency import PEAK, RATE, TONE, Graph, Sides, felt_port, running_sides
+from tactophone.evaluation.clicks import PEAK, RATE, TONE
+from tactophone.evaluation.latency import Graph, Sides, felt_port, running_sides
 from tactophone.types import AudioBlock, FloatArray
 
 BLOCK = 128
