@@ -81,7 +81,9 @@ class Judge:
 class Feel:
     """What turns belief into vibration, and how much of it is allowed."""
 
-    profile: str = _setting("paper", "how belief becomes vibration")
+    profile: str = _setting(
+        "paper", "how belief becomes vibration: paper, perceptual, erm, lra; or the sound itself: direct, pitch"
+    )
     ceiling: float = _setting(0.5, "no input and no page can pass this", unit="of full drive", span=(0, 1))
     output_level: float = _setting(1.0, "volume under the ceiling", unit="of the profile's", span=(0, 1))
     muted: bool = _setting(False, "start muted, until somebody arms")

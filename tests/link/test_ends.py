@@ -142,13 +142,11 @@ def test_nothing_is_sent_while_nobody_is_connected() -> None:
 
 def test_the_clocked_buffer_gives_the_sound_in_step_with_the_listener() -> None:
     call, sound = Call(), noise(3)
-    call.line.operator = call.operator = ReceivingEnd(answering(), playout_block=120)
     call.run(1.5)
-    assert call.operator.playout is not None
     played = []
     for _ in range(600):
         call.run(0.0025, sound=sound)
-        played.append(call.operator.playout.pull(now=call.now))
+        played.append(call.operator.pull(120, now=call.now))
     # The interpolator gives up the noise's highest fifth.
     assert np.concatenate(played)[RATE:].std() == pytest.approx(sound.std(), rel=0.15)
     assert 0 < call.operator.gauges["playout_delay"] < 0.03

@@ -51,12 +51,14 @@ def test_the_stages_add_up_to_the_total(name: str) -> None:
         for stage, duration in robot.items():
             telemetry.gauge(f"latency_{stage}", duration)
         stages = operators_part(watcher, watcher, device_latency=0.003)
+        relayed = operators_part(watcher, watcher, 0.003, sound_delay=0.02)
     assert robot["capture"] == pytest.approx(60 / 48_000)
     assert robot["encode"] == pytest.approx((60 + 120) / 48_000 + 0.001)
     assert stages["network"] == pytest.approx(0.002)
     assert stages["decode"] == pytest.approx(0.0005)
     assert stages["render"] == pytest.approx(0.001)
     assert stages.pop("total") == pytest.approx(math.fsum(stages.values()))
+    assert relayed["total"] == pytest.approx(sum(robot.values()) + 0.002 + 0.02 + 0.003)
 
 
 def test_a_run_without_sound_has_no_budget() -> None:

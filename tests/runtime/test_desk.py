@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.haptics import Limits, Oscillator
+from tactophone.haptics import SOUNDING, Limits, Opening, Oscillator, Relay
 from tactophone.link import Codec
 from tactophone.pipeline import Receiver, open_walk
 from tactophone.runtime.desk import Desk
@@ -69,3 +69,13 @@ def test_threshold_and_profile_reach_the_walk_or_are_refused(desk: Desk, receive
     ]
     assert desk.obey([Request("threshold_dbfs", float("nan"))]) == ["threshold_dbfs"]
     assert receiver.walk.judge.threshold_dbfs == -12.0
+
+
+def test_a_relay_of_sound_is_given_no_other_profile(receiver: Receiver) -> None:
+    receiver.walk.profile = Opening("direct")
+    relay = Relay(SOUNDING["direct"](None), lambda size: np.zeros((size, 2), np.float32))
+    desk = Desk(Guard(ceiling=0.5), relay, receiver)
+    assert desk.profiles == ("direct",)
+    assert desk.obey([Request("profile", text="erm")]) == ["profile"]
+    desk.stop()
+    assert relay.stopped

@@ -110,3 +110,19 @@ def test_a_model_that_answers_garbage_is_silence_and_a_count(tmp_path: Path, gai
     with line.both():
         assert eventually(lambda: line.felt().counters["model_faults"] > 10)
         assert line.amplitude() == 0.0
+
+
+def test_the_sound_itself_is_felt_and_stopped_like_any_vibration(tmp_path: Path) -> None:
+    line = Line(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3), "feel.profile=direct")
+    with line.both() as operator:
+        assert eventually(lambda: line.amplitude() > 0.3)
+        assert line.felt().state.profiles == ("direct",)
+        vibration = line.felt().vibration[-4800:]
+        assert np.abs(vibration).max() <= 0.5
+        assert np.abs(np.fft.rfft(vibration * np.hanning(4800))).argmax() * 10 == pytest.approx(400, abs=10)
+        line.source.touching = False
+        assert eventually(lambda: line.amplitude() == 0.0)
+        line.source.touching = True
+        assert eventually(lambda: line.amplitude() > 0.3)
+        operator.stop()
+        assert eventually(lambda: line.amplitude() == 0.0)

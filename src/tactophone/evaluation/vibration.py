@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, channel_order
 from tactophone.evaluation.judging import Judge, Judgement
 from tactophone.haptics import SOUNDING
-from tactophone.haptics.sounding import DOWN, RATE
+from tactophone.haptics.sounding import RATE, STEP_SIZE
 from tactophone.perception.resample import Resampler
 from tactophone.training.head import even_weights
 from tactophone.types import AudioBlock, FloatArray, Touch
 
 VERSION = 1
-SLOW_RATE = RATE // DOWN
+SLOW_RATE = RATE // STEP_SIZE
 SIZE, HOP = 1024, 128 / 3
 """At 4 kHz: the paper's 256 ms and 10.67 ms."""
 
@@ -67,7 +67,7 @@ class VibrationMethod:
 
 @functools.lru_cache(maxsize=1 << 13)
 def _feel(recording: Recording, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    vibration = SOUNDING[name](None).render_whole(_contact(recording))[DOWN - 1 :: DOWN]
+    vibration = SOUNDING[name](None).render_whole(_contact(recording))[STEP_SIZE - 1 :: STEP_SIZE]
     count = max(0, int((len(vibration) - SIZE) / HOP) + 1)
     starts = np.floor(np.arange(count) * HOP).astype(np.intp)
     windows = sliding_window_view(vibration, SIZE)[starts].astype(np.float64)

@@ -6,6 +6,7 @@ from tactophone.haptics.mapping import PROFILES, PaperProfile, open_profile
 from tactophone.haptics.oscillator import Oscillator
 from tactophone.haptics.playback import Playback
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
+from tactophone.haptics.relay import Opening, Relay
 from tactophone.haptics.sounding import SOUNDING, Sounding
 
 __all__ = [
@@ -15,10 +16,12 @@ __all__ = [
     "ErmProfile",
     "Limits",
     "LraProfile",
+    "Opening",
     "Oscillator",
     "PaperProfile",
     "PerceptualProfile",
     "Playback",
+    "Relay",
     "Sounding",
     "clocked_actuator",
     "discriminable_steps",

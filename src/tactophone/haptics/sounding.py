@@ -22,8 +22,8 @@ from tactophone.types import FloatArray
 RATE = 48_000
 """Hz, of sound and of vibration."""
 
-DOWN = 12
-"""To 4 kHz, four times the highest frequency of the actuator."""
+STEP_SIZE = 12
+"""Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
 
 TAPS = 97
 """Of the low-pass before: 1 ms of delay, 50 dB down from 2.3 kHz on."""
@@ -76,14 +76,14 @@ class Sounding:
 
     def __init__(self, *, shift: float = 1.0, dynamics: Dynamics | None = None, limits: Limits | None = None) -> None:
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
-        self._kernel = _low_pass(TAPS, RATE / DOWN * 0.4)
+        self._kernel = _low_pass(TAPS, RATE / STEP_SIZE * 0.4)
         self.reset()
 
     @property
     def latency(self) -> float:
         """Seconds: the low-pass, the step to the next value, and half a grain where pitch is shifted."""
         grain = GRAIN / 2 if self._shift != 1 else 0
-        return (TAPS // 2 + DOWN + grain) / RATE
+        return (TAPS // 2 + STEP_SIZE + grain) / RATE
 
     def reset(self) -> None:
         """Be silent and as new."""
@@ -99,10 +99,10 @@ class Sounding:
         sound = np.clip(sound, -1.0, 1.0)
         shifted = sound if self._shift == 1 else self._shifted(sound)
         self._waiting = np.concatenate((self._waiting, shifted))
-        count = max(0, (len(self._waiting) - TAPS + 1) // DOWN)
-        windows = sliding_window_view(self._waiting, TAPS)[: count * DOWN : DOWN]
+        count = max(0, (len(self._waiting) - TAPS + 1) // STEP_SIZE)
+        windows = sliding_window_view(self._waiting, TAPS)[: count * STEP_SIZE : STEP_SIZE]
         values = [self._chain.step(float(value)) for value in (windows * self._kernel).sum(axis=1)]
-        self._waiting = self._waiting[count * DOWN :]
+        self._waiting = self._waiting[count * STEP_SIZE :]
         return self._ramps(np.array(values))
 
     def render_whole(self, samples: FloatArray) -> FloatArray:
@@ -133,7 +133,7 @@ class Sounding:
             return np.empty(0, np.float32)
         before = np.concatenate(([self._last], values[:-1]))
         self._last = float(values[-1])
-        share = np.arange(1, DOWN + 1) / DOWN
+        share = np.arange(1, STEP_SIZE + 1) / STEP_SIZE
         return np.asarray((before[:, None] + (values - before)[:, None] * share).reshape(-1), np.float32)
 
 
@@ -141,7 +141,7 @@ class _Chain:
     """Band, expander, transients, limiter: one value in, one out, at 4 kHz."""
 
     def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
-        rate = RATE / DOWN
+        rate = RATE / STEP_SIZE
         self._low, self._high = _Pole(limits.lowest, rate), _Pole(min(limits.highest, 0.2 * rate), rate)
         self._fast, self._slow = _Pole(1 / (2 * math.pi * 2e-3), rate), _Pole(1 / (2 * math.pi * 40e-3), rate)
         self._threshold = 10 ** (dynamics.threshold_dbfs / 20)

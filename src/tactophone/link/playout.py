@@ -62,7 +62,7 @@ class Playout:
     def __init__(self, *, block_size: int, channels: int = 2) -> None:
         self.reception = Reception()
         self.pace = Pace(block_size=block_size)
-        self._block_size, self._channels = block_size, channels
+        self.block_size, self._channels = block_size, channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_MOST_QUEUED)
         self._waiting: dict[int, _Waiting] = {}
         self._timeline = Timeline()
@@ -89,16 +89,16 @@ class Playout:
         """Give the block of shape ``(block_size, channels)`` that is due at ``now``; silence where there is nothing."""
         while self._arrived:
             self._accept(*self._arrived.popleft())
-        step = self.pace.step(self._block_size, now=now)
+        step = self.pace.step(self.block_size, now=now)
         if math.isnan(self.pace.position):
-            return np.zeros((self._block_size, self._channels), np.float32)
+            return np.zeros((self.block_size, self._channels), np.float32)
         if step.jumped:
-            self._move(round(self.pace.position - self._block_size))
-        while len(self._ready) < self._block_size:
-            wanted = math.ceil((self._block_size - len(self._ready)) * step.speed) + 1
+            self._move(round(self.pace.position - self.block_size))
+        while len(self._ready) < self.block_size:
+            wanted = math.ceil((self.block_size - len(self._ready)) * step.speed) + 1
             block = self._resampler.process(self._read(wanted), 1 / step.speed)
             self._ready = np.concatenate([self._ready, block.reshape(-1, self._channels)])
-        block, self._ready = self._ready[: self._block_size], self._ready[self._block_size :]
+        block, self._ready = self._ready[: self.block_size], self._ready[self.block_size :]
         return block
 
     def _accept(self, packet: Packet, now: float) -> None:

@@ -15,7 +15,7 @@ from tactophone.link.sending import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.transit import Envelope
-from tactophone.types import Prediction
+from tactophone.types import FloatArray, Prediction
 
 DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
@@ -40,20 +40,19 @@ class ReceivingEnd:
     ----------
     reorder
         Packets that may wait for one that is missing: 0 or 1.
-    playout_block
-        Samples asked for at once of the clocked buffer, for profiles that render the sound itself; 0: there is none.
 
     Attributes
     ----------
     bandwidth
         The highest frequency in Hz that the model makes use of, for the robot to know; 0: nothing is said of it.
     playout
-        The clocked buffer of the session at hand, to pull sound from in step with the actuator; ``None`` without one.
+        The clocked buffer of the session at hand; ``None`` until somebody pulls.
     """
 
-    def __init__(self, session: Session, *, reorder: int = 1, playout_block: int = 0) -> None:
+    def __init__(self, session: Session, *, reorder: int = 1) -> None:
         self.session = session
-        self._reorder, self._playout_block = reorder, playout_block
+        self._reorder = reorder
+        self.playout: Playout | None = None
         self.bandwidth = 0
         self._ssrcs = (0, 0)
         self._next_report = 0.0
@@ -97,6 +96,16 @@ class ReceivingEnd:
             events += opened
         return self._sort(events, now)
 
+    def pull(self, size: int, *, now: float) -> FloatArray:
+        """Give the next samples in step with the actuator, shape ``(size, 2)``, for profiles that render sound itself.
+
+        May be called from the actuator's thread; whatever else is done here belongs to the network's.
+        """
+        playout = self.playout
+        if playout is None or playout.block_size != size:
+            self.playout = playout = Playout(block_size=size)
+        return playout.pull(now=now)
+
     def poll(self, now: float) -> list[News]:
         """Let time pass; call it when nothing came for a packet's length, and twenty times a second at least."""
         if self.session.peer and now >= self._next_report:
@@ -117,7 +126,7 @@ class ReceivingEnd:
         # One assignment, so that who counts meanwhile sees the old stream either as present or as past.
         self._books = past, Arrival(reorder=self._reorder)
         self._past, self._arrival = self._books
-        self.playout = Playout(block_size=self._playout_block) if self._playout_block else None
+        self.playout = None
         self._beliefs = _Beliefs()
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0

@@ -61,8 +61,20 @@ def robots_part(robot: Watcher, codec: Codec) -> dict[str, float]:
     return {"capture": block / 2, "encode": waiting + computing}
 
 
-def operators_part(operator: Watcher, robot: Watcher | None, device_latency: float) -> dict[str, float]:
-    """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too."""
+def operators_part(
+    operator: Watcher, robot: Watcher | None, device_latency: float, *, sound_delay: float = 0.0
+) -> dict[str, float]:
+    """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too.
+
+    Parameters
+    ----------
+    operator, robot
+        Whose marks are followed; the robot's where it runs on this machine.
+    device_latency
+        Of the actuator's device.
+    sound_delay
+        Where the sound itself is felt: how long it waits in the clocked buffer and in its renderer; it is not judged.
+    """
     # Only stretches that led to a command are followed: the others have no effect to wait for.
     names = ("rendered", "received", "released", "decoded", "judged")
     times = follow({name: operator.marks(name) for name in names})
@@ -73,6 +85,8 @@ def operators_part(operator: Watcher, robot: Watcher | None, device_latency: flo
         "render": _median(times, "judged", "rendered"),
         "device": device_latency,
     }
+    if sound_delay:
+        stages |= {"playout": sound_delay, "decode": 0.0, "judge": 0.0, "render": 0.0}
     if robot is not None:
         both = follow({"received": operator.marks("received"), "sent": robot.marks("sent")})
         stages["network"] = _median(both, "sent", "received")

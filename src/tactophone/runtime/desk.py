@@ -3,7 +3,7 @@
 import dataclasses
 
 from tactophone.errors import TactophoneError
-from tactophone.haptics import Oscillator, open_profile
+from tactophone.haptics import PROFILES, Oscillator, Relay, open_profile
 from tactophone.pipeline import Receiver
 from tactophone.runtime.guard import Guard
 from tactophone.telemetry import Request
@@ -15,13 +15,18 @@ LOWEST_THRESHOLD_DBFS = -120.0
 class Desk:
     """Hands on what is asked: to the guard what concerns how much may be felt, to the walk what concerns how.
 
-    The guard's word is carried to the oscillator, which drives the finger in another thread, and to nobody else.
+    The guard's word is carried to the renderer, which drives the finger in another thread, and to nobody else.
     """
 
-    def __init__(self, guard: Guard, oscillator: Oscillator, receiver: Receiver) -> None:
+    def __init__(self, guard: Guard, renderer: Oscillator | Relay, receiver: Receiver) -> None:
         self.guard = guard
-        self._oscillator, self._receiver = oscillator, receiver
+        self._renderer, self._receiver = renderer, receiver
         self._enforce()
+
+    @property
+    def profiles(self) -> tuple[str, ...]:
+        """Names of the profiles that may be asked for: another renderer wants another start."""
+        return tuple(PROFILES) if isinstance(self._renderer, Oscillator) else (self._receiver.walk.profile.name,)
 
     def obey(self, requests: list[Request]) -> list[str]:
         """Grant what may be granted; return the actions refused."""
@@ -34,15 +39,15 @@ class Desk:
     def stop(self) -> None:
         """Stop vibrating at once, and stay stopped until somebody arms; may be called from a signal handler."""
         self.guard.stop()
-        self._oscillator.stop()
+        self._renderer.stop()
 
     def _adjust(self, request: Request) -> bool:
         """Change how is judged or mapped; a profile or threshold that is not to be had is refused."""
         walk = self._receiver.walk
         try:
-            if request.action == "profile":
+            if request.action == "profile" and request.text in self.profiles:
                 walk.profile = open_profile(request.text)
-            elif LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
+            elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
                 walk.judge.threshold_dbfs = request.value
             else:
                 return False
@@ -51,10 +56,10 @@ class Desk:
         return True
 
     def _enforce(self) -> None:
-        limits = self._oscillator.limits
+        limits = self._renderer.limits
         if limits.ceiling != self.guard.ceiling:
-            self._oscillator.limits = dataclasses.replace(limits, ceiling=self.guard.ceiling)
+            self._renderer.limits = dataclasses.replace(limits, ceiling=self.guard.ceiling)
         if self.guard.armed:
-            self._oscillator.release()
+            self._renderer.release()
         else:
-            self._oscillator.stop()
+            self._renderer.stop()

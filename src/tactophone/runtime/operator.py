@@ -18,7 +18,6 @@ from typing import Self
 import numpy as np
 
 from tactophone.config import Settings
-from tactophone.haptics import PROFILES, Limits, Oscillator
 from tactophone.link import Believed, Heard, News, ReceivingEnd, UdpSocket
 from tactophone.pipeline import Receiver
 from tactophone.runtime import budget, tuning
@@ -26,7 +25,15 @@ from tactophone.runtime.budget import Neighbour
 from tactophone.runtime.desk import Desk
 from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
 from tactophone.runtime.supervisor import Birth
-from tactophone.runtime.wiring import SAMPLE_RATE, open_actuator, open_session, open_walk_for, post, sensor_faults
+from tactophone.runtime.wiring import (
+    SAMPLE_RATE,
+    open_actuator,
+    open_renderer,
+    open_session,
+    open_walk_for,
+    post,
+    sensor_faults,
+)
 from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
 from tactophone.types import FloatArray, HapticCommand, Prediction, Tick, Touch
 
@@ -65,7 +72,7 @@ class Operator:
         self._guard = Guard(
             ceiling=feel.ceiling, output_level=feel.output_level, muted_because=_muted_because(settings, birth)
         )
-        self._oscillator = Oscillator(Limits(ceiling=feel.ceiling))
+        self._renderer = open_renderer(settings, self._pull)
         self._actuator = open_actuator(settings, self._render)
         self._end = ReceivingEnd(open_session(settings, call=False))
         self._channels = 2
@@ -80,7 +87,7 @@ class Operator:
         self._gauges: dict[str, float] = {}
         self._floor_dbfs = -math.inf
         self._warnings: tuple[Fault, ...] = ()
-        self._desk = Desk(self._guard, self._oscillator, self._receiver)
+        self._desk = Desk(self._guard, self._renderer, self._receiver)
         self._thread = threading.Thread(target=self._guarded, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
@@ -96,7 +103,7 @@ class Operator:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._oscillator.stop()
+        self._renderer.stop()
         self.ended.set()
         self._thread.join(1.0)
         self._end.session.hang_up()
@@ -117,7 +124,7 @@ class Operator:
 
     def _show_counts(self) -> None:
         """Carry the parts' own counts over into telemetry."""
-        device, faults = self._actuator.device, self._oscillator.faults
+        device, faults = self._actuator.device, self._renderer.faults
         counts = {
             **self._counters,
             "xruns": device.xruns,
@@ -139,7 +146,11 @@ class Operator:
             return
         self._budgeted_at = now
         self._neighbour.look()
-        found = budget.operators_part(Watcher(self._birth.name), self._neighbour.watcher, self._actuator.device.latency)
+        playout = self._end.playout
+        found = budget.operators_part(
+            Watcher(self._birth.name), self._neighbour.watcher, self._actuator.device.latency,
+            sound_delay=playout.pace.margin + playout.latency + self._renderer.latency if playout else 0.0,
+        )  # fmt: skip
         for stage, duration in found.items():
             self._telemetry.gauge(f"latency_{stage}", duration)
 
@@ -154,7 +165,7 @@ class Operator:
             local_ceiling=guard.local_ceiling,
             output_level=guard.output_level,
             profile=walk.profile.name,
-            profiles=tuple(PROFILES),
+            profiles=self._desk.profiles,
             detector=walk.judge.detector.name,
             threshold_dbfs=walk.judge.threshold_dbfs,
             noise_floor_dbfs=round(self._floor_dbfs, 0),
@@ -181,7 +192,7 @@ class Operator:
             work()
         except BaseException as error:
             self.failure = error
-        self._oscillator.stop()
+        self._renderer.stop()
         self.ended.set()
 
     def _follow_network(self) -> None:
@@ -232,7 +243,7 @@ class Operator:
         end = self._position(tick.block.end)
         felt = tuple(self._bounded(command) for command in tick.commands)
         if felt:
-            self._oscillator.submit(felt[-1])
+            self._renderer.submit(felt[-1])
             self._submitted = end
         for belief in tick.predictions:
             self._floor_dbfs = _floor(self._floor_dbfs, belief)
@@ -243,10 +254,14 @@ class Operator:
     def _bounded(self, command: HapticCommand) -> HapticCommand:
         return dataclasses.replace(command, amplitude=self._guard.amplitude(command.amplitude))
 
+    def _pull(self, size: int) -> FloatArray:
+        """Fetch sound for a renderer that wants it, in the actuator's thread."""
+        return self._end.pull(size, now=time.monotonic())
+
     def _render(self, out: FloatArray) -> None:
         """Be the actuator's callback: render, tell, and leave."""
         telemetry, submitted = self._telemetry, self._submitted
-        self._oscillator.render(out)
+        self._renderer.render(out)
         telemetry.feel(out)
         telemetry.gauge("output_amplitude", float(np.abs(out).max()))
         telemetry.gauge("device_period", len(out) / SAMPLE_RATE)

@@ -8,7 +8,18 @@ from typing import cast
 from tactophone.capture import jack_source, portaudio_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.haptics import Actuator, Limits, clocked_actuator, jack_actuator, open_profile, portaudio_actuator
+from tactophone.haptics import (
+    SOUNDING,
+    Actuator,
+    Limits,
+    Opening,
+    Oscillator,
+    Relay,
+    clocked_actuator,
+    jack_actuator,
+    open_profile,
+    portaudio_actuator,
+)
 from tactophone.haptics.actuator import Render
 from tactophone.link import (
     Codec,
@@ -30,7 +41,7 @@ from tactophone.perception.faults import FaultWatch
 from tactophone.perception.guarded import WORDS
 from tactophone.pipeline import Walk
 from tactophone.telemetry import Fault
-from tactophone.types import Source
+from tactophone.types import FloatArray, Source
 
 SAMPLE_RATE = 48_000
 """Hz of the whole live journey; what runs at another rate is converted before it."""
@@ -66,6 +77,13 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
     return clocked_actuator(render, period=output.period)
 
 
+def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Oscillator | Relay:
+    """Make what drives the finger: the oscillator, or a relay of the sound that ``pull`` gives."""
+    feel = settings.feel
+    limits = Limits(ceiling=feel.ceiling)
+    return Relay(SOUNDING[feel.profile](None), pull, limits) if feel.profile in SOUNDING else Oscillator(limits)
+
+
 def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     """Make what turns sound of so many channels into commands, by the model and profile that the settings name.
 
@@ -82,7 +100,8 @@ def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
         # The calibrated level is an RMS; a gate that listens to a band alone has learnt its own threshold.
         judge.threshold_dbfs = calibration.threshold_dbfs
-    return Walk(judge, open_profile(feel.profile), Limits(ceiling=feel.ceiling))
+    profile = Opening(feel.profile) if feel.profile in SOUNDING else open_profile(feel.profile)
+    return Walk(judge, profile, Limits(ceiling=feel.ceiling))
 
 
 def sensor_faults(judge: AnyJudge) -> Iterator[Fault]:
