@@ -1,7 +1,8 @@
 """Ways of telling rough from smooth as methods that are cross-validated: the live stages, a whole recording at once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import onnxruntime
@@ -13,8 +14,11 @@ from tactophone.training.lesson import Lesson, prepare
 from tactophone.training.touches import Ear, listen
 from tactophone.training.ways import WAYS
 
-VERSION = 2
-"""Raise it when a way changes in a manner that its settings do not tell, so that cached results are made anew."""
+VERSIONS: Mapping[str, int] = MappingProxyType({})
+"""Of a way that changed in a manner that its settings do not tell: raised, its cached results are made anew."""
+
+FIRST_VERSION = 2
+"""Of all that :data:`VERSIONS` does not name; those that are slow to learn keep their results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +35,7 @@ class WayMethod:
     @property
     def identity(self) -> str:
         """The way, how it hears, and the version of what is done with it."""
-        return f"way {VERSION} {self.name} {self.ear!r}"
+        return f"way {VERSIONS.get(self.name, FIRST_VERSION)} {self.name} {self.ear!r}"
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Learn, and make the graph that a model file would hold."""
