@@ -84,7 +84,7 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
     with terminal.progress("judging") as bar:
         for recording in bar.track(dataset.recordings, task_id=bar.add_task("", note="")):
             judged.append(judge(recording))
-    return _report(judged)
+    return make_report(judged)
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
@@ -93,14 +93,14 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Rep
     from tactophone.evaluation.methods import LevelMethod
 
     cache = None if args.no_cache else default_cache()
-    reports = {method.name: _report(_judge_folds(method, split(dataset, args.split), cache))}
+    reports = {method.name: make_report(_judge_folds(method, split(dataset, args.split), cache))}
     if args.baselines is not None:
         level = LevelMethod(channels)
-        reports[level.name] = _report(_judge_folds(level, split(dataset, args.split), cache))
+        reports[level.name] = make_report(_judge_folds(level, split(dataset, args.split), cache))
     for seed in range(args.baselines or 0):
         shuffled = shuffle_labels(dataset, seed=seed)
         judged = _judge_folds(method, split(shuffled, args.split), cache)
-        reports[f"shuffled {seed + 1}"] = _report(judged)
+        reports[f"shuffled {seed + 1}"] = make_report(judged)
     return reports
 
 
@@ -110,12 +110,6 @@ def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> 
         return cross_validate(
             method, folds, cache=cache, report=lambda done, name: bar.update(task, completed=done, note=name)
         )
-
-
-def _report(judged: Sequence[Judgement]) -> Report:
-    with terminal.progress("drawing surfaces") as bar:
-        task = bar.add_task("", total=None, note="")
-        return make_report(judged, report=lambda done: bar.update(task, completed=done))
 
 
 def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:

@@ -95,6 +95,6 @@ def _row(name: str, method: Method, folds: Any, cache: Cache) -> dict[str, Any]:
     from tactophone.evaluation.bootstrap import estimate
     from tactophone.evaluation.judging import scores_of
 
-    found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"), draws=300)
+    found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
     measures = ("balanced_accuracy", "auc", "recall_at_1")
     return {"settings": name, "score": found["balanced_accuracy"].value, **{one: str(found[one]) for one in measures}}

@@ -235,12 +235,12 @@ def _result(  # one line for each thing that is told
 
 
 def _estimates(judged: Sequence[Judgement], rule: Any) -> dict[str, Estimate]:
-    found = estimate(scores_of(judged, rule), draws=300)
+    found = estimate(scores_of(judged, rule))
     return {name: found[name] for name in (*MEASURES, "smooth_accuracy", "rough_accuracy")}
 
 
 def _differences(scores: Scores, reference: Scores) -> dict[str, Difference]:
-    found = compare(scores, reference, draws=300)
+    found = compare(scores, reference)
     return {name: found[name] for name in MEASURES}
 
 

@@ -1,15 +1,18 @@
 """How sure a score is: by drawing surfaces anew, because windows of one surface are no independent witnesses."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.evaluation.metrics import Scores, measure
+from tactophone.evaluation.metrics import Counts, Scores, count_by_surface, measure, measure_counts
 
 DRAWS = 1000
 COVERAGE = 0.90
+
+BINS = 2048
+"""Of scores, in draws alone: it moves an interval's end by less than 0.001, and makes a draw a hundred times faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +27,7 @@ class Estimate:
         return f"{self.value:.3f} ({self.low:.2f}-{self.high:.2f})"
 
 
-def estimate(
-    scores: Scores, *, draws: int = DRAWS, seed: int = 0, report: Callable[[int], None] = lambda done: None
-) -> dict[str, Estimate]:
+def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
     """Measure scores, each with its interval.
 
     Surfaces are drawn with replacement, rough and smooth ones apart, so that no draw lacks a class (stratified
@@ -40,17 +41,25 @@ def estimate(
         How many times the surfaces are drawn anew.
     seed
         Of the draws.
-    report
-        Called with the number of draws done.
     """
     rng = np.random.default_rng(seed)
-    drawn: list[dict[str, float]] = []
     strata = _strata(scores)
-    for done in range(draws):
-        times = _draw(strata, surfaces=len(scores.names), rng=rng)
-        drawn.append(measure(scores, times[scores.surface]))
-        report(done + 1)
-    return {name: interval(value, [one[name] for one in drawn]) for name, value in measure(scores).items()}
+    times = np.array([_draw(strata, surfaces=len(scores.names), rng=rng) for _ in range(draws)])
+    drawn = measure_draws(count_by_surface(scores, bins=BINS), times)
+    return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
+
+
+def measure_draws(counts: Counts, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Measure draws of surfaces.
+
+    Parameters
+    ----------
+    counts
+        Of each surface.
+    times
+        How often each draw holds each surface, shape ``(draws, surfaces)``.
+    """
+    return measure_counts(counts.times(times.reshape(-1, len(counts.rough))))
 
 
 def _strata(scores: Scores) -> list[NDArray[np.intp]]:

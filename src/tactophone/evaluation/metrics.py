@@ -18,6 +18,7 @@ LOW_FALSE_POSITIVES = 0.01
 """Share of smooth windows that may be called rough when rough recall is read off: one false bump in 100 updates."""
 
 Measures: TypeAlias = Mapping[str, float]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +41,27 @@ class Scores:
     rough: NDArray[np.bool_]
     surface: NDArray[np.intp]
     names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Counts:
+    """How many windows have which score, or lie in which bin of scores, in ascending order.
+
+    Parameters
+    ----------
+    rough, smooth
+        Windows of either kind, shape ``(..., bins)``: any number of cases side by side.
+    called
+        Which bins are called rough, shape ``(bins,)``; none lies on both sides of 0.5.
+    """
+
+    rough: Floats
+    smooth: Floats
+    called: NDArray[np.bool_]
+
+    def times(self, weights: Floats) -> "Counts":
+        """Count rows so many times: weights ``(draws, surfaces)`` make of surfaces' counts those of draws."""
+        return Counts(weights @ self.rough, weights @ self.smooth, self.called)
 
 
 def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.float64]:
@@ -67,7 +89,7 @@ def collect(
     return Scores(score[order], rough[order], surface[order], names)
 
 
-def measure(scores: Scores, weights: NDArray[np.float64] | None = None) -> dict[str, float]:
+def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
     """Compute every score at once.
 
     Parameters
@@ -96,47 +118,69 @@ def measure(scores: Scores, weights: NDArray[np.float64] | None = None) -> dict[
         A score that needs a class with no windows is NaN.
     """
     every = np.ones(len(scores.score)) if weights is None else weights
-    rough, smooth = every * scores.rough, every * ~scores.rough
-    called = scores.score >= 0.5
-    shares = _confusion(rough, smooth, called)
-    recall, quiet = _divide(rough[called].sum(), rough.sum()), _divide(smooth[~called].sum(), smooth.sum())
+    place, called = _bins(scores, len(scores.score))
+    rough, smooth = (_count(place, every * kind, len(called)) for kind in (scores.rough, ~scores.rough))
+    return {name: float(value) for name, value in measure_counts(Counts(rough, smooth, called)).items()}
+
+
+def count_by_surface(scores: Scores, *, bins: int) -> Counts:
+    """Count each surface's windows in bins of about equally many windows, equal scores together."""
+    place, called = _bins(scores, bins)
+    shape = len(scores.names), len(called)
+    cell = scores.surface * len(called) + place
+    rough, smooth = (_count(cell, kind, shape[0] * shape[1]).reshape(shape) for kind in (scores.rough, ~scores.rough))
+    return Counts(rough, smooth, called)
+
+
+def measure_counts(counts: Counts) -> dict[str, Floats]:
+    """Compute what :func:`measure` gives for each case of counts."""
+    rough, smooth, called = counts.rough, counts.smooth, counts.called
+    all_rough, all_smooth = rough.sum(axis=-1), smooth.sum(axis=-1)
+    total = all_rough + all_smooth
+    hits, bumps = rough @ called, smooth @ called
+    recall, quiet = _divide(hits, all_rough), _divide(all_smooth - bumps, all_smooth)
     return {
         "smooth_accuracy": quiet,
         "rough_accuracy": recall,
         "balanced_accuracy": (quiet + recall) / 2,
         "false_positive_rate": 1 - quiet,
-        "auc": _auc(scores.score, rough, smooth),
-        "recall_at_1": _recall_at(scores.score, rough, smooth),
-        **shares,
+        "auc": _auc(rough, smooth),
+        "recall_at_1": _recall_at(rough, smooth),
+        "rough_as_rough": _divide(hits, total),
+        "rough_as_smooth": _divide(all_rough - hits, total),
+        "smooth_as_rough": _divide(bumps, total),
+        "smooth_as_smooth": _divide(all_smooth - bumps, total),
     }
 
 
-def _confusion(rough: NDArray[np.float64], smooth: NDArray[np.float64], called: NDArray[np.bool_]) -> dict[str, float]:
-    total = rough.sum() + smooth.sum()
-    return {
-        "rough_as_rough": _divide(rough[called].sum(), total),
-        "rough_as_smooth": _divide(rough[~called].sum(), total),
-        "smooth_as_rough": _divide(smooth[called].sum(), total),
-        "smooth_as_smooth": _divide(smooth[~called].sum(), total),
-    }
+def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The bin of each window, and which bins are called rough."""
+    count = len(scores.score)
+    first = np.flatnonzero(np.diff(scores.score, prepend=-np.inf))
+    tied = np.repeat(first, np.diff(first, append=count))
+    called = scores.score >= 0.5
+    codes, place = np.unique(2 * (tied * min(bins, count) // max(count, 1)) + called, return_inverse=True)
+    return place, codes % 2 == 1
 
 
-def _auc(score: NDArray[np.float64], rough: NDArray[np.float64], smooth: NDArray[np.float64]) -> float:
-    """Mann-Whitney's statistic over all pairs, on windows sorted by score."""
-    first = np.flatnonzero(np.diff(score, prepend=-np.inf))
-    rough_tied, smooth_tied = np.add.reduceat(rough, first), np.add.reduceat(smooth, first)
-    below = np.cumsum(smooth_tied) - smooth_tied
-    return _divide(float(rough_tied @ (below + smooth_tied / 2)), rough.sum() * smooth.sum())
+def _count(place: NDArray[np.intp], weights: NDArray[np.generic], size: int) -> Floats:
+    return np.asarray(np.bincount(place, weights, size), np.float64)
 
 
-def _recall_at(score: NDArray[np.float64], rough: NDArray[np.float64], smooth: NDArray[np.float64]) -> float:
-    """Recall of rough at the lowest threshold that at most 1 % of smooth windows exceed."""
-    above = smooth.sum() - np.cumsum(smooth)
-    allowed = np.flatnonzero(above <= LOW_FALSE_POSITIVES * smooth.sum())
-    if smooth.sum() == 0:
-        return float("nan")
-    return _divide(rough[score > score[allowed[0]]].sum(), rough.sum())
+def _auc(rough: Floats, smooth: Floats) -> Floats:
+    """Mann-Whitney's statistic over all pairs; those of one bin are ties."""
+    below = np.cumsum(smooth, axis=-1) - smooth / 2
+    return _divide((rough * below).sum(axis=-1), rough.sum(axis=-1) * smooth.sum(axis=-1))
 
 
-def _divide(part: float, whole: float) -> float:
-    return float(part / whole) if whole > 0 else float("nan")
+def _recall_at(rough: Floats, smooth: Floats) -> Floats:
+    """Recall of rough over the lowest bin that at most 1 % of smooth windows exceed."""
+    all_smooth = smooth.sum(axis=-1, keepdims=True)
+    too_low = all_smooth - np.cumsum(smooth, axis=-1) > LOW_FALSE_POSITIVES * all_smooth
+    place = np.arange(rough.shape[-1]) > too_low.sum(axis=-1, keepdims=True)
+    recall = _divide((rough * place).sum(axis=-1), rough.sum(axis=-1))
+    return np.where(all_smooth[..., 0] > 0, recall, np.nan)
+
+
+def _divide(part: Floats, whole: Floats) -> Floats:
+    return np.asarray(np.divide(part, whole, out=np.full(np.shape(whole), np.nan), where=whole > 0))

@@ -1,11 +1,12 @@
 """Whether one method is truly better than another: both are measured on the same drawn surfaces, draw by draw."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tactophone.evaluation.bootstrap import DRAWS, Estimate, interval
-from tactophone.evaluation.metrics import Scores, measure
+from tactophone.evaluation.bootstrap import BINS, DRAWS, Estimate, interval, measure_draws
+from tactophone.evaluation.metrics import Floats, Scores, count_by_surface, measure
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +32,14 @@ def compare(one: Scores, other: Scores, *, draws: int = DRAWS, seed: int = 0) ->
     """
     rng = np.random.default_rng(seed)
     strata = [sorted(_surfaces(one, rough) & _surfaces(other, rough)) for rough in (False, True)]
-    drawn: list[dict[str, float]] = []
-    for _ in range(draws):
-        names = [name for stratum in strata if stratum for name in rng.choice(stratum, len(stratum))]
-        drawn.append(_difference(one, other, names))
-    whole = _difference(one, other, [name for stratum in strata for name in stratum])
+    drawn = [
+        [name for stratum in strata if stratum for name in rng.choice(stratum, len(stratum))] for _ in range(draws)
+    ]
+    every = [name for stratum in strata for name in stratum]
+    first, second = (_measure(scores, every, drawn) for scores in (one, other))
     return {
-        name: Difference(interval(value, [draw[name] for draw in drawn]), _p([draw[name] for draw in drawn]))
-        for name, value in whole.items()
+        name: Difference(interval(first[0][name] - second[0][name], differences), _p(differences))
+        for name, differences in ((name, first[1][name] - second[1][name]) for name in first[0])
     }
 
 
@@ -46,18 +47,17 @@ def _surfaces(scores: Scores, rough: bool) -> set[str]:
     return {scores.names[k] for k in np.unique(scores.surface[scores.rough == rough])}
 
 
-def _difference(one: Scores, other: Scores, names: list[str]) -> dict[str, float]:
-    first, second = (measure(scores, _weights(scores, names)) for scores in (one, other))
-    return {name: first[name] - second[name] for name in first}
+def _measure(
+    scores: Scores, every: Sequence[str], drawn: Sequence[Sequence[str]]
+) -> tuple[dict[str, float], dict[str, Floats]]:
+    """Measure all of the surfaces once, and in each draw."""
+    times = np.array([[names.count(name) for name in scores.names] for names in drawn], np.float64)
+    whole = np.array([float(every.count(name)) for name in scores.names])[scores.surface]
+    return measure(scores, whole), measure_draws(count_by_surface(scores, bins=BINS), times)
 
 
-def _weights(scores: Scores, names: list[str]) -> np.ndarray:
-    times = np.array([float(names.count(name)) for name in scores.names])
-    return times[scores.surface]
-
-
-def _p(drawn: list[float]) -> float:
-    known = np.array(drawn)[~np.isnan(drawn)]
+def _p(drawn: Floats) -> float:
+    known = drawn[~np.isnan(drawn)]
     if not len(known):
         return float("nan")
     rarer = min((known <= 0).mean(), (known >= 0).mean())

@@ -1,6 +1,6 @@
 """All that is said of a detector on one set of recordings: both rules, with intervals, by surface and by recording."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -63,9 +63,7 @@ class Report:
         return asdict(self)
 
 
-def make_report(
-    judgements: Sequence[Judgement], *, draws: int = DRAWS, report: Callable[[int], None] = lambda done: None
-) -> Report:
+def make_report(judgements: Sequence[Judgement], *, draws: int = DRAWS) -> Report:
     """Score judgements in every way that a report has.
 
     Raises
@@ -74,7 +72,7 @@ def make_report(
         If the contact gate was never open.
     """
     judged = [one for one in judgements if one.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
-    rules = {rule: estimate(scores_of(judged, rule), draws=draws, report=report) for rule in RULES}
+    rules = {rule: estimate(scores_of(judged, rule), draws=draws) for rule in RULES}
     surfaces = sorted({one.recording.surface for one in judged})
     total = _row("", judged)
     return Report(
