@@ -7,9 +7,9 @@ import argparse
 from pathlib import Path
 
 from tactophone.dataset import Fold, open_dataset, split
-from tactophone.evaluation.benchmark import scored
 from tactophone.evaluation.judging import Judgement, scores_of
 from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.result import scored
 from tactophone.evaluation.ways import judge_by
 from tactophone.link import Codec
 from tactophone.training.lesson import prepare

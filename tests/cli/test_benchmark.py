@@ -25,10 +25,12 @@ def test_prints_a_table_and_writes_json_and_a_page(
     ]  # fmt: skip
     assert main(told) == 0
     table = capsys.readouterr().out
-    assert "scrapes, 2-fold" in table
+    assert "scrapes (as recorded), 2-fold" in table
+    assert "labels dealt anew" in table
+    assert "perceptual" in table
     assert "ours" in table
     results = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [one["method"] for one in results["results"]] == ["level", "ours"]
+    assert [one["method"] for one in results["datasets"][0]["results"]] == ["level", "ours"]
     assert set(results["costs"]["scrapes"]) == {"level", "ours"}
     assert (tmp_path / "out" / "report.html").read_text().startswith("<!doctype html>")
 

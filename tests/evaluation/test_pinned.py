@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from tactophone.dataset import Dataset, open_dataset, split
-from tactophone.evaluation.benchmark import scored
 from tactophone.evaluation.crossvalidation import cross_validate
 from tactophone.evaluation.judging import scores_of
 from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.result import scored
 from tactophone.evaluation.ways import way_method
 from tactophone.simulation import TAKES, catalogue
 from tactophone.simulation.generate import Style, finish, make, plan

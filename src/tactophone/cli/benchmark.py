@@ -2,11 +2,13 @@
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from rich.box import SIMPLE
 from rich.table import Table
 
 from tactophone.cli import terminal
@@ -17,7 +19,7 @@ from tactophone.errors import ConfigError
 from tactophone.evaluation.crossvalidation import Cache, default_cache
 
 if TYPE_CHECKING:
-    from tactophone.evaluation.benchmark import Plan, Result
+    from tactophone.evaluation.benchmark import Findings, Plan
     from tactophone.evaluation.contenders import Cost
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
@@ -62,18 +64,19 @@ def run(args: argparse.Namespace) -> int:
         return _print_tables(args, cache)
     from tactophone.evaluation.contenders import measure_costs
 
-    results: list[Result] = []
+    findings: list[Findings] = []
     costs: dict[str, dict[str, Cost]] = {}
     for dataset in _datasets(args, cache):
         plan = _plan(dataset, args)
-        results += _run(plan, cache, args)
+        findings.append(_run(plan, cache, args))
         names = [one.name for one in plan.contenders if not one.control]
-        costs[dataset.name] = measure_costs(dataset, names)
-    _write(args.out, results, costs)
+        costs[dataset.name] = measure_costs(dataset, names, cache.folder / "costs")
+    told = _told(findings, costs)
+    _write(args.out, told, findings, costs)
     if args.json:
-        terminal.print_json([one.as_json() for one in results])
+        terminal.print_json(told)
         return 0
-    _show(results, costs)
+    _show(findings, costs)
     terminal.log().print(f"{args.out / 'report.html'}, {args.out / 'results.json'}")
     return 0
 
@@ -100,14 +103,14 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 def _plan(dataset: Dataset, args: argparse.Namespace) -> "Plan":
     from tactophone.evaluation.benchmark import Plan, splits_of
-    from tactophone.evaluation.contenders import contenders_for
+    from tactophone.evaluation.contenders import contenders_for, heights_of
 
     contenders = contenders_for(dataset, args.methods.split(",") if args.methods else ())
     splits = tuple(args.splits.split(",")) if args.splits else splits_of(dataset, fast=args.fast)
-    return Plan(dataset, contenders, splits)
+    return Plan(dataset, contenders, splits, heights_of(dataset))
 
 
-def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> list["Result"]:
+def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":
     from tactophone.evaluation.benchmark import run_plan
 
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
@@ -120,41 +123,63 @@ def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> list["Result"]
         return run_plan(plan, cache, place=place, workers=args.workers, report=show)  # type: ignore[arg-type]
 
 
-def _write(folder: Path, results: Sequence["Result"], costs: dict[str, dict[str, "Cost"]]) -> None:
+def _told(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> dict[str, Any]:
+    from tactophone.evaluation.page import steps_by_profile
+
+    return {
+        "datasets": [one.as_json() for one in findings],
+        "costs": {dataset: {name: asdict(cost) for name, cost in some.items()} for dataset, some in costs.items()},
+        "profiles": steps_by_profile(),
+    }
+
+
+def _write(
+    folder: Path, told: dict[str, Any], findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]
+) -> None:
     from tactophone.evaluation.page import write_page
 
     folder.mkdir(parents=True, exist_ok=True)
-    told = {
-        "results": [one.as_json() for one in results],
-        "costs": {dataset: {name: asdict(cost) for name, cost in some.items()} for dataset, some in costs.items()},
-    }
     (folder / "results.json").write_text(json.dumps(told, indent=1))
     notes = (
         "Each table is of one data set and one split; every recording was judged by a model that never met its side. "
         "Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first method.",
         "Scores are of updates while the finger truly touches, whatever a method's own contact gate says; bumps and "
-        "delays are as felt, with the gate. A control in italics hears only what no surface can have said.",
+        "delays are as felt, with the gate. Controls are there to distrust the rest by: one, in italics, hears only "
+        "what no surface can have said; the other learns and is scored on labels dealt anew over the surfaces, so that "
+        "what it has over 0.5 is knowing surfaces again, not roughness.",
     )
-    (folder / "report.html").write_text(write_page(results, costs=costs, notes=notes), encoding="utf-8")
+    (folder / "report.html").write_text(write_page(findings, costs=costs, notes=notes), encoding="utf-8")
 
 
-def _show(results: Sequence["Result"], costs: dict[str, dict[str, "Cost"]]) -> None:
-    from tactophone.evaluation.page import told_delay
+def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> None:
+    from tactophone.evaluation.page import steps_by_profile, told_dealt, told_heights
 
-    shown = {(one.dataset, one.split) for one in results}
-    for dataset, split in sorted(shown):
-        # What 80 characters hold; the page has the rest.
-        heading = ("method", "balanced accuracy", "AUC", "at 1 %", "bumps/min", "edge p50 / p95", "us")
-        table = Table(*heading, pad_edge=False)
-        for one in (one for one in results if (one.dataset, one.split) == (dataset, split)):
-            scores = one.scores["two-class"]
-            cost = costs.get(dataset, {}).get(one.method)
-            table.add_row(
-                one.method.removeprefix("control: "), str(scores["balanced_accuracy"]), f"{scores['auc'].value:.3f}",
-                f"{scores['recall_at_1'].value:.2f}", f"{one.bumps_per_minute:.1f}",
-                told_delay(one.edge_ms).partition(" (")[0], f"{cost.update_us:.0f}" if cost else "",
-            )  # fmt: skip
-        terminal.out().print(f"{dataset}, {split}", table)
+    for one in findings:
+        for split in dict.fromkeys(result.split for result in one.results):
+            terminal.out().print(f"{one.dataset} ({one.origin}), {split}", _table_of(one, split, costs))
+            if split in one.dealt:
+                terminal.out().print(f"control, labels dealt anew: {told_dealt(one.dealt[split])}")
+            if split in one.heights:
+                terminal.out().print(told_heights(one.heights[split]))
+            terminal.out().print()
+    steps = ", ".join(f"{name} {both:.1f}" for name, (_, both) in steps_by_profile().items())
+    terminal.out().print(f"steps that a finger tells apart between smooth and rough, by profile: {steps}")
+
+
+def _table_of(found: "Findings", split: str, costs: dict[str, dict[str, "Cost"]]) -> Table:
+    """What 80 characters hold; the page has the rest."""
+    table = Table("method", "balanced accuracy", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    for name in ("AUC", "at 1 %", "bumps/min", "edge (ms)", "us"):
+        table.add_column(name, justify="right")
+    for one in (one for one in found.results if one.split == split):
+        scores, cost = one.scores["two-class"], costs.get(found.dataset, {}).get(one.method)
+        middle, late, _ = one.edge_ms
+        table.add_row(
+            one.method.removeprefix("control: "), str(scores["balanced_accuracy"]), f"{scores['auc'].value:.3f}",
+            f"{scores['recall_at_1'].value:.2f}", f"{one.bumps_per_minute:.1f}",
+            f"{middle:.0f} / {late:.0f}" if math.isfinite(middle) else "-", f"{cost.update_us:.0f}" if cost else "",
+        )  # fmt: skip
+    return table
 
 
 def _print_tables(args: argparse.Namespace, cache: Cache) -> int:

@@ -17,29 +17,17 @@ if TYPE_CHECKING:
 
 def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: Cache) -> int:
     """Print the tables that were asked for."""
+    from tactophone.evaluation.benchmark import origin_of
     from tactophone.evaluation.paper_tables import table_one, table_two
 
     for dataset in datasets:
         for wanted, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
             if wanted:
                 lines = make(dataset, args.methods.split(",") if args.methods else (), cache)
-                _print_lines(f"{title}, {dataset.name} ({origin(dataset)})", lines, as_json=args.json)
+                _print_lines(f"{title}, {dataset.name} ({origin_of(dataset)})", lines, as_json=args.json)
     if args.table3:
         _print_task(args)
     return 0
-
-
-def origin(dataset: Dataset) -> str:
-    """Tell whether sound is simulated, for a heading."""
-    simulated = any(one.known("source") == "simulated" or _told_simulated(dataset) for one in dataset.recordings)
-    return "SIMULATED sound" if simulated else "as recorded"
-
-
-def _told_simulated(dataset: Dataset) -> bool:
-    """The simulator leaves stories beside its files, also in the authors' layout, which has no manifest."""
-    from tactophone.simulation.storing import read_story
-
-    return read_story(dataset.recordings[0].path) is not None
 
 
 def _print_lines(title: str, lines: Sequence["Line"], *, as_json: bool) -> None:

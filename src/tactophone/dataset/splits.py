@@ -8,14 +8,16 @@ from dataclasses import dataclass
 from tactophone.dataset.recording import Dataset, Recording
 from tactophone.errors import DatasetError
 
-NAMES = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "given")
+NAMES = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "given")
 """What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
+
+``K-fold`` deals surfaces to folds; by a key it deals that key's values, where there are too many to leave out singly.
 
 ``given`` is the data set's own: the authors' train and test objects, or the folders ``train`` and ``test``.
 """
 
 _LEAVE_ONE = re.compile(r"leave-one-(?P<key>\w+)-out")
-_FOLDS = re.compile(r"(?P<count>\d+)-fold")
+_FOLDS = re.compile(r"(?P<count>\d+)-fold(-by-(?P<key>\w+))?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +50,7 @@ def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
     if match := _LEAVE_ONE.fullmatch(name):
         return _leave_one_out(kept, match["key"])
     if match := _FOLDS.fullmatch(name):
-        return _folds(kept, int(match["count"]))
+        return _folds(kept, int(match["count"]), match["key"] or "surface")
     raise DatasetError(f"{name!r} is no split; take one of {', '.join(NAMES)}")
 
 
@@ -77,27 +79,29 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
     return _sort(dataset, {f"{key} {value}": value for value in values}, lambda one: one.known(key))
 
 
-def _folds(dataset: Dataset, count: int) -> tuple[Fold, ...]:
-    if not 2 <= count <= len(dataset.surfaces):
+def _folds(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
+    values = {one.known(key) for one in dataset.recordings}
+    if not 2 <= count <= len(values):
         raise DatasetError(
-            f"{dataset.root}: {count} folds of {len(dataset.surfaces)} surfaces; take from 2 to as many as surfaces"
+            f"{dataset.root}: {count} folds of {len(values)} {key}s; take from 2 to as many as there are"
         )
-    side = _deal(dataset.recordings, count)
-    return _sort(dataset, {f"fold {number + 1}": number for number in range(count)}, lambda one: side[one.surface])
+    side = _deal(dataset.recordings, count, key)
+    return _sort(dataset, {f"fold {number + 1}": number for number in range(count)}, lambda one: side[one.known(key)])
 
 
-def _deal(recordings: Iterable[Recording], count: int) -> dict[str, int]:
-    """Deal surfaces to folds, rough ones first, so that labels are spread evenly.
+def _deal(recordings: Iterable[Recording], count: int, key: str) -> dict[str, int]:
+    """Deal a key's values to folds, rough ones first, so that labels are spread evenly.
 
-    The order within a label is the hash of the surface's name: it looks shuffled, needs no seed, and a surface more
-    or less hardly moves the others.
+    The order within a label is the hash of the value: it looks shuffled, needs no seed, and a surface more or less
+    hardly moves the others.
     """
-    surfaces = {
-        (-int(one.label or 0), hashlib.sha256(one.surface.encode()).hexdigest(), one.surface) for one in recordings
+    values = {
+        (-int(one.label or 0), hashlib.sha256(one.known(key).encode()).hexdigest(), one.known(key))
+        for one in recordings
     }
     dealt: dict[str, int] = {}
-    for place, (_, _, surface) in enumerate(sorted(surfaces)):
-        dealt.setdefault(surface, place % count)
+    for place, (_, _, value) in enumerate(sorted(values)):
+        dealt.setdefault(value, place % count)
     return dealt
 
 

@@ -1,16 +1,30 @@
 """The benchmark's figures, as SVG text that stands inside a page."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from tactophone.evaluation.benchmark import Result
-from tactophone.evaluation.figures import BLUE, GREY, VERMILION, load_pyplot
+from tactophone.evaluation.figures import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
+from tactophone.evaluation.heights import Heights
+from tactophone.evaluation.result import Result
 
-_PALETTE = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#000000", "#999933", "#666666", "#8C564B", "#BBBBBB")
-"""For all but the two that matter most: Okabe and Ito's others, then greys and browns."""
+_STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
+        "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
+        "scalogram-cnn": (PURPLE, "-"),
+        "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
+        "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
+        "ours": (VERMILION, "-"), "ours, air dead": (VERMILION, "--"),
+    }
+)  # fmt: skip
+"""A colour for each family of methods and a dash for each member, the same in every figure."""
+
+_CONTROL_STYLE = ("black", ":")
+_BOLD = ("ours", "paper/general")
 
 
 def draw_scores(results: Sequence[Result]) -> str:
@@ -20,7 +34,7 @@ def draw_scores(results: Sequence[Result]) -> str:
     figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained")
     for place, one in enumerate(rows):
         score = one.scores["two-class"]["balanced_accuracy"]
-        colour = colour_of(one.method)
+        colour, _ = style_of(one)
         axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
         axis.plot(score.value, place, "o", color=colour, markersize=6, markerfacecolor="white" if one.control else None)
     axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
@@ -34,13 +48,9 @@ def draw_curves(results: Sequence[Result]) -> str:
     """Draw rough recall over the false positive rate, on a log axis: what matters is on the left."""
     pyplot = load_pyplot()
     figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
-    for number, one in enumerate(results):
+    for one in results:
         rate, recall = np.array(one.curve).T
-        bold = one.method in ("ours", "paper/general", "paper/one-channel")
-        axis.plot(
-            100 * rate, recall, color=colour_of(one.method, number), linewidth=2.4 if bold else 1.1, label=one.method,
-            linestyle=(0, (2, 2)) if one.control else "-", zorder=3 if bold else 2,
-        )  # fmt: skip
+        axis.plot(100 * rate, recall, label=one.method, **_line(one))
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
     axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
     axis.set_xticklabels(("0.1", "1", "10", "100"))
@@ -57,6 +67,7 @@ def draw_delays(results: Sequence[Result]) -> str:
         "after an edge": {one.method: one.edge_ms for one in results},
     }
     kinds = {name: some for name, some in kinds.items() if any(np.isfinite(middle) for middle, _, _ in some.values())}
+    colours = {one.method: style_of(one)[0] for one in results}
     rows = [one.method for one in results if any(np.isfinite(some[one.method][0]) for some in kinds.values())][::-1]
     figure, axes = pyplot.subplots(
         1, len(kinds), sharey=True, squeeze=False, figsize=(4.6 * len(kinds) + 1, 1.0 + 0.32 * len(rows)),
@@ -65,7 +76,7 @@ def draw_delays(results: Sequence[Result]) -> str:
     axes = axes[0]
     for axis, (name, times) in zip(axes, kinds.items(), strict=True):
         for place, method in enumerate(rows):
-            _draw_delay(axis, place, times[method], colour=colour_of(method))
+            _draw_delay(axis, place, times[method], colour=colours[method])
         axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
         axis.set(xlabel=f"ms to a right decision {name}: median, 95 %", xlim=(0, None))
         axis.margins(x=0.2)
@@ -80,7 +91,10 @@ def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, col
     axis.plot([middle, late], [place, place], color=colour, linewidth=2.2, alpha=0.55)
     axis.plot(middle, place, "o", color=colour, markersize=5)
     axis.plot(late, place, "|", color=colour, markersize=9)
-    axis.annotate(f"  never: {missed:.0%}", (late, place), fontsize=7, va="center", color="#555555")
+    axis.annotate(
+        f"never: {missed:.0%}", (late, place), xytext=(6, 0), textcoords="offset points", fontsize=7, va="center",
+        color="#555555",
+    )  # fmt: skip
 
 
 def draw_reliability(results: Sequence[Result]) -> str:
@@ -89,30 +103,38 @@ def draw_reliability(results: Sequence[Result]) -> str:
     kept = [one for one in results if not one.control and one.reliability]
     figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
     axis.plot([0, 1], [0, 1], color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
-    for number, one in enumerate(kept):
+    for one in kept:
         confidence, share = np.array(one.reliability).T
-        bold = one.method in ("ours", "paper/general", "paper/one-channel")
-        axis.plot(
-            confidence, share, marker="o", markersize=3.5, linewidth=2.2 if bold else 0.9, label=one.method,
-            color=colour_of(one.method, number), zorder=3 if bold else 2,
-        )  # fmt: skip
+        axis.plot(confidence, share, marker="o", markersize=3, label=one.method, **_line(one))
     axis.set(xlim=(0, 1), ylim=(0, 1), xlabel="confidence in rough", ylabel="share truly rough")
     axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return _svg(pyplot, figure)
 
 
-def colour_of(method: str, number: int = 0) -> str:
-    """Give ours vermilion and the paper blue, everywhere; the others what is left."""
-    if method == "ours":
-        return VERMILION
-    if method in ("paper/general", "paper/one-channel"):
-        return BLUE if method == "paper/general" else "#56B4E9"
-    return _PALETTE[hash_of(method) % len(_PALETTE)] if not number else _PALETTE[number % len(_PALETTE)]
+def draw_heights(heights: Heights) -> str:
+    """Draw the Ra estimated of each surface over its true one, both on log axes."""
+    pyplot = load_pyplot()
+    figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
+    _, true, told = zip(*heights.surfaces, strict=True)
+    ends = min(*true, *told) / 1.6, max(*true, *told) * 1.6
+    axis.plot(ends, ends, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    axis.plot(true, told, "o", color=ORANGE, markersize=6)
+    for name, x, y in heights.surfaces:
+        axis.annotate(name, (x, y), xytext=(5, 3), textcoords="offset points", fontsize=7, color="#555555")
+    axis.set(xscale="log", yscale="log", xlim=(ends[0], ends[1] * 2), ylim=ends)
+    axis.set(xlabel="true Ra of a surface never heard (\u00b5m)", ylabel="Ra told from its sound (\u00b5m)")
+    return _svg(pyplot, figure)
 
 
-def hash_of(text: str) -> int:
-    """Number a name in the same way in every run, which ``hash`` does not."""
-    return sum(ord(letter) * (place + 1) for place, letter in enumerate(text))
+def style_of(result: Result) -> tuple[str, str]:
+    """Give a method's colour and dash: ours vermilion and the paper blue, everywhere."""
+    return _CONTROL_STYLE if result.control else _STYLES.get(result.method, (GREY, "-."))
+
+
+def _line(result: Result) -> dict[str, Any]:
+    colour, dash = style_of(result)
+    bold = result.method in _BOLD
+    return {"color": colour, "linestyle": dash, "linewidth": 2.4 if bold else 1.2, "zorder": 3 if bold else 2}
 
 
 def _svg(pyplot: Any, figure: Any) -> str:

@@ -1,8 +1,8 @@
 """Who takes part in a benchmark, by name, for sound of one or two channels; and what each costs to run."""
 
-import tempfile
+import hashlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,25 +12,33 @@ import soundfile
 
 from tactophone.dataset import Dataset, Recording
 from tactophone.errors import ConfigError
-from tactophone.evaluation.benchmark import Contender
 from tactophone.evaluation.controls import OverBandMethod
+from tactophone.evaluation.crossvalidation import Method
+from tactophone.evaluation.heights import HeightMethod
 from tactophone.evaluation.methods import PaperMethod
+from tactophone.evaluation.result import Contender
 from tactophone.evaluation.vibration import VibrationMethod
-from tactophone.evaluation.ways import way_method
-from tactophone.haptics import SOUNDING
+from tactophone.evaluation.ways import DeafenedMethod, way_method
+from tactophone.haptics import SOUNDING, Sounding
 from tactophone.perception import DecisionRule, default_model, detector_for, model_path, read_model
 from tactophone.training.lesson import ABSTAIN_FROM
 from tactophone.training.making import OPEN_GATE, Course
 from tactophone.training.recipes import paper
+from tactophone.training.touches import Ear
 from tactophone.training.ways import WAYS, train_way
-from tactophone.types import AudioBlock
+from tactophone.types import AIR, AudioBlock
 
-CONTROL = "control: only over 8 kHz"
+AIR_DEAD = "ours, air dead"
+"""The same model as ours, its air microphone silent from the first sample on."""
+
 CONTROL_RATE = 40_000
 """Hz; under it there is nothing over 8 kHz to be distrusted."""
 
 HOP, STEPS, BATCH_SIZE = 21, 600, 500
 """Of the paper's training: least batches, where its score is flat, and the settings of docs/scores.md."""
+
+RATE, BUFFER_SIZE = 48_000, 512
+"""At which costs are measured: the paper's sound buffers."""
 
 PAPER_LATENCY, WAY_LATENCY = 3.04e-3, 0.38e-3
 """Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
@@ -48,7 +56,8 @@ class Cost:
 def contender_names(channels: int) -> tuple[str, ...]:
     """List who can take part, the reference first."""
     variants = ("paper/general", "paper/fine-tuned", "paper/one-channel") if channels == 2 else ("paper/one-channel",)
-    return (*variants, *(name for name in WAYS if name != "ours"), *SOUNDING, "ours")
+    ours = (AIR_DEAD, "ours") if channels == 2 else ("ours",)
+    return (*variants, *(name for name in WAYS if name != "ours"), *SOUNDING, *ours)
 
 
 def contenders_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[Contender, ...]:
@@ -74,42 +83,74 @@ def channels_of(dataset: Dataset) -> int:
     return 2 if all(set(one.channels) == {"contact", "air"} for one in dataset.recordings) else 1
 
 
-def measure_costs(dataset: Dataset, names: Sequence[str]) -> dict[str, Cost]:
-    """Make each method's model file from a few recordings and run it, a paper's sound buffer at a time."""
+def heights_of(dataset: Dataset) -> HeightMethod | None:
+    """Make what regresses a surface's Ra, where the data tells it."""
+    told = any(one.known("ra_um") for one in dataset.recordings)
+    return HeightMethod(Ear("texture", channels_of(dataset))) if told else None
+
+
+def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:
+    """Measure what each method costs to run, from sound at 48 kHz to its answer, a paper's sound buffer at a time.
+
+    Parameters
+    ----------
+    dataset
+        A few of its recordings make the model files of those that have none; a cost hangs on shapes alone.
+    names
+        Of contenders.
+    folder
+        Where these files are kept.
+    """
     channels = channels_of(dataset)
     few = replace(dataset, recordings=_few(dataset))
-    costs = {}
-    with tempfile.TemporaryDirectory() as folder:
-        for name in names:
-            if name in SOUNDING:
-                continue
-            path = Path(folder) / f"{name.replace('/', '-')}.onnx"
-            if name in WAYS:
-                train_way(path, few, name, channels=channels)
-            else:
-                path = model_path(default_model(1 if name == "paper/one-channel" else channels))
-            costs[name] = cost_of(path)
-    return costs
+    return {name: _cost(name, few, channels, folder) for name in names if name != AIR_DEAD}
+
+
+def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
+    if name in SOUNDING:
+        return cost_of_sounding(SOUNDING[name](None))
+    if name not in WAYS:
+        return cost_of(model_path(default_model(1 if name == "paper/one-channel" else channels)))
+    told = f"{way_method(name, channels=channels).identity} {few.fingerprint}"
+    path = folder / f"{name}-{hashlib.sha256(told.encode()).hexdigest()[:16]}.onnx"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        train_way(path, few, name, channels=channels)
+    return cost_of(path)
 
 
 def cost_of(path: Path, *, duration: float = 5.0) -> Cost:
     """Measure what a model file costs; processor time, so that others' work does not count."""
     model = read_model(path)
-    detector = detector_for(model, sample_rate=48_000)
-    rng = np.random.default_rng(0)
-    noise = (0.1 * rng.standard_normal((round(duration * 48_000), model.card.channels))).astype(np.float32)
-    updates, spent = 0, 0.0
-    for start in range(0, len(noise), 512):
-        block = AudioBlock(noise[start : start + 512], 48_000, start)
-        before = time.thread_time()
-        updates += len(detector.push(block))
-        spent += time.thread_time() - before
+    detector = detector_for(model, sample_rate=RATE)
+    updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
     return Cost(_parameters(path), path.stat().st_size, 1e6 * spent / max(updates, 1))
 
 
+def cost_of_sounding(sounding: Sounding, *, duration: float = 5.0) -> Cost:
+    """Measure a renderer, which has no weights and no file; its update is a sound buffer of 10.7 ms."""
+    buffers, spent = _time(lambda block: int(len(sounding.push(block.samples)) > 0), 1, duration)
+    return Cost(0, 0, 1e6 * spent / max(buffers, 1))
+
+
+def _time(step: Callable[[AudioBlock], int], channels: int, duration: float) -> tuple[int, float]:
+    """Count updates, and the processor time that they took, in s."""
+    rng = np.random.default_rng(0)
+    noise = (0.1 * rng.standard_normal((round(duration * RATE), channels))).astype(np.float32)
+    updates, spent = 0, 0.0
+    for start in range(0, len(noise), BUFFER_SIZE):
+        block = AudioBlock(noise[start : start + BUFFER_SIZE], RATE, start)
+        before = time.thread_time()
+        updates += step(block)
+        spent += time.thread_time() - before
+    return updates, spent
+
+
 def _contender(name: str, dataset: Dataset, channels: int) -> Contender:
-    if name in WAYS:
-        return Contender(way_method(name, channels=channels), DecisionRule(abstain_from=ABSTAIN_FROM), WAY_LATENCY)
+    if name in WAYS or name == AIR_DEAD:
+        ours = way_method("ours", channels=channels)
+        method: Method = DeafenedMethod(ours, AIR) if name == AIR_DEAD else way_method(name, channels=channels)
+        return Contender(method, DecisionRule(abstain_from=ABSTAIN_FROM), WAY_LATENCY)
     if name in SOUNDING:
         return Contender(VibrationMethod(name), latency=SOUNDING[name](None).latency)
     recipe = replace(

@@ -16,6 +16,7 @@ from tactophone.evaluation.timeline import read_timeline
 from tactophone.types import Touch
 
 BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
+PURPLE = "#CC79A7"
 """Okabe and Ito's, and a grey for what is absent."""
 
 TOUCH_COLOURS = {Touch.NONE: "#E4E4E4", Touch.SMOOTH: "#56B4E9", Touch.ROUGH: VERMILION}

@@ -5,13 +5,23 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 
-from tactophone.evaluation.benchmark import Result
-from tactophone.evaluation.benchmark_figures import draw_curves, draw_delays, draw_reliability, draw_scores
+from tactophone.evaluation.benchmark import Findings
+from tactophone.evaluation.benchmark_figures import (
+    draw_curves,
+    draw_delays,
+    draw_heights,
+    draw_reliability,
+    draw_scores,
+)
 from tactophone.evaluation.contenders import Cost
+from tactophone.evaluation.heights import Heights
+from tactophone.evaluation.result import Result
+from tactophone.haptics import PROFILES, discriminable_steps, open_profile
 
 COLUMNS = (
     "method", "balanced accuracy", "AUC", "recall at 1 %", "false positives", "at the reference's recall",
-    "false bumps a minute", "contact p50 / p95 (never)", "edge p50 / p95 (never)", "calibration error", "p",
+    "false bumps a minute", "contact p50 / p95 (never)", "edge p50 / p95 (never)", "calibration error",
+    "rank with Ra", "p",
 )  # fmt: skip
 
 _STYLE = """
@@ -19,10 +29,10 @@ _STYLE = """
 @media (prefers-color-scheme: dark) {
   :root { --rule: #555; --soft: #222; --best: #4a2a1a; } .figure { background: #fff; }
 }
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 78rem; margin: 2rem auto; padding: 0 1rem; }
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 88rem; margin: 2rem auto; padding: 0 1rem; }
 h2 { margin-top: 3rem; border-bottom: 1px solid var(--rule); } caption { text-align: left; padding: .4rem 0; }
 .scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; }
-th, td { padding: .3rem .6rem; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
+th, td { padding: .3rem .45rem; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
 th { vertical-align: bottom; white-space: normal; background: var(--soft); }
 th:first-child, td:first-child { text-align: left; }
 tr.ours { background: var(--best); } tr.control { font-style: italic; opacity: .75; }
@@ -30,26 +40,26 @@ tr.ours { background: var(--best); } tr.control { font-style: italic; opacity: .
 """
 
 
-def write_page(results: Sequence[Result], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]) -> str:
+def write_page(findings: Sequence[Findings], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]) -> str:
     """Write the report.
 
     Parameters
     ----------
-    results
-        Of all data sets and splits.
+    findings
+        A data set each.
     costs
         Of each method, by data set.
     notes
         Paragraphs at the top: what was run, on what.
     """
     parts = [f"<p>{html.escape(note)}</p>" for note in notes]
-    for dataset, of_set in groupby(results, key=lambda one: one.dataset):
-        parts.append(f"<h2>{html.escape(dataset)}</h2>")
-        if dataset in costs:
-            parts.append(_costs(costs[dataset]))
-        for split, some in groupby(of_set, key=lambda one: one.split):
-            parts += _section(list(some), split)
-    body = "\n".join(parts)
+    for one in findings:
+        parts.append(f"<h2>{html.escape(f'{one.dataset}: {one.origin}')}</h2>")
+        if one.dataset in costs:
+            parts.append(_costs(costs[one.dataset]))
+        for split, some in groupby(one.results, key=lambda result: result.split):
+            parts += _section(list(some), split, one)
+    body = "\n".join((*parts, "<h2>Rendering profiles</h2>", _profiles()))
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Tactophone benchmark</title>'
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>\n'
@@ -72,6 +82,7 @@ def row_of(result: Result) -> tuple[str, ...]:
         told_delay(result.contact_ms),
         told_delay(result.edge_ms),
         _number(result.calibration_error, ".3f"),
+        _number(result.height_correlation, ".2f"),
         _number(difference.p, ".3f") if difference else "reference",
     )
 
@@ -86,16 +97,53 @@ def told_delay(delay: tuple[float, float, float]) -> str:
     return "-" if math.isnan(middle) else f"{middle:.0f} / {late:.0f} ms ({100 * missed:.0f} %)"
 
 
-def _section(results: Sequence[Result], split: str) -> list[str]:
+def told_dealt(dealt: Sequence[float]) -> str:
+    """Tell what is learnt where there is nothing to learn.
+
+    >>> told_dealt((0.52, 0.41))
+    'balanced accuracy 0.52, 0.41'
+    """
+    return f"balanced accuracy {', '.join(f'{one:.2f}' for one in dealt)}"
+
+
+def told_heights(heights: Heights) -> str:
+    """Tell how well Ra is regressed."""
+    return (
+        f"Ra told from sound: off by {heights.error_decades:.2f} decades rms over {len(heights.surfaces)} surfaces "
+        f"(a factor of {10**heights.error_decades:.1f}; single updates {heights.update_error_decades:.2f}; saying the "
+        f"same of all {heights.spread_decades:.2f}); rank correlation {heights.correlation:.2f}"
+    )
+
+
+def steps_by_profile() -> dict[str, tuple[float, float]]:
+    """Count the steps that a finger tells apart from smooth to rough, of frequency and in all, profile by profile."""
+    return {name: discriminable_steps(open_profile(name)) for name in PROFILES}
+
+
+def _section(results: Sequence[Result], split: str, found: Findings) -> list[str]:
     figures = [draw_scores(results), draw_curves(results)]
     if any(math.isfinite(one.contact_ms[0]) or math.isfinite(one.edge_ms[0]) for one in results):
         figures.append(draw_delays(results))
     figures.append(draw_reliability(results))
+    lines = []
+    if split in found.dealt:
+        told = told_dealt(found.dealt[split])
+        lines.append(f"Control, labels dealt anew over the surfaces and learnt by the last method: {told}.")
+    if split in found.heights:
+        figures.append(draw_heights(found.heights[split]))
+        lines.append(f"{told_heights(found.heights[split])}.")
     return [
         f"<h3>{html.escape(split)}</h3>",
         _table(COLUMNS, [(row_of(one), one) for one in results], caption="Updates in contact, two-class rule."),
+        *(f"<p>{html.escape(line)}</p>" for line in lines),
         *(f'<div class="figure">{figure}</div>' for figure in figures),
     ]
+
+
+def _profiles() -> str:
+    rows = [((name, f"{pitch:.1f}", f"{both:.1f}"), None) for name, (pitch, both) in steps_by_profile().items()]
+    heading = ("profile", "steps of frequency", "steps with level")
+    return _table(heading, rows, caption="Just-noticeable steps between smooth and rough (18 % of frequency, 1.5 dB).")
 
 
 def _costs(costs: Mapping[str, Cost]) -> str:

@@ -12,11 +12,11 @@ from typing import Any
 
 from tactophone.dataset import Dataset, Fold, Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation.benchmark import scored
 from tactophone.evaluation.contenders import contenders_for
 from tactophone.evaluation.crossvalidation import Cache, cross_validate
 from tactophone.evaluation.judging import Judgement, scores_of
 from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.result import scored
 from tactophone.types import Touch
 
 SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")

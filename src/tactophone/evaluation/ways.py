@@ -1,7 +1,7 @@
 """Ways of telling rough from smooth as methods that are cross-validated: the live stages, a whole recording at once."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -13,6 +13,7 @@ from tactophone.perception.model import FEATURES, LOG_PROBABILITIES
 from tactophone.training.lesson import Lesson, prepare
 from tactophone.training.touches import Ear, listen
 from tactophone.training.ways import WAYS
+from tactophone.types import AIR
 
 VERSIONS: Mapping[str, int] = MappingProxyType({})
 """Of a way that changed in a manner that its settings do not tell: raised, its cached results are made anew."""
@@ -43,12 +44,35 @@ class WayMethod:
         return judge_by(WAYS[self.name].build(lesson).SerializeToString(), lesson)
 
 
+@dataclass(frozen=True, slots=True)
+class DeafenedMethod:
+    """A way of two channels of which one falls silent once all is learnt: the same weights, one microphone less."""
+
+    way: WayMethod
+    dead: int
+
+    @property
+    def name(self) -> str:
+        """The way's, and what is dead."""
+        return f"{self.way.name}, {'air' if self.dead == AIR else 'contact'} dead"
+
+    @property
+    def identity(self) -> str:
+        """The way's, and what is dead."""
+        return f"{self.way.identity} without channel {self.dead}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Judge:
+        """Learn as the way does, and judge by the channel that is left."""
+        lesson = prepare(self.way.ear, recordings)
+        return judge_by(WAYS[self.way.name].build(lesson).SerializeToString(), lesson, dead=self.dead)
+
+
 def way_method(name: str, *, channels: int) -> WayMethod:
     """Make the method of a way, for sound of so many channels."""
     return WayMethod(name, Ear(WAYS[name].kind, channels))
 
 
-def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None) -> Judge:
+def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None, dead: int | None = None) -> Judge:
     """Make a judge of a graph, which answers for every window of a recording at once.
 
     Parameters
@@ -59,11 +83,15 @@ def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None) -> Judge:
         What it was learnt from.
     ear
         How it hears; as it did while learning, if not given.
+    dead
+        A channel that carries nothing.
     """
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
 
     def judge(recording: Recording) -> Judgement:
         (track,) = listen([recording], ear or lesson.ear)
+        if dead is not None:
+            track = replace(track, present=track.present & (np.arange(lesson.ear.channels) != dead))
         (answer,) = session.run([LOG_PROBABILITIES], {FEATURES: lesson.features(track)})
         contact = track.level_dbfs >= lesson.threshold_dbfs
         return Judgement(recording, track.end, np.exp(answer, dtype=np.float32), contact)
