@@ -6,8 +6,18 @@ import soundfile
 from tactophone.dataset import Dataset, open_dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation.crossvalidation import Cache
-from tactophone.evaluation.paper_tables import PAPER_ONE, SHARES, TWO_COLUMNS, table_one, table_two
-from tests.surfaces import scrape, surfaces
+from tactophone.evaluation.judging import Judgement
+from tactophone.evaluation.paper_tables import (
+    PAPER_ONE,
+    SHARES,
+    TWO_COLUMNS,
+    judge_held_out,
+    loud_segments,
+    table_one,
+    table_two,
+)
+from tactophone.types import Touch
+from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 
 RATE = 16_000
 
@@ -20,9 +30,7 @@ def authors(root: Path) -> Dataset:
     for seed, (place, rough) in enumerate(places):
         path = root / f"{place}.wav"
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The layout has no segments: all of a file is contact.
-        sound = scrape(rough=bool(rough), seed=seed)[round(0.3 * RATE) : RATE]
-        soundfile.write(path, sound, RATE)
+        soundfile.write(path, 4 * scrape(rough=bool(rough), seed=seed), RATE, subtype="FLOAT")
     return open_dataset(root)
 
 
@@ -31,8 +39,23 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return authors(tmp_path_factory.mktemp("authors"))
 
 
-def test_table_one_stands_beside_the_papers_own(dataset: Dataset) -> None:
-    lines = {line.name: line.values for line in table_one(dataset, ["ours"], Cache(dataset.root / "cache"))}
+@pytest.fixture(scope="module")
+def judged(dataset: Dataset) -> dict[str, list[Judgement]]:
+    return judge_held_out(dataset, ["ours"], Cache(dataset.root / "cache"))
+
+
+def test_contact_is_told_by_the_authors_threshold_where_nobody_else_has(dataset: Dataset) -> None:
+    rough = next(one for one in dataset.recordings if one.label is Touch.ROUGH)
+    before, touch = loud_segments(rough)
+    assert (before.contact, touch.label) == (False, Touch.ROUGH)
+    # A window of 256 ms is loud before it lies within the touch wholly, and until it has nearly left it.
+    assert TOUCHED[0] <= touch.start < TOUCHED[0] + 0.256
+    assert TOUCHED[1] < touch.end < DURATION
+    assert before.end <= touch.start
+
+
+def test_table_one_stands_beside_the_papers_own(judged: dict[str, list[Judgement]]) -> None:
+    lines = {line.name: line.values for line in table_one(judged)}
     assert list(lines) == ["paper's own, competition", "ours, competition", "paper's own, test", "ours, test"]
     assert lines["paper's own, test"]["rough_as_rough"] == "0.240"
     shares = [float(lines["ours, test"][name]) for name in SHARES]
@@ -40,8 +63,8 @@ def test_table_one_stands_beside_the_papers_own(dataset: Dataset) -> None:
     assert sum(PAPER_ONE["test"]) == pytest.approx(1, abs=0.005)
 
 
-def test_table_two_tells_each_class_and_day(dataset: Dataset) -> None:
-    lines = {line.name: line.values for line in table_two(dataset, ["ours"], Cache(dataset.root / "cache"))}
+def test_table_two_tells_each_class_and_day(judged: dict[str, list[Judgement]]) -> None:
+    lines = {line.name: line.values for line in table_two(judged)}
     assert tuple(lines["ours"]) == TWO_COLUMNS
     assert lines["ours"]["rough day 2"] == "-"
     assert float(lines["ours"]["rough day 1"]) > 0.8
@@ -51,4 +74,4 @@ def test_table_two_tells_each_class_and_day(dataset: Dataset) -> None:
 
 def test_other_layouts_have_no_such_tables(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="authors' layout"):
-        table_one(surfaces(tmp_path), ["ours"], Cache(tmp_path / "cache"))
+        judge_held_out(surfaces(tmp_path), ["ours"], Cache(tmp_path / "cache"))

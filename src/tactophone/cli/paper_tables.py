@@ -11,6 +11,7 @@ from tactophone.dataset import Dataset
 from tactophone.evaluation.crossvalidation import Cache
 
 if TYPE_CHECKING:
+    from tactophone.evaluation.judging import Judgement
     from tactophone.evaluation.paper_tables import Line
     from tactophone.evaluation.task import Outcome
 
@@ -21,13 +22,21 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: C
     from tactophone.evaluation.paper_tables import table_one, table_two
 
     for dataset in datasets:
+        judged = _judge(dataset, args.methods.split(",") if args.methods else (), cache)
         for wanted, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
             if wanted:
-                lines = make(dataset, args.methods.split(",") if args.methods else (), cache)
-                _print_lines(f"{title}, {dataset.name} ({origin_of(dataset)})", lines, as_json=args.json)
+                _print_lines(f"{title}, {dataset.name} ({origin_of(dataset)})", make(judged), as_json=args.json)
     if args.table3:
         _print_task(args)
     return 0
+
+
+def _judge(dataset: Dataset, names: Sequence[str], cache: Cache) -> "dict[str, list[Judgement]]":
+    from tactophone.evaluation.paper_tables import judge_held_out
+
+    with terminal.progress("Tables I and II") as bar:
+        task = bar.add_task("", total=None, note="")
+        return judge_held_out(dataset, names, cache, report=lambda name: bar.update(task, note=name))
 
 
 def _print_lines(title: str, lines: Sequence["Line"], *, as_json: bool) -> None:

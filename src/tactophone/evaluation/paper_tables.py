@@ -1,23 +1,40 @@
 """Tables I and II of the paper, on data in its authors' layout, with the paper's own numbers beside.
 
 The authors' rule scores: a window over 0.005 mean absolute value is rough if P(rough) of all three classes is 0.5 or
-more. Models learn from the training objects alone.
+more; the same moments count for every method. Models learn from the training objects alone.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
-from tactophone.dataset import Dataset, Fold, Recording
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.dataset import Dataset, Fold, Recording, Segment
 from tactophone.errors import DatasetError
 from tactophone.evaluation.contenders import contenders_for
 from tactophone.evaluation.crossvalidation import Cache, cross_validate
 from tactophone.evaluation.judging import Judgement, scores_of
-from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.metrics import Floats, measure
 from tactophone.evaluation.result import scored
+from tactophone.training.export import AUTHORS_GATE
+from tactophone.training.sound import RATE, read_signals
+from tactophone.training.windows import SIZE
 from tactophone.types import Touch
+
+METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "ours")
+
+STEP = 20
+"""Samples at 2 kHz, 10 ms, at which contact is looked for."""
+
+SHORT = 64
+"""Samples, 32 ms."""
+
+CLEARLY_DB = 12.0
+"""So far under the threshold there is nothing but noise; between the two, nobody says what there is."""
 
 SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
 
@@ -50,46 +67,91 @@ class Line:
         return asdict(self)
 
 
-def table_one(dataset: Dataset, names: Sequence[str], cache: Cache) -> list[Line]:
-    """Give Table I: how windows were called, as shares of all."""
-    lines = []
-    for part in _parts(dataset):
-        if part in PAPER_ONE:
-            lines.append(_line(f"paper's own, {part}", SHARES, PAPER_ONE[part]))
-        for name, judged in _judge(dataset, part, names, cache).items():
-            found = measure(scores_of(map(scored, judged), "authors"))
-            lines.append(_line(f"{name}, {part}", SHARES, [found[share] for share in SHARES]))
-    return lines
+def judge_held_out(
+    dataset: Dataset, names: Sequence[str], cache: Cache, *, report: Callable[[str], None] = lambda name: None
+) -> dict[str, list[Judgement]]:
+    """Let methods learn from the training objects and judge the test objects and the competition's runs.
 
+    Parameters
+    ----------
+    dataset
+        In the authors' layout.
+    names
+        Of contenders; the paper's three variants and ours, if none.
+    cache
+        Where judgements are kept.
+    report
+        Called with each method's name before it learns.
 
-def table_two(dataset: Dataset, names: Sequence[str], cache: Cache) -> list[Line]:
-    """Give Table II: the accuracy of each class, day by day."""
-    lines = [_line(f"paper's own, {variant}", TWO_COLUMNS, row) for variant, row in PAPER_TWO.items()]
-    judged: dict[str, list[Judgement]] = {}
-    for part in _parts(dataset):
-        for name, some in _judge(dataset, part, names, cache).items():
-            judged.setdefault(name, []).extend(some)
-    return [*lines, *(_line(name, TWO_COLUMNS, _accuracies(some)) for name, some in judged.items())]
-
-
-def _parts(dataset: Dataset) -> list[str]:
-    """The held-out parts that there are: the test objects and the competition's runs."""
-    parts = sorted({one.known("split") for one in dataset.labelled().recordings} - {"train", ""})
-    if not parts:
+    Raises
+    ------
+    DatasetError
+        If there is nothing held out.
+    """
+    kept = dataset.labelled()
+    held_out = tuple(one for one in kept.recordings if one.known("split") not in ("train", ""))
+    if not held_out:
         raise DatasetError(
             f"{dataset.root}: has no test objects and no competition runs; Tables I and II want the authors' layout: "
             "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset --authors-layout` makes it)"
         )
-    return parts
-
-
-def _judge(dataset: Dataset, part: str, names: Sequence[str], cache: Cache) -> dict[str, list[Judgement]]:
-    kept = dataset.labelled()
+    kept = replace(kept, recordings=tuple(_with_touches(kept.recordings)))
     train = tuple(one for one in kept.recordings if one.known("split") == "train")
-    fold = Fold(part, train, tuple(one for one in kept.recordings if one.known("split") == part))
-    chosen = names or ("paper/general", "paper/fine-tuned", "paper/one-channel", "ours")
-    contenders = [one for one in contenders_for(kept, chosen) if not one.control]
-    return {one.name: cross_validate(one.method, [fold], cache=cache) for one in contenders}
+    fold = Fold("held out", train, tuple(one for one in kept.recordings if one.known("split") not in ("train", "")))
+    judged = {}
+    for one in contenders_for(kept, names or METHODS):
+        if not one.control:
+            report(one.name)
+            judged[one.name] = cross_validate(one.method, [fold], cache=cache)
+    return judged
+
+
+def table_one(judged: Mapping[str, Sequence[Judgement]]) -> list[Line]:
+    """Give Table I: how windows were called, as shares of all."""
+    lines = []
+    for part in ("competition", "test"):
+        lines.append(_line(f"paper's own, {part}", SHARES, PAPER_ONE[part]))
+        for name, some in judged.items():
+            if of_part := [one for one in some if one.recording.known("split") == part]:
+                found = measure(scores_of(map(scored, of_part), "authors"))
+                lines.append(_line(f"{name}, {part}", SHARES, [found[share] for share in SHARES]))
+    return lines
+
+
+def table_two(judged: Mapping[str, Sequence[Judgement]]) -> list[Line]:
+    """Give Table II: the accuracy of each class, day by day."""
+    own = [_line(f"paper's own, {variant}", TWO_COLUMNS, row) for variant, row in PAPER_TWO.items()]
+    return [*own, *(_line(name, TWO_COLUMNS, _accuracies(some)) for name, some in judged.items())]
+
+
+def _with_touches(recordings: Sequence[Recording]) -> Iterator[Recording]:
+    """Tell contact by the authors' test threshold where nobody else has: it is what they score by."""
+    for one in recordings:
+        yield one if one.segments else replace(one, segments=loud_segments(one))
+
+
+def loud_segments(recording: Recording) -> tuple[Segment, ...]:
+    """Tell contact while the window that ends there is over the authors' threshold, none where it is far under it."""
+    (signal,) = read_signals([recording], channels=1)
+    total = np.concatenate(([0.0], np.cumsum(np.abs(signal[:, 0]), dtype=np.float64)))
+    ends = np.arange(SIZE, len(signal) + 1, STEP)
+    loud = _over_threshold_db(total, ends, SIZE) >= 0
+    # A long window is late to tell that a touch has begun.
+    quiet = ~loud & (_over_threshold_db(total, ends, SHORT) < -CLEARLY_DB)
+    found = (*_stretches(loud, recording.known("label")), *_stretches(quiet, "none"))
+    return tuple(sorted(found, key=lambda one: one.start))
+
+
+def _over_threshold_db(total: Floats, ends: NDArray[np.intp], size: int) -> Floats:
+    mean_absolute = (total[ends] - total[ends - size]) / size
+    return np.asarray(20 * np.log10(mean_absolute + 1e-12) - AUTHORS_GATE.threshold_dbfs)
+
+
+def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
+    """Give the times of each stretch of windows."""
+    begins_and_ends = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
+    for begin, end in (SIZE + STEP * begins_and_ends) / RATE:
+        yield Segment(float(begin) - STEP / RATE, float(end) - STEP / RATE, label)
 
 
 def _accuracies(judged: Sequence[Judgement]) -> list[float]:

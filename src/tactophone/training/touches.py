@@ -83,17 +83,21 @@ class Track:
 
     def touching(self) -> NDArray[np.bool_]:
         """Whether the finger touches anything at each window's end, by the segments; throughout, if there are none."""
-        return self._in_contact(self.end, self.end) if self.recording.segments else np.ones(len(self.end), bool)
+        return self._in_contact(self.end) if self.recording.segments else np.ones(len(self.end), bool)
 
     def quiet(self) -> NDArray[np.bool_]:
-        """Whether each window lies wholly where nothing is touched, by the segments; nowhere, if there are none."""
-        return ~self._in_contact(self.start, self.end) & bool(self.recording.segments)
+        """Whether each window lies wholly where nothing is touched, by the segments; not where they do not tell."""
+        inside = np.zeros(len(self.end), bool)
+        for one in self.recording.segments:
+            if not one.contact:
+                inside |= (self.start >= one.start) & (self.end <= one.end)
+        return inside & ~self._in_contact(self.start)
 
-    def _in_contact(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-        inside = np.zeros(len(end), bool)
+    def _in_contact(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
+        inside = np.zeros(len(self.end), bool)
         for one in self.recording.segments:
             if one.contact:
-                inside |= (end > one.start) & (start <= one.end)
+                inside |= (self.end > one.start) & (start <= one.end)
         return inside
 
 
