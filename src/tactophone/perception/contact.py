@@ -9,12 +9,12 @@ has fallen under the threshold, the touch has ended.
 The paper has no such gate (its own looks at the whole window): `feel --contact window` leaves it out.
 """
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactophone.perception.garbage import PLAUSIBLE_PEAK
+from tactophone.perception.garbage import find_garbage
 from tactophone.perception.loudness import LoudnessRule
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
@@ -102,7 +102,7 @@ class ContactGate:
     def reset(self) -> None:
         """Become as new: no contact."""
         self._rest: FloatArray = np.empty(0, np.float32)
-        self._powers = np.zeros(SLOW - 1)
+        self._newest, self._latest = deque([0.0] * FAST, FAST), deque([0.0] * SLOW, SLOW)
         self._steps = 0
         self._touching = False
         self._lasted = 0
@@ -112,24 +112,24 @@ class ContactGate:
         sound = np.concatenate((self._rest, block.samples[:, CONTACT]))
         whole = len(sound) // self._step_size * self._step_size
         self._rest = sound[whole:]
-        powers = np.concatenate((self._powers, self._measure(sound[:whole].reshape(-1, self._step_size))))
-        self._powers = powers[len(powers) - SLOW + 1 :]
-        levels = zip(_running_mean(powers[SLOW - FAST :], FAST), _running_mean(powers, SLOW), strict=True)
-        return [step for fast, slow in levels if (step := self._step(fast, slow))]
+        powers = self._measure(sound[:whole].reshape(-1, self._step_size))
+        return [step for power in powers if (step := self._step(power))]
 
-    def _measure(self, steps: FloatArray) -> NDArray[np.float64]:
+    def _measure(self, steps: FloatArray) -> list[float]:
         """Give each step's power, or mean absolute value; not a number where it holds garbage."""
-        loud = np.abs(steps).astype(np.float64)
-        sane = loud.max(axis=1, initial=0) <= PLAUSIBLE_PEAK
-        measured = np.where(sane[:, None], loud, np.nan) ** self._power
-        mean: NDArray[np.float64] = measured.sum(axis=1) / self._step_size
-        return mean
+        if len(garbage := find_garbage(steps)):
+            steps = steps.copy()
+            steps[garbage] = np.nan
+        sums = np.vecdot(steps, steps) if self._power == 2 else np.abs(steps).sum(axis=1)
+        return [total / self._step_size for total in sums.tolist()]
 
-    def _step(self, fast: float, slow: float) -> Contact | None:
+    def _step(self, power: float) -> Contact | None:
+        self._newest.append(power)
+        self._latest.append(power)
         before = self._touching
         self._steps += 1
         self._lasted += 1
-        self._touching = self._is_touching(fast, slow)
+        self._touching = self._is_touching(sum(self._newest) / FAST, sum(self._latest) / SLOW)
         if self._touching and not before:
             self._lasted = 0
         if self._touching == before and self._steps % BEAT:
@@ -142,9 +142,3 @@ class ContactGate:
             return True
         return self._touching and (slow >= self._close_under or (self._lasted < LEAST and fast >= 0))
 
-
-def _running_mean(powers: NDArray[np.float64], span: int) -> list[float]:
-    """Average neighbours, each stretch summed alike, so that block sizes do not matter."""
-    stretches = np.ndarray((len(powers) - span + 1, span), np.float64, powers, strides=powers.strides * 2)
-    means: list[float] = (stretches.sum(axis=1) / span).tolist()
-    return means

@@ -5,6 +5,7 @@ steps if the model says so, and gives one prediction each time, the same to the 
 sound arrives.
 """
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -137,7 +138,8 @@ class WindowDetector:
 
     def _ask(self, features: FloatArray) -> Probabilities:
         (answer,) = self._session.run([LOG_PROBABILITIES], {FEATURES: features[None]})
-        none, smooth, rough = np.exp(answer[0].astype(np.float64)).tolist()
+        # Garbage far over 0 would be too large for a float; an e among probabilities is enough to be found out.
+        none, smooth, rough = (math.exp(min(value, 1.0)) for value in answer[0].tolist())
         return none, smooth, rough
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:

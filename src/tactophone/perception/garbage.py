@@ -13,7 +13,8 @@ _NOTHING = np.empty(0, np.intp)
 
 def find_garbage(samples: FloatArray) -> NDArray[np.intp]:
     """Give the indices of the samples at which any channel is garbage."""
-    if np.abs(samples).max(initial=0) <= PLAUSIBLE_PEAK:
+    # A NaN is the extreme of any sound that holds one, and passes neither comparison.
+    if samples.max(initial=0) <= PLAUSIBLE_PEAK and samples.min(initial=0) >= -PLAUSIBLE_PEAK:
         return _NOTHING
     # Written so that a comparison with NaN, which is always false, counts as garbage.
     return np.flatnonzero(~(np.abs(samples) <= PLAUSIBLE_PEAK).all(axis=1))

@@ -30,7 +30,7 @@ def rms_dbfs(samples: FloatArray) -> float:
     >>> rms_dbfs(np.zeros(100, np.float32))
     -200.0
     """
-    return _dbfs(math.sqrt(np.add.reduce(np.square(samples, dtype=np.float64)) / len(samples)))
+    return _dbfs(math.sqrt(np.vecdot(samples, samples) / len(samples)))
 
 
 def mean_absolute_dbfs(samples: FloatArray) -> float:

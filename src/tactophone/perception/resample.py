@@ -74,19 +74,23 @@ class Resampler:
         ready = -(-position * self._up // self._down)
         if ready <= self._given:
             return np.empty((0, self._channels), np.float32)
-        places = np.arange(self._given, ready) * self._down
-        starts = places // self._up - self._reach - self._first
-        output = self._weighted(starts, places % self._up)
+        windows, weights = self._around(self._given, ready)
+        # A dot product a sample: its rounding depends on the number of taps alone. That of a matrix product, faster
+        # still, changes with the number of rows.
+        output: FloatArray = np.vecdot(windows, weights).T
         self._given = ready
         self._forget(ready * self._down // self._up - self._reach)
         return output
 
-    def _weighted(self, starts: np.ndarray, phases: np.ndarray) -> FloatArray:
-        # Summed along the last axis of a product, which lies contiguous: NumPy's order of summation then depends on the
-        # number of taps alone. A matrix product would be faster still, but its rounding changes with the rows' number.
-        weights = self._kernels[phases]
-        sums: FloatArray = (_every_window(self._kept, weights.shape[1])[:, starts] * weights).sum(axis=2).T
-        return sums
+    def _around(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
+        """The input around each output sample of a stretch, shape ``(channels, samples, taps)``, and its weights."""
+        windows = _every_window(self._kept, self._kernels.shape[1])
+        before = self._reach + self._first
+        if self._up == 1:
+            first, last = start * self._down - before, (end - 1) * self._down - before
+            return windows[:, first : last + 1 : self._down], self._kernels
+        places = np.arange(start, end) * self._down
+        return windows[:, places // self._up - before], self._kernels[places % self._up]
 
     def _forget(self, before: int) -> None:
         unneeded = max(0, min(before - self._first, self._kept.shape[1]))
