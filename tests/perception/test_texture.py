@@ -69,4 +69,4 @@ def test_reset_equals_new() -> None:
 def test_a_card_without_a_fitting_prior_is_refused() -> None:
     for settings in ({}, {"prior": [[0.0]]}):
         with pytest.raises(ModelError, match="ear: its settings cannot be used"):
-            detector_for(Model(replace(CARD, settings=settings), session=None), sample_rate=48_000)
+            detector_for(Model(replace(CARD, settings=settings), session=None, content=b""), sample_rate=48_000)

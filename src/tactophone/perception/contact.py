@@ -141,4 +141,3 @@ class ContactGate:
         if fast >= self._clear_from or slow >= self._open_from:
             return True
         return self._touching and (slow >= self._close_under or (self._lasted < LEAST and fast >= 0))
-

@@ -12,10 +12,11 @@ import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import Decision, Probabilities
+from tactophone.perception.engine import open_engine
 from tactophone.perception.extractors import EXTRACTORS, FORGIVING, Extractor
 from tactophone.perception.garbage import GarbageFilter
 from tactophone.perception.loudness import LOUDNESS
-from tactophone.perception.model import FEATURES, LOG_PROBABILITIES, Model, ModelCard
+from tactophone.perception.model import Model, ModelCard
 from tactophone.perception.resample import LOWEST_RATE, Resampler
 from tactophone.perception.windows import Windower
 from tactophone.types import CONTACT, AudioBlock, FloatArray, Prediction
@@ -51,10 +52,10 @@ class WindowDetector:
         self.card = model.card
         self.faults: Counter[str] = Counter()
         self.threshold_dbfs = model.card.gate.threshold_dbfs
-        self._session = model.session
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
         self._extractor = _extractor(model.card)
+        self._engine = open_engine(model)
         self._loudness = LOUDNESS[model.card.gate.rule]
         self.reset()
 
@@ -137,9 +138,8 @@ class WindowDetector:
         )
 
     def _ask(self, features: FloatArray) -> Probabilities:
-        (answer,) = self._session.run([LOG_PROBABILITIES], {FEATURES: features[None]})
         # Garbage far over 0 would be too large for a float; an e among probabilities is enough to be found out.
-        none, smooth, rough = (math.exp(min(value, 1.0)) for value in answer[0].tolist())
+        none, smooth, rough = (math.exp(min(value, 1.0)) for value in self._engine.ask(features))
         return none, smooth, rough
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:

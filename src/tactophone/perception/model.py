@@ -113,10 +113,11 @@ class ModelCard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model file that was read: its card, and its network ready to run on one thread."""
+    """A model file that was read: its card, its network ready to run on one thread, and the file's bytes."""
 
     card: ModelCard
     session: onnxruntime.InferenceSession
+    content: bytes
 
 
 def read_model(path: Path) -> Model:
@@ -136,7 +137,7 @@ def read_model(path: Path) -> Model:
         session = onnxruntime.InferenceSession(content, _options(), providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
         raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
-    return Model(_card(path, session), session)
+    return Model(_card(path, session), session, content)
 
 
 def _refuse_foreign(path: Path, head: bytes) -> None:

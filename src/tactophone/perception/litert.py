@@ -1,0 +1,104 @@
+"""Runs the paper's network with LiteRT, where the extra ``litert`` is installed.
+
+An update comes every 10.67 ms, by when the network's weights have long left the processor's caches: reading them
+again is most of its time. ONNX Runtime reads them as float32, 7.5 MB; LiteRT keeps most of them in the file's 8 bits,
+and its own code takes less of the caches (docs/model-files.md has the figures).
+
+Weights and biases are those of the model file, written anew in LiteRT's format while loading. What goes into a layer
+of 8-bit weights is itself rounded to 8 bits, by its own range at each update. Not so the spectrum, whose faint bins
+would round to nothing beside a hum: the first layer is float32.
+"""
+
+import contextlib
+import itertools
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.perception.litertfile import LiteRtWriter
+from tactophone.perception.onnxfile import read_constants
+from tactophone.types import FloatArray
+
+_FIRST = "layer1"
+_ENCODER, _DECODER, _LAST = ("layer1", "layer2", "layer3"), ("layer4", "layer5"), "linear"
+
+
+class LiteRtEngine:
+    """Runs a network that was written for LiteRT."""
+
+    def __init__(self, network: bytes) -> None:
+        from ai_edge_litert.interpreter import Interpreter
+
+        with _no_greeting():
+            self._interpreter = Interpreter(model_content=network, num_threads=1)
+            self._interpreter.allocate_tensors()
+        self._features = self._interpreter.get_input_details()[0]["index"]
+        self._answer = self._interpreter.get_output_details()[0]["index"]
+
+    def ask(self, features: FloatArray) -> list[float]:
+        """Give the network's answer."""
+        self._interpreter.set_tensor(self._features, features[None])
+        self._interpreter.invoke()
+        answer: list[float] = self._interpreter.get_tensor(self._answer)[0].tolist()
+        return answer
+
+
+def open_litert(content: bytes) -> LiteRtEngine | None:
+    """Make an engine of a whole model file; ``None`` if LiteRT is not installed or the network is not the paper's."""
+    constants = read_constants(content)
+    # A number that is not finite could come out of 8 bits as if it were one.
+    if f"{_LAST}.bias" not in constants or not all(np.isfinite(array).all() for array in constants.values()):
+        return None
+    try:
+        return LiteRtEngine(write_network(constants))
+    except ImportError:
+        return None
+
+
+def write_network(constants: Mapping[str, NDArray[Any]]) -> bytes:
+    """Write the paper's network in LiteRT's format, of the constants that `training.graph` stores."""
+    writer = LiteRtWriter()
+
+    def layer(value: int, name: str, *, rectify: bool = True) -> int:
+        array, scale = _weights(constants, name)
+        biases = writer.constant(constants[f"{name}.bias"])
+        return writer.connect(value, writer.constant(array, scale), biases, rectify=rectify)
+
+    value = features = writer.place(_weights(constants, _FIRST)[0].shape[1])
+    for name in _ENCODER:
+        value = layer(value, name)
+    for name in _residuals(constants):
+        value = writer.add(value, layer(value, name))
+    for name in _DECODER:
+        value = layer(value, name)
+    return writer.finish(features, writer.log_softmax(layer(value, _LAST, rectify=False)))
+
+
+def _residuals(constants: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+    names = (f"layer_resnet.{number}" for number in itertools.count())
+    return itertools.takewhile(lambda name: f"{name}.bias" in constants, names)
+
+
+def _weights(constants: Mapping[str, NDArray[Any]], name: str) -> tuple[NDArray[Any], FloatArray | None]:
+    """Give a layer's weights, shape ``(outputs, inputs)``, and the scale of each row if they are of 8 bits."""
+    if (whole := constants.get(f"{name}.weight")) is not None:
+        return whole, None
+    array, scale = constants[f"{name}.weight:int8"], constants[f"{name}.weight:scale"]
+    return (array * scale, None) if name == _FIRST else (array, scale[:, 0])
+
+
+@contextlib.contextmanager
+def _no_greeting() -> Iterator[None]:
+    """Keep LiteRT from telling on standard error that it is there: no setting does (LiteRT issue 7420)."""
+    there = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(there, 2)
+        os.close(there)
+        os.close(nowhere)

@@ -1,0 +1,34 @@
+import numpy as np
+import pytest
+
+from tactophone.perception.litert import LiteRtEngine
+from tactophone.perception.litertfile import LiteRtWriter
+
+pytest.importorskip("ai_edge_litert")
+
+
+def test_what_is_written_computes_what_was_meant() -> None:
+    rng = np.random.default_rng(0)
+    weights, biases = rng.normal(size=(3, 8)).astype(np.float32), rng.normal(size=3).astype(np.float32)
+    sound = rng.normal(size=8).astype(np.float32)
+    writer = LiteRtWriter()
+    value = writer.place(8)
+    plain, positive = (
+        writer.connect(value, writer.constant(weights), writer.constant(biases), rectify=rectify)
+        for rectify in (False, True)
+    )
+    network = writer.finish(value, writer.log_softmax(writer.add(plain, positive)))
+    line = weights @ sound + biases
+    scores = line + np.maximum(line, 0)
+    wanted = scores - np.log(np.exp(scores).sum())
+    assert LiteRtEngine(network).ask(sound) == pytest.approx(wanted, abs=1e-5)
+
+
+def test_eight_bits_with_a_scale_a_row_are_the_weights() -> None:
+    weights, scale = np.array([[127, -127], [64, 0], [1, 1]], np.int8), np.array([1.0, 0.01, 2.0], np.float32)
+    writer = LiteRtWriter()
+    value = writer.place(2)
+    biases = writer.constant(np.zeros(3, np.float32))
+    answer = writer.connect(value, writer.constant(weights, scale), biases, rectify=False)
+    scores = LiteRtEngine(writer.finish(value, answer)).ask(np.array([1.0, 0.0], np.float32))
+    assert scores == pytest.approx([127, 0.64, 2.0], rel=0.01)
