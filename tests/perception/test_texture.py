@@ -7,11 +7,19 @@ import pytest
 from tactophone.errors import ModelError
 from tactophone.perception import Gate, Model, ModelCard, detector_for
 from tactophone.perception.bands import VALUES
-from tactophone.perception.texture import FORGET_AFTER, PRIOR_WINDOWS, Memory, TextureExtractor
+from tactophone.perception.texture import BEFORE, FORGET_AFTER, PRIOR_WINDOWS, SETTLED, Memory, TextureExtractor
 
 PRIOR = np.stack([np.zeros((2, VALUES)), np.ones((2, VALUES))])
+NEVER = np.zeros((2, VALUES, VALUES))
 CARD = ModelCard(
-    "ear", "texture", 16_000, 512, Fraction(160), 2, Gate(-60.0, "banded"), settings={"prior": PRIOR.tolist()}
+    "ear",
+    "texture",
+    16_000,
+    512,
+    Fraction(160),
+    2,
+    Gate(-60.0, "banded"),
+    settings={"prior": PRIOR.tolist(), "surprise": NEVER.tolist()},
 )
 
 
@@ -19,33 +27,49 @@ def window(seed: int = 0) -> np.ndarray:
     return 0.1 * np.random.default_rng(seed).standard_normal((512, 2)).astype(np.float32)
 
 
+def fed(memory: Memory, values: list[float], *, contact: bool = True) -> Memory:
+    for value in values:
+        memory.push(np.full(memory.moments.shape[1:], value, np.float32), contact=contact)
+    return memory
+
+
 def test_a_touch_begins_unsure_and_moves_at_once() -> None:
-    memory = Memory(np.array([[0.0], [1.0]]))
-    memory.push(np.array([1.0]), contact=True)
-    assert memory.mean.tolist() == pytest.approx([1 / (1 + PRIOR_WINDOWS)])
+    memory = fed(Memory(np.zeros((1, 1, 1))), [1.0])
+    assert memory.moments.ravel().tolist() == pytest.approx([1 / (1 + PRIOR_WINDOWS)] * 2)
     assert memory.left == pytest.approx(PRIOR_WINDOWS / (1 + PRIOR_WINDOWS))
 
 
-def test_what_is_left_of_the_prior_is_known_exactly() -> None:
-    rng = np.random.default_rng(0)
-    prior = rng.standard_normal((2, 3))
-    with_prior, without = Memory(prior), Memory(np.zeros((2, 3)))
+def test_what_is_left_of_the_prior_makes_all_weights_sum_to_one() -> None:
+    memory = Memory(np.zeros((1, 2, 2)))
     for number in range(30):
-        description, contact = rng.standard_normal(3), number % 7 != 0
-        with_prior.push(description, contact=contact)
-        without.push(description, contact=contact)
-    assert with_prior.mean == pytest.approx(without.mean + without.left * prior[0])
-    assert with_prior.square == pytest.approx(without.square + without.left * prior[1])
+        fed(memory, [7.0], contact=number % 7 != 0)
+        assert memory.moments[0] + memory.left * 7.0 == pytest.approx(np.full((1, 2), 7.0))
 
 
 def test_a_stroke_that_turns_is_the_same_touch_and_one_that_ends_is_not() -> None:
-    memory = Memory(np.array([[0.0], [0.0]]))
-    memory.push(np.array([1.0]), contact=True)
-    for _ in range(FORGET_AFTER - 1):
-        memory.push(np.array([9.0]), contact=False)
-    assert memory.mean[0] > 0
-    memory.push(np.array([9.0]), contact=False)
-    assert memory.mean[0] == 0
+    memory = fed(Memory(np.zeros((1, 1, 1))), [1.0])
+    fed(memory, [9.0] * (FORGET_AFTER - 1), contact=False)
+    assert memory.left < 1
+    fed(memory, [9.0], contact=False)
+    assert memory.left == 1
+    assert not memory.moments.any()
+
+
+def test_an_edge_begins_the_memory_anew_and_drift_does_not() -> None:
+    far = np.eye(2)[None] / 2  # a movement of 2 is the limit
+    jumped, faded = (fed(Memory(limit), [1.0] * 30 + [9.0] * 3) for limit in (far, 0 * far))
+    believed, lingering = (one.moments[0, 0, 0] / (1 - one.left) for one in (jumped, faded))
+    assert believed > 5 > lingering
+    assert jumped.left > 0.2
+    drifted = fed(Memory(far), [1.0 + 0.05 * step for step in range(60)])
+    assert drifted.left < 0.01
+
+
+def test_before_it_has_settled_nothing_surprises() -> None:
+    memory = fed(Memory(np.eye(1)[None]), [1.0] * (BEFORE + SETTLED - 2) + [9.0])
+    assert memory.moved() is None
+    fed(memory, [9.0])
+    assert memory.left > 0.3
 
 
 def test_a_dead_channel_is_told_from_a_quiet_one() -> None:
@@ -67,6 +91,6 @@ def test_reset_equals_new() -> None:
 
 
 def test_a_card_without_a_fitting_prior_is_refused() -> None:
-    for settings in ({}, {"prior": [[0.0]]}):
+    for settings in ({}, {"prior": PRIOR.tolist()}, CARD.settings | {"surprise": [[0.0]]}):
         with pytest.raises(ModelError, match="ear: its settings cannot be used"):
             detector_for(Model(replace(CARD, settings=settings), session=None, content=b""), sample_rate=48_000)

@@ -39,7 +39,7 @@ def test_it_tells_surfaces_that_it_never_heard(model: Path) -> None:
     for rough in (False, True):
         told = [one for one in predict(model, scrape(rough=rough, seed=100 + rough)) if 0.5 < one.end < TOUCHED[1]]
         wanted = Touch.ROUGH if rough else Touch.SMOOTH
-        assert np.mean([one.touch is wanted for one in told]) > 0.9
+        assert np.mean([one.touch is wanted for one in told]) > 0.85
 
 
 def test_no_contact_is_told_within_a_window(model: Path) -> None:

@@ -20,8 +20,7 @@ from tactophone.evaluation.result import Contender
 from tactophone.evaluation.vibration import VibrationMethod
 from tactophone.evaluation.ways import DeafenedMethod, way_method
 from tactophone.haptics import SOUNDING, Sounding
-from tactophone.perception import DecisionRule, default_model, detector_for, model_path, read_model
-from tactophone.training.lesson import ABSTAIN_FROM
+from tactophone.perception import default_model, detector_for, model_path, read_model
 from tactophone.training.making import OPEN_GATE, Course
 from tactophone.training.recipes import paper
 from tactophone.training.touches import Ear
@@ -150,7 +149,7 @@ def _contender(name: str, dataset: Dataset, channels: int) -> Contender:
     if name in WAYS or name == AIR_DEAD:
         ours = way_method("ours", channels=channels)
         method: Method = DeafenedMethod(ours, AIR) if name == AIR_DEAD else way_method(name, channels=channels)
-        return Contender(method, DecisionRule(abstain_from=ABSTAIN_FROM), WAY_LATENCY)
+        return Contender(method, WAYS["ours" if name == AIR_DEAD else name].rule, WAY_LATENCY)
     if name in SOUNDING:
         return Contender(VibrationMethod(name), latency=SOUNDING[name](None).latency)
     recipe = replace(

@@ -4,6 +4,7 @@ All is taken from the beliefs that a detector had at each update, with the gate'
 abstains from, as the live system would act on them.
 """
 
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Segment
 from tactophone.evaluation.judging import Judgement
 from tactophone.evaluation.metrics import rough_score
-from tactophone.perception import DecisionRule
+from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
 BRIDGE = 0.03
@@ -47,11 +48,12 @@ class Delays:
         return self.missed / total if total else float("nan")
 
 
+@functools.lru_cache(maxsize=1 << 11)
 def touches(judgement: Judgement, rule: DecisionRule) -> NDArray[np.int8]:
     """Give the touch believed at each update."""
-    share = rough_score(judgement.probabilities, "two-class")
-    rough = (share >= rule.rough_on) & (judgement.probabilities[:, Touch.NONE] < rule.abstain_from)
-    return np.where(judgement.contact, np.where(rough, Touch.ROUGH, Touch.SMOOTH), Touch.NONE).astype(np.int8)
+    decision = Decision(rule)
+    updates = zip(judgement.probabilities.astype(float).tolist(), judgement.contact.tolist(), strict=True)
+    return np.array([decision.decide((n, s, r), contact=contact)[0] for (n, s, r), contact in updates], np.int8)
 
 
 def false_bumps_per_minute(judged: Iterable[Judgement], rule: DecisionRule) -> float:

@@ -25,8 +25,6 @@ FLOOR = 1e-9
 FAINT = 1e-12
 """The same for a waveform's moments, which are taken of all bands together."""
 
-Description = NDArray[np.float64]
-
 
 class Bands:
     """Describes windows of a fixed size and rate.
@@ -49,10 +47,11 @@ class Bands:
         # the bands of white noise read its power per bin whatever the size.
         self._taper = np.hanning(size + 1)[:-1]
         power = np.square(self._taper).sum() * size / 2
-        self._banks = design_bands(size, sample_rate) / power
+        # A row for the real and one for the imaginary part of each bin, as they lie in memory.
+        self._banks = np.repeat(design_bands(size, sample_rate) / power, 2, axis=0)
         self._newest = size // 2
 
-    def describe(self, window: FloatArray) -> Description:
+    def describe(self, window: FloatArray) -> FloatArray:
         """Describe each channel.
 
         Parameters
@@ -64,10 +63,11 @@ class Bands:
         -------
         Shape ``(..., channels, VALUES)``: log10 of the power in each band, then the four shapes.
         """
-        sound = np.swapaxes(window, -1, -2).astype(np.float64)
-        spectrum = np.fft.rfft(sound * self._taper)
-        powers = (np.square(spectrum.real) + np.square(spectrum.imag)) @ self._banks
-        return np.concatenate((np.log10(powers + FLOOR), _shapes(sound[..., -self._newest :])), axis=-1)
+        sound = np.ascontiguousarray(np.swapaxes(window, -1, -2), np.float64)
+        spectrum = np.fft.rfft(sound * self._taper).view(np.float64)
+        powers = (spectrum * spectrum) @ self._banks + FLOOR
+        powers_and_shapes = np.concatenate((powers, _shapes(sound[..., -self._newest :])), axis=-1)
+        return np.asarray(np.log10(powers_and_shapes), np.float32)
 
 
 def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
@@ -85,23 +85,23 @@ def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
     return np.asarray(bands / bands.sum(axis=0))
 
 
-def _shapes(sound: NDArray[np.float64]) -> Description:
-    power = np.square(sound).mean(axis=-1)
-    peak = np.abs(sound).max(axis=-1)
-    slope = np.square(np.diff(sound))
-    slope_power, slope_fourth = slope.mean(axis=-1), np.square(slope).mean(axis=-1)
-    shapes: Description = np.log10(
-        np.stack(
-            [
-                power + FAINT,
-                np.sqrt((peak**2 + FAINT) / (power + FAINT)),
-                (slope_fourth + FAINT**2) / (slope_power + FAINT) ** 2,
-                (slope_power + FAINT) / (power + FAINT),
-            ],
-            axis=-1,
-        )
-    )
+def _shapes(sound: NDArray[np.float64]) -> NDArray[np.float64]:
+    shapes = np.empty((*sound.shape[:-1], SHAPES))
+    size = sound.shape[-1]
+    slope = sound[..., 1:] - sound[..., :-1]
+    squares = slope * slope
+    power = _dot(sound, sound) / size + FAINT
+    slope_power = _dot(slope, slope) / (size - 1) + FAINT
+    shapes[..., 0] = power
+    shapes[..., 1] = np.sqrt((np.abs(sound).max(axis=-1) ** 2 + FAINT) / power)
+    shapes[..., 2] = (_dot(squares, squares) / (size - 1) + FAINT**2) / slope_power**2
+    shapes[..., 3] = slope_power / power
     return shapes
+
+
+def _dot(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sum the products along the last axis, with no array of them."""
+    return np.asarray(np.einsum("...i,...i->...", one, other))
 
 
 def _to_mel(frequency: float) -> float:

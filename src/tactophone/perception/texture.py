@@ -1,30 +1,45 @@
-"""Our own detector's ear: short windows, and a memory of the touch so far that starts unsure.
+"""Our own detector's ear: short windows, and a memory of the surface so far that starts unsure and can be surprised.
 
 A window of 32 ms is quick but knows little; the paper's of 256 ms knows more but still holds the last surface. So
 each short window is described (:mod:`tactophone.perception.bands`), and the mean and deviation of its description are
 remembered with an exponential fading. A touch begins with what touches are like *on average*, worth a few windows:
 nothing is believed before there is evidence, and the first evidence moves belief at once.
 
+An edge under a finger that does not lift is a new surface without a new touch, and what fades would linger. So the
+newest windows are held against what was remembered before them: where they lie farther off than a finger's changes of
+speed and press ever bring them, the memory begins anew with them.
+
 A channel that is digital silence is missing: its features are NaN, and the model judges by the other.
 """
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.bands import VALUES, Bands, Description
+from tactophone.perception.bands import VALUES, Bands
 from tactophone.perception.model import ModelCard
 from tactophone.types import FloatArray
 
 FADING = 10.0
-"""Windows (of 10 ms) by which a memory fades to 1/e: belief follows an edge half way in 70 ms."""
+"""Windows (of 10 ms) by which a memory fades to 1/e."""
 
-PRIOR_WINDOWS = 4.0
+PRIOR_WINDOWS = 3.0
 """Windows that the average touch is worth at the start of a touch."""
 
-FORGET_AFTER = 10
-"""Windows without contact after which the next one is a new touch: a stroke that turns is not."""
+FORGET_AFTER = 25
+"""Windows without contact after which the next one is a new touch: a stroke that turns stands still, and is heard no
+more, for up to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
+
+NEWEST = 3.0
+"""Windows by which what is held against the memory fades: two of 32 ms hardly overlap at this distance."""
+
+BEFORE = 5
+"""Windows that the memory is older than what is held against it, or an edge would be in both."""
+
+SETTLED = 6
+"""Windows that a memory holds at least before anything can surprise it."""
 
 LEAST_VARIANCE = 1e-4
 """Keeps the root of what is left of a variance after rounding from being NaN; of no weight against any real one."""
@@ -32,43 +47,52 @@ LEAST_VARIANCE = 1e-4
 SILENT_PEAK = 1e-7
 """Peak, -140 dBFS, under which a channel carries nothing at all: even a good microphone's noise is far over it."""
 
+Moments = NDArray[np.float64]
+"""Mean and mean square of descriptions, shape ``(2, channels, values)``."""
+
+Surprise = NDArray[np.float64]
+"""Turns how far a channel's mean has moved into a vector that is longer than 1 once in a hundred windows on one and
+the same surface, shape ``(channels, values, values)``; zeros are never surprised."""
+
 
 class Memory:
-    """Remembers what a touch was like so far.
+    """Remembers what a surface was like so far.
 
     Parameters
     ----------
-    prior
-        Mean and mean square of a touch's description, shape ``(2, ..., values)``.
+    surprise
+        See :data:`Surprise`.
 
     Attributes
     ----------
-    mean, square
-        Mean and mean square of the descriptions so far, the newest weighing most.
+    moments
+        Of the descriptions so far, the newest weighing most, those of the average touch counting as zero.
     left
-        Weight that the prior still has in both.
+        Weight that the average touch still has: ``moments + left * prior`` is what is believed.
 
     Examples
     --------
-    >>> memory = Memory(np.array([[0.0], [1.0]]))
+    >>> memory = Memory(np.zeros((1, 1, 1)))
     >>> for _ in range(100):
-    ...     memory.push(np.array([3.0]), contact=True)
-    >>> memory.mean.round(2).tolist(), memory.square.round(2).tolist(), round(memory.left, 4)
-    ([3.0], [9.0], 0.0)
+    ...     memory.push(np.array([[3.0]]), contact=True)
+    >>> memory.moments.round(2).tolist(), round(memory.left, 4)
+    ([[[3.0]], [[9.0]]], 0.0)
     """
 
-    def __init__(self, prior: NDArray[np.float64]) -> None:
-        self._prior = prior
+    def __init__(self, surprise: Surprise) -> None:
+        self._surprise = surprise
+        self._nothing = np.zeros((2, *surprise.shape[:2]))
         self.reset()
 
     def reset(self) -> None:
         """Begin a new touch."""
-        self.mean, self.square = self._prior
+        self.moments = self._newest = self._nothing
         self.left = 1.0
-        self._count = self._quiet = 0
+        self._count = self._since = self._quiet = 0
+        self._before: deque[tuple[Moments, float]] = deque(maxlen=BEFORE)
 
-    def push(self, description: Description, *, contact: bool) -> None:
-        """Take a window's description in; without contact it is not learnt."""
+    def push(self, description: FloatArray, *, contact: bool) -> None:
+        """Take a window's description in, shape ``(channels, values)``; without contact it is not learnt."""
         if contact:
             self._learn(description)
             self._quiet = 0
@@ -77,12 +101,34 @@ class Memory:
         if self._quiet == FORGET_AFTER:
             self.reset()
 
-    def _learn(self, description: Description) -> None:
+    def moved(self) -> NDArray[np.float64] | None:
+        """Tell how far the newest mean lies from what was remembered before it; nothing while too little was."""
+        if self._count < BEFORE + SETTLED:
+            return None
+        moments, left = self._before[0]
+        return np.asarray(self._newest[0] - moments[0] / (1 - left))
+
+    def _learn(self, description: FloatArray) -> None:
+        now = np.array((description, np.square(description)), np.float64)
+        self._before.append((self.moments, self.left))
         self._count += 1
+        self._since += 1
+        self._newest = self._newest + max(1 / NEWEST, 1 / self._since) * (now - self._newest)
         weight = max(1 / FADING, 1 / (self._count + PRIOR_WINDOWS))
-        self.mean = self.mean + weight * (description - self.mean)
-        self.square = self.square + weight * (np.square(description) - self.square)
+        self.moments = self.moments + weight * (now - self.moments)
         self.left *= 1 - weight
+        moved = self.moved()
+        if moved is not None and self._surprises(moved):
+            self._begin_anew()
+
+    def _surprises(self, moved: NDArray[np.float64]) -> bool:
+        far = (moved[:, None] @ self._surprise)[:, 0]
+        return bool((far * far).sum(axis=-1).max() > 1)
+
+    def _begin_anew(self) -> None:
+        self._count = round(NEWEST)
+        self.left = PRIOR_WINDOWS / (self._count + PRIOR_WINDOWS)
+        self.moments = (1 - self.left) * self._newest
 
 
 class TextureExtractor:
@@ -91,17 +137,18 @@ class TextureExtractor:
     Parameters
     ----------
     card
-        Its settings hold ``prior``: mean and mean square of a touch, ``(2, channels, VALUES)``.
+        Its settings hold ``prior``, the moments of the average touch, and ``surprise``: see :data:`Surprise`.
     """
 
     def __init__(self, card: ModelCard) -> None:
         self._bands = Bands(card.window_size, card.sample_rate)
-        self._memory = Memory(read_prior(card.settings["prior"], channels=card.channels))
+        self._prior = _read(card.settings["prior"], "prior", (2, card.channels, VALUES))
+        self._memory = Memory(_read(card.settings["surprise"], "surprise", (card.channels, VALUES, VALUES)))
 
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
         """Give the features of the touch so far; NaN for a channel that is missing."""
         self._memory.push(self._bands.describe(window), contact=contact)
-        features = texture_features(self._memory.mean, self._memory.square)
+        features = texture_features(self._memory.moments + self._memory.left * self._prior)
         features[np.abs(window).max(axis=0) < SILENT_PEAK] = np.nan
         return features.reshape(-1)
 
@@ -110,21 +157,15 @@ class TextureExtractor:
         self._memory.reset()
 
 
-def texture_features(mean: NDArray[np.float64], square: NDArray[np.float64]) -> FloatArray:
-    """Give means and deviations of what is remembered: shape ``(..., 2 * values)`` from twice ``(..., values)``."""
-    deviation = np.sqrt(np.maximum(square - np.square(mean), LEAST_VARIANCE))
+def texture_features(moments: Moments) -> FloatArray:
+    """Give means and deviations of what is remembered: shape ``(..., 2 * values)`` from ``(2, ..., values)``."""
+    mean, square = moments
+    deviation = np.sqrt(np.maximum(square - mean * mean, LEAST_VARIANCE))
     return np.concatenate((mean, deviation), axis=-1).astype(np.float32)
 
 
-def read_prior(entries: Sequence[object], *, channels: int) -> NDArray[np.float64]:
-    """Read a card's ``prior`` back.
-
-    Raises
-    ------
-    ValueError
-        If it has not the shape ``(2, channels, VALUES)``.
-    """
-    prior = np.asarray(entries, np.float64)
-    if prior.shape != (2, channels, VALUES):
-        raise ValueError(f"prior of shape {prior.shape}, wanted {(2, channels, VALUES)}")
-    return prior
+def _read(entries: Sequence[object], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(entries, np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} of shape {array.shape}, wanted {shape}")
+    return array

@@ -1,9 +1,9 @@
-"""Fits the head of our own detector: few weights, calibrated on surfaces it has not met, and aware of what it knows.
+"""Fits the head of our own detector: few weights, whose confidence is honest, and which is aware of what it knows.
 
 For each set of channels that may be alive there is one logistic regression, every surface and either class weighing
-the same. Its confidence is calibrated by Platt's method (1999) on logits of surfaces left out, because on its own
-surfaces any classifier is too sure. What is unlike any sound it knows is told by the Mahalanobis distance, with Ledoit
-and Wolf's shrunken covariance (2004); the threshold is what one left-out window in two hundred exceeds.
+the same, shrunk until it is no surer of surfaces that it has not met than it is right about them (docs/detector.md).
+What is unlike any sound it knows is told by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance
+(2004); the threshold is what one left-out window in two hundred exceeds.
 """
 
 from collections.abc import Iterator
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactophone.types import FloatArray
 
-STRENGTH = 0.03
+STRENGTH = 0.05
 """Inverse of the L2 penalty, per unit of mean loss times windows; docs/detector.md has what others gave."""
 
 INNER_FOLDS = 5
@@ -79,12 +79,12 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
 
 
 def fit_head(examples: Examples, *, channels: int) -> Head:
-    """Fit, calibrate and bound a head on windows of several surfaces of both classes."""
+    """Fit and bound a head on windows of several surfaces of both classes."""
     thinned = examples.thinned()
     centre, scale = _moments(thinned.features)
     standard = Examples(_standardised(thinned.features, centre, scale), thinned.rough, thinned.surface)
     sets = channel_sets(channels)
-    fitted = [_calibrated(standard, _columns(one, channels, standard.features.shape[1])) for one in sets]
+    fitted = [_fitted(standard, _columns(one, channels, standard.features.shape[1])) for one in sets]
     whitening = _whitening(standard.features, channels)
     limit = float(np.quantile(_left_out_distances(standard, channels), KNOWN_SHARE))
     weights, biases = zip(*fitted, strict=True)
@@ -113,35 +113,18 @@ def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator
             yield out
 
 
-def _calibrated(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
+def _fitted(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
     only = examples.features[:, columns].astype(np.float64)
-    logits, rough, surface = [], [], []
-    for out in inner_folds(examples.rough, examples.surface):
-        weights, bias = _logistic(only[~out], examples.rough[~out], examples.surface[~out])
-        logits.append(only[out] @ weights + bias)
-        rough.append(examples.rough[out])
-        surface.append(examples.surface[out])
-    slope, shift = _platt(np.concatenate(logits), np.concatenate(rough), np.concatenate(surface))
     weights, bias = _logistic(only, examples.rough, examples.surface)
     full = np.zeros(examples.features.shape[1])
-    full[columns] = slope * weights
-    return full, slope * bias + shift
+    full[columns] = weights
+    return full, bias
 
 
-def _platt(logits: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> tuple[float, float]:
-    if not 0 < rough.mean() < 1:
-        return 1.0, 0.0
-    weights, shift = _logistic(logits[:, None], rough, surface, strength=1e3)
-    # Left-out surfaces that contradict the rest would turn belief upside down; then it is only made unsure.
-    return max(float(weights[0]), 0.05), shift
-
-
-def _logistic(
-    features: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp], *, strength: float = STRENGTH
-) -> tuple[Floats, float]:
+def _logistic(features: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> tuple[Floats, float]:
     from sklearn.linear_model import LogisticRegression
 
-    model = LogisticRegression(C=strength, solver="newton-cholesky", max_iter=50)
+    model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)
     model.fit(features, rough, sample_weight=even_weights(rough, surface))
     return np.asarray(model.coef_[0]), float(model.intercept_[0])
 

@@ -21,65 +21,56 @@ STEEPNESS = 10.0
 
 def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
     """Build the graph of our own detector's head."""
-    count = len(head.centre)
+    count, sets = len(head.centre), len(head.biases)
+    # Logits and whitened features are one product: standardising first is folded into its weights.
+    whitening = head.whitening * np.sqrt(STEEPNESS / head.limit / count)
+    weights = np.hstack((head.weights.T, whitening)) / head.scale[:, None]
     tensors = {
         "centre": head.centre,
-        "scale": head.scale,
-        "weights": head.weights.T,
-        "biases": head.biases,
-        "whitening": head.whitening,
-        "sharpness": np.array(STEEPNESS / head.limit / count),
-        "steepness": np.array(STEEPNESS),
+        "weights": weights,
+        "biases": np.concatenate((head.biases, np.zeros(count))) - head.centre @ weights,
+        "sizes": np.array([sets, count]),
         "firsts": np.arange(channels) * (count // channels),
         "powers": 2.0 ** np.arange(channels)[:, None],
         "choices": _choices(channels),
+        "shares": _shares(channels),
+        "steepness": np.array(STEEPNESS),
         "one": np.array([1]),
-        # A little over 1, so that nothing is divided by 0 when no channel is left.
-        "nearly:one": np.array(1 + 1e-6),
     }
     nodes = [
         helper.make_node("IsNaN", [FEATURES], ["missing"]),
         helper.make_node("Where", ["missing", "centre", FEATURES], ["whole"]),
-        helper.make_node("Sub", ["whole", "centre"], ["centred"]),
-        helper.make_node("Div", ["centred", "scale"], ["standard"]),
+        helper.make_node("Gemm", ["whole", "weights", "biases"], ["product"]),
+        helper.make_node("Split", ["product", "sizes"], ["logits", "white"], axis=1),
         # Which regression: the missing channels, read as a binary number, are a row of choices.
-        helper.make_node("Cast", ["missing"], ["gone"], to=TensorProto.FLOAT),
-        helper.make_node("Gather", ["gone", "firsts"], ["gone:channels"], axis=1),
-        helper.make_node("MatMul", ["gone:channels", "powers"], ["code"]),
+        helper.make_node("Gather", ["missing", "firsts"], ["missing:channels"], axis=1),
+        helper.make_node("Cast", ["missing:channels"], ["gone"], to=TensorProto.FLOAT),
+        helper.make_node("MatMul", ["gone", "powers"], ["code"]),
         helper.make_node("Cast", ["code"], ["code:index"], to=TensorProto.INT64),
         helper.make_node("Squeeze", ["code:index", "one"], ["row"]),
         helper.make_node("Gather", ["choices", "row"], ["choice"], axis=0),
-        helper.make_node("Gemm", ["standard", "weights", "biases"], ["logits"]),
         helper.make_node("Mul", ["logits", "choice"], ["logits:chosen"]),
         helper.make_node("ReduceSum", ["logits:chosen", "one"], ["logit"], keepdims=1),
-        helper.make_node("MatMul", ["standard", "whitening"], ["white"]),
         helper.make_node("ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1),
-        helper.make_node("ReduceMean", ["gone"], ["dead"], axes=[1], keepdims=1),
-        helper.make_node("Sub", ["nearly:one", "dead"], ["alive"]),
-        helper.make_node("Div", ["distance", "alive"], ["distance:alive"]),
-        helper.make_node("Mul", ["distance:alive", "sharpness"], ["distance:sharp"]),
-        helper.make_node("Sub", ["distance:sharp", "steepness"], ["unknown"]),
+        helper.make_node("Gather", ["shares", "row"], ["share"], axis=0),
+        helper.make_node("Mul", ["distance", "share"], ["distance:alive"]),
+        helper.make_node("Sub", ["distance:alive", "steepness"], ["unknown"]),
         *answer_nodes(logit="logit", unknown="unknown"),
     ]
     return build(nodes, tensors, features=count)
 
 
 def answer_nodes(*, logit: str, unknown: str) -> list[NodeProto]:
-    """Turn two logits, rough against smooth and unknown against known, into log-probabilities.
+    """Turn two logits, rough against smooth (l) and unknown against known (u), into log-probabilities.
 
-    With the softplus function s: log P(none) = -s(-u), log P(smooth) = -s(u) - s(l), log P(rough) = -s(u) - s(-l).
+    None, smooth and rough are as (1 + e^l) e^u to 1 to e^l: their logarithms, less that of their sum, are the answer.
     """
     return [
-        helper.make_node("Neg", [logit], ["logit:not"]),
-        helper.make_node("Neg", [unknown], ["unknown:not"]),
-        helper.make_node("Softplus", [logit], ["no:rough"]),
-        helper.make_node("Softplus", ["logit:not"], ["no:smooth"]),
-        helper.make_node("Softplus", [unknown], ["no:known"]),
-        helper.make_node("Softplus", ["unknown:not"], ["no:none"]),
-        helper.make_node("Add", ["no:known", "no:rough"], ["against:smooth"]),
-        helper.make_node("Add", ["no:known", "no:smooth"], ["against:rough"]),
-        helper.make_node("Concat", ["no:none", "against:smooth", "against:rough"], ["against"], axis=1),
-        helper.make_node("Neg", ["against"], [LOG_PROBABILITIES]),
+        helper.make_node("Softplus", [logit], ["softly"]),
+        helper.make_node("Add", [unknown, "softly"], ["none"]),
+        helper.make_node("Sub", [logit, logit], ["level"]),
+        helper.make_node("Concat", ["none", "level", logit], ["answers"], axis=1),
+        helper.make_node("LogSoftmax", ["answers"], [LOG_PROBABILITIES], axis=1),
     ]
 
 
@@ -110,3 +101,9 @@ def _choices(channels: int) -> NDArray[np.float64]:
     for place, living in enumerate(sets):
         rows[sum(2**one for one in range(channels) if one not in living), place] = 1
     return rows
+
+
+def _shares(channels: int) -> NDArray[np.float64]:
+    """By what a distance is multiplied for the channels that are alive; by nothing if none is."""
+    alive = np.array([channels - int(row).bit_count() for row in range(2**channels)])
+    return np.where(alive, channels / np.maximum(alive, 1), 0.0)[:, None]

@@ -11,8 +11,9 @@ from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
 from tactophone.perception import DecisionRule, Gate, ModelCard
+from tactophone.perception.texture import LEAST_VARIANCE, Moments, Surprise
 from tactophone.training.head import Examples
-from tactophone.training.touches import RATE, WINDOWS, Ear, Track, listen, remember
+from tactophone.training.touches import RATE, WINDOWS, Ear, Track, listen, movements, remember
 from tactophone.types import FloatArray, Touch
 
 FALSE_CONTACTS = 0.01
@@ -21,8 +22,14 @@ FALSE_CONTACTS = 0.01
 ALWAYS_DBFS = -120.0
 """Threshold where training sound has no silence to learn one from: everything counts as contact."""
 
-ABSTAIN_FROM = 0.5
-"""Probability of *none* from which sound counts as unknown; only our own head ever claims it."""
+
+SURPRISED_SHARE = 0.01
+"""Share of windows on one surface that would surprise its memory."""
+
+RIDGE = 1e-3
+"""Added to the spread of movements, as a share of its mean: directions that were hardly seen must not decide."""
+
+NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +42,8 @@ class Lesson:
         How they were heard.
     threshold_dbfs
         Of contact.
-    prior
-        The average touch, for kind ``texture``: mean and mean square, ``(2, channels, VALUES)``.
+    prior, surprise
+        Of the memory, for kind ``texture``: see :mod:`tactophone.perception.texture`.
     examples
         Windows in contact.
     height
@@ -45,15 +52,20 @@ class Lesson:
 
     ear: Ear
     threshold_dbfs: float
-    prior: NDArray[np.float64]
+    prior: Moments
+    surprise: Surprise
     examples: Examples
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def features(self, track: Track) -> FloatArray:
         """Give the features that the live extractor gives, shape ``(windows, features)``."""
-        return _features(track, self.ear, self.threshold_dbfs, self.prior)
+        if self.ear.kind != "texture":
+            return track.description
+        return remember(track, self.threshold_dbfs, self.surprise).features(self.prior, track.present)
 
-    def card(self, name: str, *, training: dict[str, Any] | None = None, licence: str = "") -> ModelCard:
+    def card(
+        self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None, licence: str = ""
+    ) -> ModelCard:
         """Describe the model that is made of it."""
         size, hop = WINDOWS[self.ear.kind]
         return ModelCard(
@@ -64,11 +76,16 @@ class Lesson:
             hop,
             self.ear.channels,
             Gate(self.threshold_dbfs, "banded"),
-            DecisionRule(abstain_from=ABSTAIN_FROM),
-            settings={"prior": self.prior.round(6).tolist()} if self.ear.kind == "texture" else {},
+            rule,
+            settings=self._settings(),
             training=training or {},
             licence=licence,
         )
+
+    def _settings(self) -> dict[str, Any]:
+        if self.ear.kind != "texture":
+            return {}
+        return {"prior": self.prior.tolist(), "surprise": self.surprise.tolist()}
 
 
 def prepare(ear: Ear, recordings: Sequence[Recording], *, through: Sequence[Codec] = ()) -> Lesson:
@@ -100,12 +117,14 @@ def prepare(ear: Ear, recordings: Sequence[Recording], *, through: Sequence[Code
             f"{len(recordings)} recordings hold contact louder than {threshold_dbfs:.0f} dBFS with "
             f"{'rough' if rough.any() else 'smooth'} surfaces at most; learning wants rough and smooth ones"
         )
-    prior = _prior([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
-    features = [_features(track, ear, threshold_dbfs, prior)[mask] for track, mask in zip(tracks, masks, strict=True)]
+    prior = _average([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
+    surprise = learn_surprise([movements(track, threshold_dbfs) for track in tracks if ear.kind == "texture"])
+    heard = Lesson(ear, threshold_dbfs, prior, surprise, NO_EXAMPLES)
+    features = [heard.features(track)[mask] for track, mask in zip(tracks, masks, strict=True)]
     names = sorted({track.recording.surface for track in tracks})
     surface = np.repeat([names.index(track.recording.surface) for track in tracks], sizes)
     height = np.repeat([_height(track.recording) for track in tracks], sizes)
-    return Lesson(ear, threshold_dbfs, prior, Examples(np.concatenate(features), rough, surface), height)
+    return replace(heard, examples=Examples(np.concatenate(features), rough, surface), height=height)
 
 
 def contact_threshold(tracks: Sequence[Track]) -> float:
@@ -114,15 +133,33 @@ def contact_threshold(tracks: Sequence[Track]) -> float:
     return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
 
 
-def _prior(touches: Sequence[NDArray[np.float32]]) -> NDArray[np.float64]:
+def learn_surprise(moves: Sequence[NDArray[np.float32]]) -> Surprise:
+    """Learn how far memories move on one surface, and so what is too far for one.
+
+    Directions in which a finger's speed and press move them often count for little (Mahalanobis), in each channel by
+    itself, so that a dead one changes nothing for the other.
+
+    Parameters
+    ----------
+    moves
+        Of recordings of one surface each, ``(windows, channels, values)``: see
+        :func:`tactophone.training.touches.movements`.
+    """
+    if not moves:
+        return np.zeros((0, 0, 0))
+    moved = np.concatenate(moves).astype(np.float64)
+    if not len(moved):
+        return np.zeros((*moved.shape[1:], moved.shape[2]))
+    spread = np.einsum("ncv,ncw->cvw", moved, moved) / len(moved)
+    middle = np.trace(spread, axis1=1, axis2=2)[:, None, None] / moved.shape[2]
+    whitening = np.linalg.cholesky(np.linalg.inv(spread + (RIDGE * middle + LEAST_VARIANCE) * np.eye(moved.shape[2])))
+    far = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
+    return np.asarray((whitening / np.sqrt(np.quantile(far, 1 - SURPRISED_SHARE))).round(5))
+
+
+def _average(touches: Sequence[NDArray[np.float32]]) -> Moments:
     wide = np.concatenate(touches).astype(np.float64)
-    return np.stack((wide.mean(axis=0), np.square(wide).mean(axis=0)))
-
-
-def _features(track: Track, ear: Ear, threshold_dbfs: float, prior: NDArray[np.float64]) -> FloatArray:
-    if ear.kind == "texture":
-        return remember(track, threshold_dbfs).features(prior, track.present)
-    return track.description
+    return np.stack((wide.mean(axis=0), np.square(wide).mean(axis=0))).round(6)
 
 
 def _height(recording: Recording) -> float:

@@ -1,11 +1,11 @@
 """What recordings sound like to detectors that are shown features: every window described, every touch remembered.
 
-The stages are the live ones, a whole recording at a time. A touch's memory begins with the average touch, which is
-only known once the training recordings are chosen; as it fades out by known weights, it is added afterwards.
+The stages are the live ones, a whole recording at a time. The average touch, with which a memory begins, is only known
+once the training recordings are chosen; as it fades out by known weights, it is added afterwards.
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -20,7 +20,7 @@ from tactophone.perception import Gate, ModelCard
 from tactophone.perception.bands import VALUES, Bands
 from tactophone.perception.extractors import EXTRACTORS
 from tactophone.perception.loudness import banded_dbfs
-from tactophone.perception.texture import SILENT_PEAK, Memory, texture_features
+from tactophone.perception.texture import SILENT_PEAK, Memory, Moments, Surprise, texture_features
 from tactophone.training.sound import read_signals
 from tactophone.types import CONTACT, FloatArray
 
@@ -103,16 +103,15 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memories:
-    """What the memory of a track's touches holds after each window, with a prior of zero; ``left`` is its weight."""
+    """What the memory of a track's touches holds after each window: ``moments`` of shape ``(2, windows, channels,
+    values)``, and ``left``, the weight of the average touch."""
 
-    mean: NDArray[np.float64]
-    square: NDArray[np.float64]
+    moments: Moments
     left: NDArray[np.float64]
 
-    def features(self, prior: NDArray[np.float64], present: NDArray[np.bool_]) -> FloatArray:
-        """Give what the extractor gives with this prior: shape ``(windows, features)``."""
-        left = self.left[:, None, None]
-        features = texture_features(self.mean + left * prior[0], self.square + left * prior[1])
+    def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
+        """Give what the extractor gives with this average touch: shape ``(windows, features)``."""
+        features = texture_features(self.moments + self.left[:, None, None] * prior[:, None])
         features[~present] = np.nan
         return features.reshape(len(features), -1)
 
@@ -150,15 +149,29 @@ def _describe(windows: FloatArray, ear: Ear) -> NDArray[np.float32]:
     return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
 
 
+def remember(track: Track, threshold_dbfs: float, surprise: Surprise) -> Memories:
+    """Remember a track's touches; contact begins at a threshold."""
+    memory = Memory(surprise)
+    moments = np.empty((len(track.description), 2, *track.description.shape[1:]))
+    left = np.empty(len(moments))
+    for number, (description, contact) in enumerate(_windows(track, threshold_dbfs)):
+        memory.push(description, contact=contact)
+        moments[number], left[number] = memory.moments, memory.left
+    return Memories(np.moveaxis(moments, 1, 0), left)
+
+
 # A cross-validation asks in every fold; thresholds are whole decibels, so that the answer is mostly known.
 @functools.lru_cache(maxsize=1 << 13)
-def remember(track: Track, threshold_dbfs: float) -> Memories:
-    """Remember a track's touches; contact begins at a threshold."""
-    memory = Memory(np.zeros((2, *track.description.shape[1:])))
-    kept: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
-    for description, level_dbfs in zip(track.description, track.level_dbfs, strict=True):
-        memory.push(description, contact=bool(level_dbfs >= threshold_dbfs))
-        kept.append((memory.mean, memory.square, memory.left))
-    shape = (0, *track.description.shape[1:])
-    mean, square, left = zip(*kept, strict=True) if kept else (np.empty(shape), np.empty(shape), np.empty(0))
-    return Memories(np.array(mean), np.array(square), np.array(left))
+def movements(track: Track, threshold_dbfs: float) -> NDArray[np.float32]:
+    """Tell how far a memory that nothing surprises moves on one surface, shape ``(windows, channels, values)``."""
+    memory = Memory(np.zeros((*track.description.shape[1:], VALUES)))
+    told = []
+    for description, contact in _windows(track, threshold_dbfs):
+        memory.push(description, contact=contact)
+        if contact and (moved := memory.moved()) is not None:
+            told.append(moved)
+    return np.array(told, np.float32).reshape(-1, *track.description.shape[1:])
+
+
+def _windows(track: Track, threshold_dbfs: float) -> Iterator[tuple[FloatArray, bool]]:
+    return zip(track.description, (track.level_dbfs >= threshold_dbfs).tolist(), strict=True)

@@ -1,7 +1,7 @@
 """Every way of telling rough from smooth that is not the paper's network, by name: what it hears, and how it learns."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -9,13 +9,17 @@ import onnx
 
 from tactophone.dataset import Dataset
 from tactophone.link import Codec
-from tactophone.perception import ModelCard
+from tactophone.perception import DecisionRule, ModelCard
 from tactophone.training import learners
 from tactophone.training.export import write_graph
 from tactophone.training.head import fit_head
 from tactophone.training.headgraph import build_head_graph
 from tactophone.training.lesson import Lesson, prepare
 from tactophone.training.touches import Ear, Kind
+
+PATIENT = DecisionRule(confirm=4, abstain_from=0.5)
+"""Ours claims *none* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a belief
+that is quick to move, and edges are still felt in time (docs/detector.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +34,14 @@ class Way:
         Learns, and gives the graph of a model file.
     told
         What it is, for tables.
+    rule
+        Of its decision.
     """
 
     kind: Kind
     build: Callable[[Lesson], onnx.ModelProto]
     told: str
+    rule: DecisionRule = field(default_factory=DecisionRule)
 
 
 def build_ours(lesson: Lesson) -> onnx.ModelProto:
@@ -50,7 +57,7 @@ def _scalogram(lesson: Lesson) -> onnx.ModelProto:
 
 WAYS: Mapping[str, Way] = MappingProxyType(
     {
-        "ours": Way("texture", build_ours, "short windows, a memory of the touch, a calibrated head"),
+        "ours": Way("texture", build_ours, "short windows, a memory of the touch, a calibrated head", PATIENT),
         "level": Way("cues", learners.build_level, "loudness against a threshold"),
         "rules": Way("cues", learners.build_rules, "five cues vote: level, crest, transients, centroid, air"),
         "median-frequency": Way("cues", learners.build_median_frequency, "half the power on either side of it"),
@@ -91,6 +98,6 @@ def train_way(
         "sha256": dataset.fingerprint,
         "through": ["nothing", *(f"{one.name}, {one.bitrate_bps} bit/s, {one.bandwidth:g} Hz" for one in through)],
     }
-    card = lesson.card(name, training=facts, licence=licence)
+    card = lesson.card(name, rule=way.rule, training=facts, licence=licence)
     write_graph(path, way.build(lesson), card)
     return card
