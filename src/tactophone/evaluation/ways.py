@@ -91,7 +91,9 @@ def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None, dead: int 
     def judge(recording: Recording) -> Judgement:
         (track,) = listen([recording], ear or lesson.ear)
         if dead is not None:
-            track = replace(track, present=track.present & (np.arange(lesson.ear.channels) != dead))
+            alive = np.arange(lesson.ear.channels) != dead
+            # What a dead channel says never changes, so that it surprises no memory.
+            track = replace(track, present=track.present & alive, description=track.description * alive[:, None])
         (answer,) = session.run([LOG_PROBABILITIES], {FEATURES: lesson.features(track)})
         contact = track.level_dbfs >= lesson.threshold_dbfs
         return Judgement(recording, track.end, np.exp(answer, dtype=np.float32), contact)
