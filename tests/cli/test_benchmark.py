@@ -61,3 +61,18 @@ def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: 
 def test_a_wish_that_means_nothing_is_refused(wish: str, data: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sweep", data, "--vary", wish]) == 1
     assert wish.rsplit("=", maxsplit=1)[-1] in capsys.readouterr().err
+
+
+@pytest.mark.realtime
+def test_a_ray_cluster_gives_what_this_process_does(data: str, tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray")
+    told = ["benchmark", "--data", data, "--methods", "level,ours", "--splits", "2-fold", "--workers", "1"]
+    try:
+        for name, place in (("here", []), ("ray", ["--ray"])):
+            assert main([*told, *place, "--out", str(tmp_path / name), "--cache", str(tmp_path / f"{name}-cache")]) == 0
+        assert main(["sweep", data, "--vary", "recipe=level,ours", "--split", "2-fold", "--workers", "1", "--ray",
+                     "--cache", str(tmp_path / "sweep-cache")]) == 0  # fmt: skip
+    finally:
+        ray.shutdown()
+    here, there = (json.loads((tmp_path / name / "results.json").read_text())["datasets"] for name in ("here", "ray"))
+    assert here == there
