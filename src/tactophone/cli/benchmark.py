@@ -162,8 +162,8 @@ def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -
             if split in one.heights:
                 terminal.out().print(told_heights(one.heights[split]))
             terminal.out().print()
-    steps = ", ".join(f"{name} {both:.1f}" for name, (_, both) in steps_by_profile().items())
-    terminal.out().print(f"steps that a finger tells apart between smooth and rough, by profile: {steps}")
+    steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
+    terminal.out().print(f"steps that a finger tells apart from smooth to rough, of frequency / with level: {steps}")
 
 
 def _table_of(found: "Findings", split: str, costs: dict[str, dict[str, "Cost"]]) -> Table:

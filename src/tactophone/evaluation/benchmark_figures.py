@@ -70,7 +70,7 @@ def draw_delays(results: Sequence[Result]) -> str:
     colours = {one.method: style_of(one)[0] for one in results}
     rows = [one.method for one in results if any(np.isfinite(some[one.method][0]) for some in kinds.values())][::-1]
     figure, axes = pyplot.subplots(
-        1, len(kinds), sharey=True, squeeze=False, figsize=(4.6 * len(kinds) + 1, 1.0 + 0.32 * len(rows)),
+        1, len(kinds), sharey=True, squeeze=False, figsize=(3.6 * len(kinds) + 1, 0.9 + 0.27 * len(rows)),
         layout="constrained",
     )  # fmt: skip
     axes = axes[0]
@@ -78,8 +78,8 @@ def draw_delays(results: Sequence[Result]) -> str:
         for place, method in enumerate(rows):
             _draw_delay(axis, place, times[method], colour=colours[method])
         axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
-        axis.set(xlabel=f"ms to a right decision {name}: median, 95 %", xlim=(0, None))
-        axis.margins(x=0.2)
+        axis.set(xlabel=f"ms to a right decision\n{name}: median, 95 %", xlim=(0, None))
+        axis.margins(x=0.25)
     axes[0].set(yticks=range(len(rows)), yticklabels=rows, ylim=(-0.6, len(rows) - 0.4))
     return _svg(pyplot, figure)
 
@@ -112,17 +112,17 @@ def draw_reliability(results: Sequence[Result]) -> str:
 
 
 def draw_heights(heights: Heights) -> str:
-    """Draw the Ra estimated of each surface over its true one, both on log axes."""
+    """Draw each surface's true Ra and the one told from its sound, smoothest at the bottom."""
     pyplot = load_pyplot()
-    figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
-    _, true, told = zip(*heights.surfaces, strict=True)
-    ends = min(*true, *told) / 1.6, max(*true, *told) * 1.6
-    axis.plot(ends, ends, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
-    axis.plot(true, told, "o", color=ORANGE, markersize=6)
-    for name, x, y in heights.surfaces:
-        axis.annotate(name, (x, y), xytext=(5, 3), textcoords="offset points", fontsize=7, color="#555555")
-    axis.set(xscale="log", yscale="log", xlim=(ends[0], ends[1] * 2), ylim=ends)
-    axis.set(xlabel="true Ra of a surface never heard (\u00b5m)", ylabel="Ra told from its sound (\u00b5m)")
+    rows = sorted(heights.surfaces, key=lambda row: row[1])
+    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.2 * len(rows)), layout="constrained")
+    names, true, told = zip(*rows, strict=True)
+    axis.hlines(range(len(rows)), true, told, color=GREY, linewidth=1)
+    axis.plot(true, range(len(rows)), "o", color="black", markerfacecolor="white", markersize=5, label="true")
+    axis.plot(told, range(len(rows)), "o", color=ORANGE, markersize=5, label="told from sound, never heard before")
+    axis.set(xscale="log", xlabel="Ra (\u00b5m)", ylim=(-0.6, len(rows) - 0.4))
+    axis.set_yticks(range(len(rows)), names, fontsize=7)
+    axis.legend(frameon=False, fontsize=8, loc="lower right")
     return _svg(pyplot, figure)
 
 
@@ -134,7 +134,8 @@ def style_of(result: Result) -> tuple[str, str]:
 def _line(result: Result) -> dict[str, Any]:
     colour, dash = style_of(result)
     bold = result.method in _BOLD
-    return {"color": colour, "linestyle": dash, "linewidth": 2.4 if bold else 1.2, "zorder": 3 if bold else 2}
+    width, alpha, order = (2.4, 1.0, 3) if bold else (1.1, 0.75, 2)
+    return {"color": colour, "linestyle": dash, "linewidth": width, "alpha": alpha, "zorder": order}
 
 
 def _svg(pyplot: Any, figure: Any) -> str:

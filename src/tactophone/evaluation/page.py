@@ -20,7 +20,7 @@ from tactophone.haptics import PROFILES, discriminable_steps, open_profile
 
 COLUMNS = (
     "method", "balanced accuracy", "AUC", "recall at 1 %", "false positives", "at the reference's recall",
-    "false bumps a minute", "contact p50 / p95 (never)", "edge p50 / p95 (never)", "calibration error",
+    "false bumps a minute", "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
     "rank with Ra", "p",
 )  # fmt: skip
 
@@ -31,12 +31,13 @@ _STYLE = """
 }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 88rem; margin: 2rem auto; padding: 0 1rem; }
 h2 { margin-top: 3rem; border-bottom: 1px solid var(--rule); } caption { text-align: left; padding: .4rem 0; }
-.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 13px; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; font-size: 12.5px; }
 th, td { padding: .3rem .45rem; text-align: right; border-bottom: 1px solid var(--rule); white-space: nowrap; }
 th { vertical-align: bottom; white-space: normal; background: var(--soft); }
 th:first-child, td:first-child { text-align: left; }
 tr.ours { background: var(--best); } tr.control { font-style: italic; opacity: .75; }
-.figure { display: inline-block; margin: .5rem 0; padding: .5rem; } .figure svg { max-width: 100%; height: auto; }
+.figures { display: flex; flex-wrap: wrap; gap: 1rem; align-items: flex-start; }
+.figure { padding: .5rem; flex: 1 1 34rem; max-width: 46rem; } .figure svg { width: 100%; height: auto; }
 """
 
 
@@ -83,18 +84,18 @@ def row_of(result: Result) -> tuple[str, ...]:
         told_delay(result.edge_ms),
         _number(result.calibration_error, ".3f"),
         _number(result.height_correlation, ".2f"),
-        _number(difference.p, ".3f") if difference else "reference",
+        _number(difference.p, ".3f") if difference else "-",
     )
 
 
 def told_delay(delay: tuple[float, float, float]) -> str:
-    """Tell a delay.
+    """Tell a delay in ms: median, 95th percentile, and how many never came.
 
     >>> told_delay((82.4, 179.6, 0.04)), told_delay((float("nan"), float("nan"), float("nan")))
-    ('82 / 180 ms (4 %)', '-')
+    ('82 / 180 (4 %)', '-')
     """
     middle, late, missed = delay
-    return "-" if math.isnan(middle) else f"{middle:.0f} / {late:.0f} ms ({100 * missed:.0f} %)"
+    return "-" if math.isnan(middle) else f"{middle:.0f} / {late:.0f} ({100 * missed:.0f} %)"
 
 
 def told_dealt(dealt: Sequence[float]) -> str:
@@ -136,7 +137,9 @@ def _section(results: Sequence[Result], split: str, found: Findings) -> list[str
         f"<h3>{html.escape(split)}</h3>",
         _table(COLUMNS, [(row_of(one), one) for one in results], caption="Updates in contact, two-class rule."),
         *(f"<p>{html.escape(line)}</p>" for line in lines),
+        '<div class="figures">',
         *(f'<div class="figure">{figure}</div>' for figure in figures),
+        "</div>",
     ]
 
 
