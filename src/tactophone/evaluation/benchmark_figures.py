@@ -18,7 +18,7 @@ _STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "scalogram-cnn": (PURPLE, "-"),
         "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
         "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
-        "ours": (VERMILION, "-"), "ours, air dead": (VERMILION, "--"),
+        "ours": (VERMILION, "-"), "ours/air-dead": (VERMILION, "--"),
     }
 )  # fmt: skip
 """A colour for each family of methods and a dash for each member, the same in every figure."""

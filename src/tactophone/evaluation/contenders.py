@@ -27,7 +27,7 @@ from tactophone.training.touches import Ear
 from tactophone.training.ways import WAYS, train_way
 from tactophone.types import AIR, AudioBlock
 
-AIR_DEAD = "ours, air dead"
+AIR_DEAD = "ours/air-dead"
 """The same model as ours, its air microphone silent from the first sample on."""
 
 CONTROL_RATE = 40_000

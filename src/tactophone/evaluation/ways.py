@@ -22,6 +22,11 @@ FIRST_VERSION = 2
 """Of all that :data:`VERSIONS` does not name; those that are slow to learn keep their results."""
 
 
+def version_of(name: str) -> int:
+    """Give a way's version."""
+    return VERSIONS.get(name, FIRST_VERSION)
+
+
 @dataclass(frozen=True, slots=True)
 class WayMethod:
     """One way of :data:`tactophone.training.ways.WAYS`.
@@ -36,7 +41,7 @@ class WayMethod:
     @property
     def identity(self) -> str:
         """The way, how it hears, and the version of what is done with it."""
-        return f"way {VERSIONS.get(self.name, FIRST_VERSION)} {self.name} {self.ear!r}"
+        return f"way {version_of(self.name)} {self.name} {self.ear!r}"
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Learn, and make the graph that a model file would hold."""
@@ -54,7 +59,7 @@ class DeafenedMethod:
     @property
     def name(self) -> str:
         """The way's, and what is dead."""
-        return f"{self.way.name}, {'air' if self.dead == AIR else 'contact'} dead"
+        return f"{self.way.name}/{'air' if self.dead == AIR else 'contact'}-dead"
 
     @property
     def identity(self) -> str:
