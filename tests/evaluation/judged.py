@@ -20,10 +20,13 @@ def judged(
     surface: str = "slate",
     contact: Sequence[bool] | None = None,
     none: float = 0.0,
+    slides: str = "",
 ) -> Judgement:
     """An update every 10 ms with these shares of rough."""
     share = np.array(rough, np.float32)
     rows = np.stack([np.full_like(share, none), (1 - none) * (1 - share), (1 - none) * share], axis=1)
-    recording = Recording(Path(f"{surface}.wav"), surface, label, segments=tuple(segments))
+    recording = Recording(
+        Path(f"{surface}.wav"), surface, label, segments=tuple(segments), properties={"slides": slides}
+    )
     open_gate = np.ones(len(share), bool) if contact is None else np.array(contact)
     return Judgement(recording, HOP * np.arange(1, len(share) + 1), rows, open_gate)

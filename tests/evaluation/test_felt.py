@@ -53,6 +53,15 @@ def test_a_right_decision_is_one_that_holds() -> None:
     assert math.isnan(never.quantile_ms(0.5))
 
 
+def test_a_finger_that_stands_still_is_waited_for() -> None:
+    share = np.where(np.arange(100) < 55, 0.1, 0.9)
+    segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
+    slides = judged(share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900")
+    assert contact_delays([slides], RULE, latency=0).times.tolist() == pytest.approx([0.06])
+    stands = judged(share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900")
+    assert len(contact_delays([stands], RULE, latency=0).times) == 0
+
+
 def test_edges_are_changes_without_a_lift() -> None:
     share = np.where(np.arange(120) < 70, 0.1, 0.9)
     segments = [Segment(0, 0.1, "none"), Segment(0.1, 0.6, "smooth"), Segment(0.6, 1.2, "rough")]

@@ -26,6 +26,16 @@ def test_a_set_is_made_told_and_not_made_again(tmp_path: Path) -> None:
     assert float(recording.known("ra_um")) > 10
 
 
+def test_it_is_told_when_the_finger_slides_which_is_after_it_has_landed(tmp_path: Path) -> None:
+    jobs = plan([find("lava stone")], Style(duration=2.0), takes=TAKES[4:5])
+    list(make(tmp_path, jobs))
+    finish(tmp_path, jobs)
+    (recording,) = open_dataset(tmp_path).recordings
+    first, *_ = (tuple(map(float, one.split("-"))) for one in recording.known("slides").split())
+    touch = next(one for one in recording.segments if one.contact)
+    assert touch.start + 0.05 < first[0] < first[1] <= touch.end + 0.05
+
+
 def test_a_file_of_another_recipe_is_made_anew(tmp_path: Path) -> None:
     (job,) = plan([find("3")], BRIEF, takes=TAKES[:1])
     list(make(tmp_path, [job]))

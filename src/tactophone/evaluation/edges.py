@@ -7,11 +7,13 @@ the middle of a touch on another, cross-faded over as long as a fingertip takes 
 import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import soundfile
 
 from tactophone.dataset import Recording, Segment
+from tactophone.evaluation.sliding import Stretch, cut_slides, write_slides
 from tactophone.types import FloatArray, Touch
 
 HALF = 0.6
@@ -79,7 +81,21 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
         Segment(middle, end, _WORDS[order[1]]),
     )
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
-                     segments=segments)  # fmt: skip
+                     segments=segments, properties=MappingProxyType(_motion(pair)))  # fmt: skip
+
+
+def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
+    """Tell when the finger slides, if both recordings tell it."""
+    places = (LEAD, LEAD + HALF - FADE)
+    cuts = [cut_slides(one, start, start + HALF, place=place)
+            for (one, start), place in zip(pair, places, strict=True)]  # fmt: skip
+    if cuts[0] is None or cuts[1] is None:
+        return {}
+    # A slide that goes on over the edge is told as one.
+    last, first = cuts[0][-1:], cuts[1][:1]
+    if last and first and first[0].start <= last[0].end:
+        return {"slides": write_slides((*cuts[0][:-1], Stretch(last[0].start, first[0].end), *cuts[1][1:]))}
+    return {"slides": write_slides((*cuts[0], *cuts[1]))}
 
 
 def _read(path: Path, start: float) -> tuple[FloatArray, int]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Segment
 from tactophone.evaluation.judging import Judgement
 from tactophone.evaluation.metrics import rough_score
+from tactophone.evaluation.sliding import first_slide, slides_over
 from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
@@ -68,7 +69,9 @@ def false_bumps_per_minute(judged: Iterable[Judgement], rule: DecisionRule) -> f
 
 
 def contact_delays(judged: Iterable[Judgement], rule: DecisionRule, *, latency: float) -> Delays:
-    """Time from each touch's begin to the right decision about it; only of recordings that tell their touches.
+    """Time from when each touch first slides to the right decision about it; only of recordings that tell touches.
+
+    Where sliding is not told, the time counts from the first touch.
 
     Parameters
     ----------
@@ -80,19 +83,25 @@ def contact_delays(judged: Iterable[Judgement], rule: DecisionRule, *, latency: 
         Seconds from a window's end to its judgement.
     """
     found = [
-        _delay(one, segment.start, segment.end, one.recording.label, rule=rule)
+        _delay(one, start, segment.end, one.recording.label, rule=rule)
         for one in judged
-        for segment in _long_touches(one.recording.segments)
+        for segment in _touches(one.recording.segments)
+        if (start := first_slide(one.recording, segment.start, segment.end)) is not None
+        and segment.end - start >= SHORTEST_TOUCH
     ]
     return _delays(found, latency)
 
 
 def edge_delays(judged: Iterable[Judgement], rule: DecisionRule, *, latency: float) -> Delays:
-    """Time from each change between smooth and rough, with no lift-off between, to the right decision."""
+    """Time from each change between smooth and rough, with no lift-off between, to the right decision.
+
+    Edges on which the finger comes to a stop are left out, where sliding is told.
+    """
     found = []
     for one in judged:
         for before, after in zip(one.recording.segments, one.recording.segments[1:], strict=False):
-            if {before.label, after.label} == {Touch.SMOOTH, Touch.ROUGH}:
+            changes = {before.label, after.label} == {Touch.SMOOTH, Touch.ROUGH}
+            if changes and slides_over(one.recording, after.start):
                 found.append(_delay(one, after.start, after.end, after.label, rule=rule))
     return _delays(found, latency)
 
@@ -129,15 +138,14 @@ def _runs(on: NDArray[np.bool_], time: NDArray[np.float64]) -> list[tuple[float,
     return joined
 
 
-def _long_touches(segments: Sequence[Segment]) -> list[Segment]:
-    """Touches of one thing that begin after silence and last."""
+def _touches(segments: Sequence[Segment]) -> list[Segment]:
+    """Touches of one thing that begin after silence."""
     begun = zip((None, *segments), segments, strict=False)
     return [
         one
         for before, one in begun
-        if one.contact and one.label is not None and one.end - one.start >= SHORTEST_TOUCH
-        and before is not None and not before.contact
-    ]  # fmt: skip
+        if one.contact and one.label is not None and before is not None and not before.contact
+    ]
 
 
 def _delay(judgement: Judgement, start: float, end: float, label: Touch | None, *, rule: DecisionRule) -> float | None:

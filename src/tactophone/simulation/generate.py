@@ -14,10 +14,11 @@ from tactophone.dataset import Recording, write_metadata
 from tactophone.simulation.catalogue import SCENARIOS, TEST, Thing
 from tactophone.simulation.finger import FLEXURE
 from tactophone.simulation.modes import Mounting
+from tactophone.simulation.motion import Hand, Move
 from tactophone.simulation.movement import TAKES, Take, take_moves
-from tactophone.simulation.scene import single
+from tactophone.simulation.scene import Scene, single
 from tactophone.simulation.setup import Setup
-from tactophone.simulation.source import SimulatedFinger, Truth
+from tactophone.simulation.source import RATE, SimulatedFinger, Truth
 from tactophone.simulation.storing import Story, read_story, tell, through_opus, write_sound
 from tactophone.types import FloatArray, Touch
 
@@ -26,6 +27,9 @@ VERSION = "1"
 
 DURATION = 30.0
 """Seconds of a take, as in the paper."""
+
+SLIDING = 0.005
+"""Metres a second from which a finger slides; free exploration has 2 to 20 cm/s (simulation.movement)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,13 +140,25 @@ def is_done(folder: Path, job: Job) -> bool:
 def render(job: Job) -> tuple[FloatArray, Truth]:
     """Render one recording: both microphones, and the truth."""
     scene = single(job.thing, job.mounting)
-    seed = np.random.SeedSequence([job.style.seed, job.session, TAKES.index(job.take)])
-    rng = np.random.default_rng(seed.spawn(1)[0])
-    moves = take_moves(job.take, scene.placed[0], duration=job.style.duration, rng=rng)
+    moves = _moves(job, scene)
     noise = [job.style.seed, job.session, TAKES.index(job.take)]
     finger = SimulatedFinger(scene, moves, setup=Setup.draw(job.session), seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.style.duration * finger.sample_rate))
     return (through_opus(block.samples) if job.style.opus else block.samples), finger.truth
+
+
+def slides(job: Job, story: Story) -> str:
+    """Tell when the finger slides on what it touches: stretches of ``start-end`` in seconds, divided by spaces."""
+    scene = single(job.thing, job.mounting)
+    place = scene.placed[0].centre
+    hand = Hand(scene.field, x=place[0], y=place[1], rate=RATE)
+    hand.wish(_moves(job, scene))
+    speed = np.abs(hand.follow(round(job.style.duration * RATE)).motion.speed)
+    time = np.arange(len(speed)) / RATE
+    touching = [(time >= one.start) & (time < one.end) for one in story.segments if one.contact]
+    sliding = (speed > SLIDING) & np.any([np.zeros(len(time), bool), *touching], axis=0)
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], sliding.astype(np.int8), [0])))) / RATE
+    return " ".join(f"{start:.3f}-{end:.3f}" for start, end in bounds.reshape(-1, 2))
 
 
 def recording(folder: Path, job: Job, story: Story) -> Recording:
@@ -156,6 +172,7 @@ def recording(folder: Path, job: Job, story: Story) -> Recording:
         "split": "test" if job.thing.number in TEST else "train",
         "ra_um": f"{rough.ra * 1e6:.2f}",
         "rq_um": f"{rough.rq * 1e6:.2f}",
+        "slides": slides(job, story),
         "seed": str(job.style.seed),
         "source": "simulated",
     }
@@ -170,6 +187,12 @@ def recording(folder: Path, job: Job, story: Story) -> Recording:
         segments=story.segments,
         properties=MappingProxyType(properties),
     )
+
+
+def _moves(job: Job, scene: Scene) -> list[Move]:
+    seed = np.random.SeedSequence([job.style.seed, job.session, TAKES.index(job.take)])
+    rng = np.random.default_rng(seed.spawn(1)[0])
+    return take_moves(job.take, scene.placed[0], duration=job.style.duration, rng=rng)
 
 
 def _make(folder: Path, job: Job) -> Job:
