@@ -21,6 +21,7 @@ from tactophone.evaluation.crossvalidation import Cache, default_cache
 if TYPE_CHECKING:
     from tactophone.evaluation.benchmark import Findings, Plan
     from tactophone.evaluation.contenders import Cost
+    from tactophone.evaluation.result import Result
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Of the simulated takes that ``--fast`` makes where no data is given."""
@@ -161,9 +162,23 @@ def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -
                 terminal.out().print(f"control, labels dealt anew: {told_dealt(one.dealt[split])}")
             if split in one.heights:
                 terminal.out().print(told_heights(one.heights[split]))
+            _show_goals([result for result in one.results if result.split == split], costs.get(one.dataset, {}))
             terminal.out().print()
     steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
     terminal.out().print(f"steps that a finger tells apart from smooth to rough, of frequency / with level: {steps}")
+
+
+def _show_goals(results: Sequence["Result"], costs: dict[str, "Cost"]) -> None:
+    from tactophone.evaluation.goals import goals_of, tell
+
+    if not (goals := goals_of(results, costs)):
+        return
+    table = Table("ours set out to reach", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    for name in (results[0].method, "ours", "at most", ""):
+        table.add_column(name, justify="right")
+    for one in goals:
+        table.add_row(one.told, tell(one.reference), tell(one.ours), tell(one.limit), one.verdict)
+    terminal.out().print(table)
 
 
 def _table_of(found: "Findings", split: str, costs: dict[str, dict[str, "Cost"]]) -> Table:

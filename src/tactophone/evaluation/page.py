@@ -14,6 +14,7 @@ from tactophone.evaluation.benchmark_figures import (
     draw_scores,
 )
 from tactophone.evaluation.contenders import Cost
+from tactophone.evaluation.goals import goals_of, tell
 from tactophone.evaluation.heights import Heights
 from tactophone.evaluation.result import Result
 from tactophone.haptics import PROFILES, discriminable_steps, open_profile
@@ -59,7 +60,7 @@ def write_page(findings: Sequence[Findings], *, costs: Mapping[str, Mapping[str,
         if one.dataset in costs:
             parts.append(_costs(costs[one.dataset]))
         for split, some in groupby(one.results, key=lambda result: result.split):
-            parts += _section(list(some), split, one)
+            parts += _section(list(some), split, one, costs.get(one.dataset, {}))
     body = "\n".join((*parts, "<h2>Rendering profiles</h2>", _profiles()))
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Tactophone benchmark</title>'
@@ -121,7 +122,7 @@ def steps_by_profile() -> dict[str, tuple[float, float]]:
     return {name: discriminable_steps(open_profile(name)) for name in PROFILES}
 
 
-def _section(results: Sequence[Result], split: str, found: Findings) -> list[str]:
+def _section(results: Sequence[Result], split: str, found: Findings, costs: Mapping[str, Cost]) -> list[str]:
     figures = [draw_scores(results), draw_curves(results)]
     if any(math.isfinite(one.contact_ms[0]) or math.isfinite(one.edge_ms[0]) for one in results):
         figures.append(draw_delays(results))
@@ -137,10 +138,20 @@ def _section(results: Sequence[Result], split: str, found: Findings) -> list[str
         f"<h3>{html.escape(split)}</h3>",
         _table(COLUMNS, [(row_of(one), one) for one in results], caption="Updates in contact, two-class rule."),
         *(f"<p>{html.escape(line)}</p>" for line in lines),
+        _goals(results, costs),
         '<div class="figures">',
         *(f'<div class="figure">{figure}</div>' for figure in figures),
         "</div>",
     ]
+
+
+def _goals(results: Sequence[Result], costs: Mapping[str, Cost]) -> str:
+    rows = [
+        ((one.told, tell(one.reference), tell(one.ours), tell(one.limit), one.verdict), None)
+        for one in goals_of(results, costs)
+    ]
+    heading = ("what ours set out to reach", results[0].method, "ours", "goal, at most", "")
+    return _table(heading, rows, caption="Ours beside the paper's network, in this run.") if rows else ""
 
 
 def _profiles() -> str:
