@@ -7,8 +7,8 @@ import pytest
 
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
-from tactophone.evaluation.benchmark import Findings, Plan, folds_with_edges, origin_of, run_plan, splits_of
-from tactophone.evaluation.contenders import AIR_DEAD, contender_names, contenders_for, cost_of, measure_costs
+from tactophone.evaluation.benchmark import Findings, folds_with_edges, origin_of, run_plan, splits_of
+from tactophone.evaluation.contenders import AIR_DEAD, contender_names, contenders_for, cost_of, measure_costs, plan_for
 from tactophone.evaluation.crossvalidation import Cache
 from tactophone.evaluation.page import COLUMNS, row_of, write_page
 from tactophone.evaluation.result import Result
@@ -25,8 +25,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="module")
 def findings(dataset: Dataset) -> Findings:
-    plan = Plan(dataset, contenders_for(dataset, METHODS), ("3-fold",))
-    return run_plan(plan, Cache(dataset.root / "cache"))
+    return run_plan(plan_for(dataset, METHODS, ["3-fold"]), Cache(dataset.root / "cache"))
 
 
 @pytest.fixture(scope="module")
@@ -110,9 +109,9 @@ def test_the_page_stands_alone_and_tells_every_result(findings: Findings, tmp_pa
     results = findings.results
     page = write_page([findings], costs={dataset.name: measure_costs(dataset, ["level"], tmp_path)}, notes=["a <note>"])
     assert all(one.method in page for one in results)
-    assert page.count("<svg") == 4
+    assert page.count("<svg") == 5
     assert "&lt;note&gt;" in page
-    assert "labels dealt anew" in page
+    assert "labels dealt anew over the surfaces" in page
     assert "perceptual" in page
     assert "src=" not in page
     assert "@import" not in page

@@ -103,12 +103,11 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 
 def _plan(dataset: Dataset, args: argparse.Namespace) -> "Plan":
-    from tactophone.evaluation.benchmark import Plan, splits_of
-    from tactophone.evaluation.contenders import contenders_for, heights_of
+    from tactophone.evaluation.benchmark import splits_of
+    from tactophone.evaluation.contenders import plan_for
 
-    contenders = contenders_for(dataset, args.methods.split(",") if args.methods else ())
     splits = tuple(args.splits.split(",")) if args.splits else splits_of(dataset, fast=args.fast)
-    return Plan(dataset, contenders, splits, heights_of(dataset))
+    return plan_for(dataset, args.methods.split(",") if args.methods else (), splits)
 
 
 def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":

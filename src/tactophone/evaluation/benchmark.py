@@ -40,6 +40,8 @@ class Plan:
         The first is the reference that the others are compared with.
     splits
         Names, as ``--splits`` takes them.
+    learner
+        Learns labels dealt anew, for the control.
     heights
         Regresses the surfaces' Ra, where they tell it.
     """
@@ -47,6 +49,7 @@ class Plan:
     dataset: Dataset
     contenders: tuple[Contender, ...]
     splits: tuple[str, ...]
+    learner: Method
     heights: HeightMethod | None = None
 
 
@@ -61,8 +64,7 @@ class Findings:
     results
         Split by split, of every contender.
     dealt
-        By split: balanced accuracies of the last method that is no control, learnt and scored on labels dealt anew
-        over the surfaces.
+        By split: balanced accuracies of our own detector, learnt and scored on labels dealt anew over the surfaces.
     heights
         By split: how well Ra is told from sound.
     """
@@ -119,14 +121,14 @@ def run_plan(
     dealt = {name: _deal(plan.dataset, name) for name in plan.splits}
     methods = [one.method for one in plan.contenders]
     jobs = [Job(method, fold) for some in folds.values() for method in methods for fold in some]
-    jobs += [Job(_learner(plan), fold) for deals in dealt.values() for some in deals for fold in some]
+    jobs += [Job(plan.learner, fold) for deals in dealt.values() for some in deals for fold in some]
     jobs += [Job(plan.heights, fold) for some in folds.values() for fold in some if plan.heights]
     run_jobs(jobs, cache, place=place, workers=workers, report=lambda done, name: report(done, len(jobs), name))
     return Findings(
         plan.dataset.name,
         origin_of(plan.dataset),
         tuple(one for name, some in folds.items() for one in _score(plan, name, some, cache)),
-        {name: tuple(_accuracy(_learner(plan), some, cache) for some in deals) for name, deals in dealt.items()},
+        {name: tuple(_accuracy(plan.learner, some, cache) for some in deals) for name, deals in dealt.items()},
         {name: _heights(plan.heights, some, cache) for name, some in folds.items() if plan.heights},
     )
 
@@ -145,11 +147,6 @@ def _split_by(key: str, values: int) -> str:
 
 def _deal(dataset: Dataset, name: str) -> list[tuple[Fold, ...]]:
     return [split(shuffle_labels(dataset, seed=seed), name) for seed in DEALS]
-
-
-def _learner(plan: Plan) -> Method:
-    """The last that is no control: ours, where it takes part."""
-    return [one.method for one in plan.contenders if not one.control][-1]
 
 
 def _score(plan: Plan, name: str, folds: Sequence[Fold], cache: Cache) -> list[Result]:

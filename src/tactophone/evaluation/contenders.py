@@ -12,6 +12,7 @@ import soundfile
 
 from tactophone.dataset import Dataset, Recording
 from tactophone.errors import ConfigError
+from tactophone.evaluation.benchmark import Plan
 from tactophone.evaluation.controls import OverBandMethod
 from tactophone.evaluation.crossvalidation import Method
 from tactophone.evaluation.heights import HeightMethod
@@ -77,15 +78,17 @@ def contenders_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[Contend
     return (*(_contender(name, dataset, channels) for name in kept), *control)
 
 
+def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str]) -> Plan:
+    """Plan a benchmark of contenders, all if none are named, with its controls."""
+    contenders = contenders_for(dataset, names)
+    return Plan(
+        dataset, contenders, tuple(splits), way_method("ours", channels=channels_of(dataset)), _heights(dataset)
+    )
+
+
 def channels_of(dataset: Dataset) -> int:
     """Two, where every recording holds contact and air; one otherwise."""
     return 2 if all(set(one.channels) == {"contact", "air"} for one in dataset.recordings) else 1
-
-
-def heights_of(dataset: Dataset) -> HeightMethod | None:
-    """Make what regresses a surface's Ra, where the data tells it."""
-    told = any(one.known("ra_um") for one in dataset.recordings)
-    return HeightMethod(Ear("texture", channels_of(dataset))) if told else None
 
 
 def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:
@@ -160,6 +163,11 @@ def _contender(name: str, dataset: Dataset, channels: int) -> Contender:
     if not told:
         recipe = replace(recipe, labelling=replace(recipe.labelling, threshold=0.0, relative=False))
     return Contender(PaperMethod(Course(recipe, gate=None if told else OPEN_GATE)), latency=PAPER_LATENCY)
+
+
+def _heights(dataset: Dataset) -> HeightMethod | None:
+    told = any(one.known("ra_um") for one in dataset.recordings)
+    return HeightMethod(Ear("texture", channels_of(dataset))) if told else None
 
 
 def _is_impossible(name: str, dataset: Dataset) -> bool:

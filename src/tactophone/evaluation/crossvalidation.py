@@ -53,6 +53,10 @@ class Cache:
         except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
             return None
 
+    def holds(self, key: str) -> bool:
+        """Tell whether a fold's judgements are there, without reading them."""
+        return zipfile.is_zipfile(self.folder / f"{key}.npz")
+
     def put(self, key: str, judgements: Sequence[Judgement]) -> None:
         """Keep a fold's judgements."""
         self.folder.mkdir(parents=True, exist_ok=True)

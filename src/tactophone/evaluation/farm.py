@@ -65,7 +65,7 @@ def run_jobs(
         If Ray is wanted and not installed.
     """
     todo = {job.key: job for job in jobs}
-    todo = {key: job for key, job in todo.items() if cache.get(key, job.fold) is None}
+    todo = {key: job for key, job in todo.items() if not cache.holds(key)}
     run = {"here": _here, "processes": _processes, "ray": _ray}[place]
     for done, (job, judged) in enumerate(run(list(todo.values()), workers), 1):
         cache.put(job.key, judged)

@@ -130,7 +130,7 @@ def _section(results: Sequence[Result], split: str, found: Findings, costs: Mapp
     lines = []
     if split in found.dealt:
         told = told_dealt(found.dealt[split])
-        lines.append(f"Control, labels dealt anew over the surfaces and learnt by the last method: {told}.")
+        lines.append(f"Control, labels dealt anew over the surfaces and learnt by ours: {told}.")
     if split in found.heights:
         figures.append(draw_heights(found.heights[split]))
         lines.append(f"{told_heights(found.heights[split])}.")
