@@ -60,7 +60,8 @@ class Walk:
     def feel(self, prediction: Prediction) -> HapticCommand:
         """Give the command that a belief asks for, as limited; its time is when the belief came about."""
         wish = self.profile.command(prediction)
-        return self.limits.bound(replace(wish, time=prediction.end + self.judge.latency))
+        time = prediction.end + self.judge.latency
+        return self.limits.bound(HapticCommand(wish.amplitude, wish.frequency, time))
 
     def _tick(self, block: AudioBlock, predictions: list[Prediction]) -> Tick:
         return Tick(block, tuple(predictions), tuple(map(self.feel, predictions)))

@@ -59,7 +59,7 @@ class Recorded:
         resampler = Resampler(self._source.sample_rate, SAMPLE_RATE, channels=self.channels)
         start = 0
         for block in self._source:
-            samples = resampler.push(block)
+            samples = resampler.push(block.samples)
             self._time = block.end / block.sample_rate % self._source.duration
             yield AudioBlock(samples, SAMPLE_RATE, start)
             start += len(samples)

@@ -164,7 +164,7 @@ class Feeling:
     def _render(self, tick: Tick, *, until: float) -> FloatArray:
         if self._sounding is None:
             return self._playback.push(tick.commands, until=until)
-        return self._sounding.push(self._resampler.push(tick.block))
+        return self._sounding.push(self._resampler.push(tick.block.samples))
 
 
 def feel(

@@ -20,7 +20,7 @@ from tactophone.haptics import SOUNDING
 from tactophone.haptics.sounding import RATE, STEP_SIZE
 from tactophone.perception.resample import Resampler
 from tactophone.training.head import even_weights
-from tactophone.types import AudioBlock, FloatArray, Touch
+from tactophone.types import FloatArray, Touch
 
 VERSION = 1
 SLOW_RATE = RATE // STEP_SIZE
@@ -85,4 +85,4 @@ def _contact(recording: Recording) -> FloatArray:
     if rate == RATE:
         return contact
     resampler = Resampler(rate, RATE, channels=1)
-    return np.concatenate([resampler.push(AudioBlock(contact, rate)), resampler.flush()])
+    return np.concatenate([resampler.push(contact), resampler.flush()])

@@ -100,8 +100,7 @@ class WindowDetector:
             If the block has fewer channels than the model wants, or not the rate that was announced.
         """
         self._check(block)
-        clean = self._fit(self._garbage.clean(block).samples)
-        resampled = self._resampler.push(AudioBlock(clean, block.sample_rate))
+        resampled = self._resampler.push(self._fit(self._garbage.clean(block).samples))
         return [self._judge(end, window) for end, window in self._windower.push(resampled)]
 
     def flush(self) -> list[Prediction]:
@@ -143,8 +142,7 @@ class WindowDetector:
         return none, smooth, rough
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
-        start, stop = self._heard(end)
-        if self._garbage.any_between(start, stop):
+        if self._garbage.any_between(*self._heard(end)):
             self.faults["sound"] += 1
             return True
         # NaN fails both comparisons; exp(log-softmax) in float32 sums to 1 within 1e-5.

@@ -29,6 +29,9 @@ def magnitudes(window: FloatArray) -> FloatArray:
     512.0
     """
     # The one transpose of the house: sound is (samples, channels), a spectrum is (channels, bins).
-    spectra = np.abs(np.fft.rfft(np.swapaxes(window, -1, -2), axis=-1))
-    flat: FloatArray = spectra.reshape(*spectra.shape[:-2], -1).astype(np.float32, copy=False)
+    sound = window.swapaxes(-1, -2)
+    *batch, channels, size = sound.shape
+    # Given where to write, NumPy's FFT need not find out of what kind that should be, which takes it a third longer.
+    spectra = np.empty((*batch, channels, size // 2 + 1), np.complex64)
+    flat: FloatArray = np.abs(np.fft.rfft(sound, out=spectra)).reshape(*batch, -1)
     return flat

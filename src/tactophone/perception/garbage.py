@@ -14,7 +14,8 @@ _NOTHING = np.empty(0, np.intp)
 def find_garbage(samples: FloatArray) -> NDArray[np.intp]:
     """Give the indices of the samples at which any channel is garbage."""
     # A NaN is the extreme of any sound that holds one, and passes neither comparison.
-    if samples.max(initial=0) <= PLAUSIBLE_PEAK and samples.min(initial=0) >= -PLAUSIBLE_PEAK:
+    highest, lowest = (extreme.reduce(samples, axis=None, initial=0) for extreme in (np.maximum, np.minimum))
+    if highest <= PLAUSIBLE_PEAK and lowest >= -PLAUSIBLE_PEAK:
         return _NOTHING
     # Written so that a comparison with NaN, which is always false, counts as garbage.
     return np.flatnonzero(~(np.abs(samples) <= PLAUSIBLE_PEAK).all(axis=1))
@@ -53,7 +54,7 @@ class GarbageFilter:
 
         Ask in ascending order of ``start``: what lies before it is forgotten.
         """
-        if not len(self._found):
+        if self._found is _NOTHING:
             return False
         self._found = self._found[np.searchsorted(self._found, start) :]
         return bool(len(self._found)) and bool(self._found[0] < end)

@@ -43,13 +43,10 @@ class Judge:
 
     def __init__(self, detector: Detector, gate: ContactGate | None = None) -> None:
         self.detector, self._gate = detector, gate
+        self.latency = detector.latency
+        """Seconds from the end of a belief's window to the moment of the belief."""
         self.threshold_dbfs = detector.threshold_dbfs
         self._begin(0)
-
-    @property
-    def latency(self) -> float:
-        """Seconds from the end of a belief's window to the moment of the belief."""
-        return self.detector.latency
 
     @property
     def threshold_dbfs(self) -> float:
@@ -122,9 +119,9 @@ class Judge:
         if self._gate is None:
             return prediction
         if not self._touching or prediction.faulty:
-            return replace(prediction, touch=Touch.NONE, roughness=0.0)
+            return _overruled(prediction, Touch.NONE)
         if prediction.touch is Touch.NONE or not self._tells(prediction):
-            return replace(prediction, touch=Touch.SMOOTH, roughness=0.0)
+            return _overruled(prediction, Touch.SMOOTH)
         return prediction
 
     def _tells(self, prediction: Prediction) -> bool:
@@ -135,3 +132,10 @@ class Judge:
         if not self._shift:
             return prediction
         return replace(prediction, start=prediction.start + self._shift, end=prediction.end + self._shift)
+
+
+def _overruled(prediction: Prediction, touch: Touch) -> Prediction:
+    # Written out, as `replace` looks at every field by name, which an update feels.
+    return Prediction(
+        prediction.probabilities, touch, 0.0, prediction.level_dbfs, prediction.start, prediction.end, prediction.faulty
+    )

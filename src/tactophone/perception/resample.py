@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import FloatArray
 
 ZERO_CROSSINGS = 6
 ROLL_OFF = 0.99
@@ -34,8 +34,7 @@ class Resampler:
     Examples
     --------
     >>> resampler = Resampler(48_000, 2000, channels=1)
-    >>> sound = AudioBlock(np.zeros((48_000, 1), np.float32), sample_rate=48_000)
-    >>> len(resampler.push(sound)) + len(resampler.flush())
+    >>> len(resampler.push(np.zeros((48_000, 1), np.float32))) + len(resampler.flush())
     2000
     >>> round(resampler.latency * 1000, 2)
     3.04
@@ -58,9 +57,9 @@ class Resampler:
         self._first = -self._reach
         self._given = 0
 
-    def push(self, block: AudioBlock) -> FloatArray:
-        """Take sound in; give the output samples that it completes, shape ``(samples, channels)``."""
-        self._kept = np.concatenate((self._kept, block.samples.T), axis=1)
+    def push(self, samples: FloatArray) -> FloatArray:
+        """Take sound in, shape ``(samples, channels)``; give the output samples that it completes, alike."""
+        self._kept = np.concatenate((self._kept, samples.T), axis=1)
         return self._samples_before(self._first + self._kept.shape[1] - self._reach)
 
     def flush(self) -> FloatArray:
@@ -84,13 +83,13 @@ class Resampler:
 
     def _around(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
         """The input around each output sample of a stretch, shape ``(channels, samples, taps)``, and its weights."""
-        windows = _every_window(self._kept, self._kernels.shape[1])
-        before = self._reach + self._first
+        taps = self._kernels.shape[1]
         if self._up == 1:
-            first, last = start * self._down - before, (end - 1) * self._down - before
-            return windows[:, first : last + 1 : self._down], self._kernels
+            # What is kept begins with what the next sample needs, and whole hops further on lie those after it.
+            return _windows(self._kept, taps, hop=self._down)[:, : end - start], self._kernels
         places = np.arange(start, end) * self._down
-        return windows[:, places // self._up - before], self._kernels[places % self._up]
+        starts = places // self._up - self._reach - self._first
+        return _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
 
     def _forget(self, before: int) -> None:
         unneeded = max(0, min(before - self._first, self._kept.shape[1]))
@@ -125,8 +124,8 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     return np.asarray(kernels / kernels.sum(axis=1, keepdims=True), np.float32)
 
 
-def _every_window(kept: FloatArray, taps: int) -> FloatArray:
-    """View every stretch of ``taps`` samples, shape ``(channels, starts, taps)``; NumPy's own takes longer."""
+def _windows(kept: FloatArray, taps: int, *, hop: int) -> FloatArray:
+    """View stretches of ``taps`` samples, shape ``(channels, starts, taps)``; NumPy's own takes longer."""
     channels, size = kept.shape
-    shape = (channels, max(0, size - taps + 1), taps)
-    return np.ndarray(shape, np.float32, kept, strides=(kept.strides[0], 4, 4))
+    shape = (channels, max(0, size - taps + hop) // hop, taps)
+    return np.ndarray(shape, np.float32, kept, strides=(kept.strides[0], 4 * hop, 4))

@@ -11,7 +11,7 @@ from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.link import Codec, round_trip
 from tactophone.perception.resample import Resampler
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import FloatArray
 
 RATE = 2000
 """Hz, at which the paper's network hears."""
@@ -73,7 +73,7 @@ def _read(path: Path, changed_ns: int, order: tuple[int, ...], rate: int, codec:
         if codec:
             # The codec remembers what came before, so it gets the recording in one piece.
             blocks = [_through(codec, np.concatenate(list(blocks)), path, file.samplerate)]
-        taken = [resampler.push(AudioBlock(block, file.samplerate)) for block in blocks]
+        taken = [resampler.push(block) for block in blocks]
         return np.concatenate([*taken, resampler.flush()])
 
 
