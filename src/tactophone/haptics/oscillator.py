@@ -173,9 +173,8 @@ class Oscillator:
         np.sin(phases, out=phases)
         np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
         envelope += self._amplitude
+        np.minimum(envelope, self._seen[1].ceiling, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
-        ceiling = self._seen[1].ceiling
-        np.clip(out, -ceiling, ceiling, out=out)
         self._age += size
 
 
