@@ -109,7 +109,7 @@ def test_the_page_stands_alone_and_tells_every_result(findings: Findings, tmp_pa
     results = findings.results
     page = write_page([findings], costs={dataset.name: measure_costs(dataset, ["level"], tmp_path)}, notes=["a <note>"])
     assert all(one.method in page for one in results)
-    assert page.count("<svg") == 5
+    assert page.count("<svg") == 6
     assert "&lt;note&gt;" in page
     assert "labels dealt anew over the surfaces" in page
     assert "perceptual" in page

@@ -23,6 +23,9 @@ _STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
 )  # fmt: skip
 """A colour for each family of methods and a dash for each member, the same in every figure."""
 
+MOST_CELLS = 20
+"""Surfaces in a picture whose cells still hold a number that can be read."""
+
 _CONTROL_STYLE = ("black", ":")
 _BOLD = ("ours", "paper/general")
 
@@ -108,6 +111,23 @@ def draw_reliability(results: Sequence[Result]) -> str:
         axis.plot(confidence, share, marker="o", markersize=3, label=one.method, **_line(one))
     axis.set(xlim=(0, 1), ylim=(0, 1), xlabel="confidence in rough", ylabel="share truly rough")
     axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _svg(pyplot, figure)
+
+
+def draw_surfaces(results: Sequence[Result]) -> str:
+    """Draw which surfaces each method tells, and which it does not: the share of updates called rightly."""
+    pyplot = load_pyplot()
+    names = sorted(results[0].by_surface, key=lambda name: (results[0].by_surface[name], name))
+    shares = np.array([[100 * one.by_surface.get(name, np.nan) for name in names] for one in results])
+    figure, axis = pyplot.subplots(figsize=(7.2, 1.6 + 0.24 * len(results)), layout="constrained")
+    image = axis.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
+    for row, column in np.ndindex(shares.shape) if len(names) <= MOST_CELLS else ():
+        ink = "white" if shares[row, column] < 60 else "black"
+        axis.text(column, row, f"{shares[row, column]:.0f}", ha="center", va="center", fontsize=6, color=ink)
+    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
+    axis.set_yticks(range(len(results)), [one.method for one in results], fontsize=7)
+    axis.tick_params(length=0)
+    figure.colorbar(image, label="updates called rightly (%)", pad=0.01)
     return _svg(pyplot, figure)
 
 

@@ -12,6 +12,7 @@ from tactophone.evaluation.benchmark_figures import (
     draw_heights,
     draw_reliability,
     draw_scores,
+    draw_surfaces,
 )
 from tactophone.evaluation.contenders import Cost
 from tactophone.evaluation.goals import goals_of, tell
@@ -126,7 +127,7 @@ def _section(results: Sequence[Result], split: str, found: Findings, costs: Mapp
     figures = [draw_scores(results), draw_curves(results)]
     if any(math.isfinite(one.contact_ms[0]) or math.isfinite(one.edge_ms[0]) for one in results):
         figures.append(draw_delays(results))
-    figures.append(draw_reliability(results))
+    figures += [draw_reliability(results), draw_surfaces(results)]
     lines = []
     if split in found.dealt:
         told = told_dealt(found.dealt[split])
@@ -138,11 +139,26 @@ def _section(results: Sequence[Result], split: str, found: Findings, costs: Mapp
         f"<h3>{html.escape(split)}</h3>",
         _table(COLUMNS, [(row_of(one), one) for one in results], caption="Updates in contact, two-class rule."),
         *(f"<p>{html.escape(line)}</p>" for line in lines),
+        _rules(results),
         _goals(results, costs),
         '<div class="figures">',
         *(f'<div class="figure">{figure}</div>' for figure in figures),
         "</div>",
     ]
+
+
+def _rules(results: Sequence[Result]) -> str:
+    names = ("balanced_accuracy", "smooth_accuracy", "rough_accuracy")
+    rows = [
+        (
+            (one.method, *(str(one.scores[rule][name]) for rule in ("authors", "two-class") for name in names)),
+            one,
+        )
+        for one in results
+    ]
+    told = (f"{rule}: {name}" for rule in ("authors' rule", "two-class") for name in ("balanced", "smooth", "rough"))
+    caption = "Accuracy by both rules; by the authors', an answer none counts as smooth."
+    return _table(("method", *told), rows, caption=caption)
 
 
 def _goals(results: Sequence[Result], costs: Mapping[str, Cost]) -> str:
