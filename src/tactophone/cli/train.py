@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from tactophone.training.making import Course
     from tactophone.training.touches import Ear
 
-RECIPES = ("paper", "ours", "level", "rules", "median-frequency", "scalogram-cnn", "surface", "logistic", "boosting")
+RECIPES = (
+    "paper", "ours", "level", "rules", "median-frequency", "scalogram-cnn", "surface", "impulses", "logistic",
+    "boosting",
+)  # fmt: skip
 """The paper's, and every name of `training.ways.WAYS`, which is not imported for a list of words."""
 
 _OVERRIDES = {
@@ -139,10 +142,10 @@ def _calibrated(recipe: Recipe, calibration: Calibration) -> "tuple[Recipe, Gate
 def ear_of(args: argparse.Namespace) -> "Ear":
     """Turn the options into how a recipe other than the paper's hears; its kind is the recipe's own."""
     prepare_torch()
-    from tactophone.training.touches import RATE, Ear
+    from tactophone.training.touches import RATE
     from tactophone.training.ways import WAYS
 
-    return Ear(WAYS[args.recipe].kind, args.channels, _codec(args.opus, args.channels, bandwidth=RATE / 2))
+    return WAYS[args.recipe].ear(args.channels, _codec(args.opus, args.channels, bandwidth=RATE / 2))
 
 
 def method_of(args: argparse.Namespace) -> "Method":
@@ -182,14 +185,15 @@ def _train_way(args: argparse.Namespace) -> int:
     prepare_torch()
     from tactophone.training.making import licence_of
     from tactophone.training.touches import RATE
-    from tactophone.training.ways import train_way
+    from tactophone.training.ways import WAYS, train_way
 
     dataset = choose(args.data, args.where)
-    codecs = [_codec(args.opus, args.channels, bandwidth=band) for band in (0.0, RATE / 2)]
+    channels = WAYS[args.recipe].ear(args.channels).channels
+    codecs = [_codec(args.opus, channels, bandwidth=band) for band in (0.0, RATE / 2)]
     with terminal.progress("learning") as bar:
         bar.add_task("", total=None, note=args.recipe)
         licence = licence_of(dataset)
-        train_way(args.out, dataset, args.recipe, channels=args.channels, through=list(filter(None, codecs)),
+        train_way(args.out, dataset, args.recipe, channels=channels, through=list(filter(None, codecs)),
                   licence=licence)  # fmt: skip
     print(args.out)
     return 0

@@ -6,7 +6,7 @@ from tactophone.errors import DatasetError
 TWO = ("contact", "air")
 
 
-def channel_order(recording: Recording, *, wanted: int) -> tuple[int, ...]:
+def channel_order(recording: Recording, *, wanted: int, alone: str = "contact") -> tuple[int, ...]:
     """Give which of a file's channels to take, in the order contact, air.
 
     Parameters
@@ -14,7 +14,9 @@ def channel_order(recording: Recording, *, wanted: int) -> tuple[int, ...]:
     recording
         If its channels are not told, they are taken to be contact, then air.
     wanted
-        2, or 1: contact, or air where there is no contact microphone.
+        2, or 1.
+    alone
+        Which to take where one is wanted; the file's first, if it has none such.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def channel_order(recording: Recording, *, wanted: int) -> tuple[int, ...]:
     """
     told = recording.channels
     if wanted == 1:
-        return (told.index("contact") if "contact" in told else 0,)
+        return (told.index(alone) if alone in told else 0,)
     if not told:
         return (0, 1)
     if sorted(told) != sorted(TWO):

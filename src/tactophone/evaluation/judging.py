@@ -55,7 +55,7 @@ def judge_with(opened: Callable[[int], Detector], *, channels: int) -> Judge:
     """
 
     def judge(recording: Recording) -> Judgement:
-        return judgement(recording, _predict(opened, recording, channels))
+        return judgement(recording, _predict(opened, recording, channel_order(recording, wanted=channels)))
 
     return judge
 
@@ -66,19 +66,19 @@ def judge_of(model: Model) -> Judge:
     def judge(recording: Recording) -> Judgement:
         lacks = model.card.kind in FORGIVING and len(recording.channels) == 1
         channels = 1 if lacks else model.card.channels
-        return judge_with(lambda rate: detector_for(model, sample_rate=rate), channels=channels)(recording)
+        order = channel_order(recording, wanted=channels, alone=model.card.alone)
+        return judgement(recording, _predict(lambda rate: detector_for(model, sample_rate=rate), recording, order))
 
     return judge
 
 
-def _predict(opened: Callable[[int], Detector], recording: Recording, channels: int) -> list[Prediction]:
-    order = channel_order(recording, wanted=channels)
+def _predict(opened: Callable[[int], Detector], recording: Recording, order: tuple[int, ...]) -> list[Prediction]:
     predictions: list[Prediction] = []
     try:
         with soundfile.SoundFile(recording.path) as file:
             if max(order) >= file.channels:
                 raise DatasetError(
-                    f"{recording.path}: has {file.channels} channel, but the model hears {channels}; "
+                    f"{recording.path}: has {file.channels} channel, but the model hears {len(order)}; "
                     "take a one-channel model"
                 )
             detector, start = opened(file.samplerate), 0

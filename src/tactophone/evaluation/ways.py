@@ -74,7 +74,7 @@ class DeafenedMethod:
 
 def way_method(name: str, *, channels: int) -> WayMethod:
     """Make the method of a way, for sound of so many channels."""
-    return WayMethod(name, Ear(WAYS[name].kind, channels))
+    return WayMethod(name, WAYS[name].ear(channels))
 
 
 def judge_by(graph: bytes, lesson: Lesson, *, ear: Ear | None = None, dead: int | None = None) -> Judge:

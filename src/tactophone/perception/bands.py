@@ -16,6 +16,9 @@ LOWEST, HIGHEST = 40.0, 7600.0
 """Hz. The recordings at hand hold nothing of the surface over 7.6 kHz, only their own noise floor (findings.md)."""
 
 SHAPES = 4
+CREST = BANDS + 1
+"""Where the crest stands among the values."""
+
 VALUES = BANDS + SHAPES
 """Numbers that describe one channel of a window."""
 

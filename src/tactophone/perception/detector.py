@@ -19,7 +19,7 @@ from tactophone.perception.loudness import LOUDNESS
 from tactophone.perception.model import Model, ModelCard
 from tactophone.perception.resample import LOWEST_RATE, Resampler
 from tactophone.perception.windows import Windower
-from tactophone.types import CONTACT, AudioBlock, FloatArray, Prediction
+from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray, Prediction
 
 NOTHING_SURE: Probabilities = (1.0, 0.0, 0.0)
 
@@ -30,8 +30,8 @@ class WindowDetector:
     Parameters
     ----------
     model
-        With one channel it judges channel 0 of whatever sound it is given. Some kinds have learnt to do without the
-        air channel; to them, one channel less counts as digital silence.
+        With one channel it judges the contact microphone, channel 0, unless its card says air. Some kinds have learnt
+        to do without the air channel; to them, one channel less counts as digital silence.
     sample_rate
         Of the sound to come, in Hz.
 
@@ -53,6 +53,7 @@ class WindowDetector:
         self.faults: Counter[str] = Counter()
         self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._sample_rate = sample_rate
+        self._hears_air = model.card.alone == "air"
         self._decision = Decision(model.card.decision)
         self._extractor = _extractor(model.card)
         self._engine = open_engine(model)
@@ -120,7 +121,10 @@ class WindowDetector:
 
     def _fit(self, samples: FloatArray) -> FloatArray:
         missing = self.card.channels - samples.shape[1]
-        return np.pad(samples, ((0, 0), (0, missing))) if missing > 0 else samples[:, : self.card.channels]
+        if missing > 0:
+            return np.pad(samples, ((0, 0), (0, missing)))
+        first = AIR if self._hears_air and missing else CONTACT
+        return samples[:, first : first + self.card.channels]
 
     def _judge(self, end: int, window: FloatArray) -> Prediction:
         level_dbfs = self._loudness(window[:, CONTACT])

@@ -60,7 +60,7 @@ class ModelCard:
     sample_rate, window_size, hop
         Hz; samples; samples, as a fraction.
     channels
-        1 (contact, or air where there is no contact microphone) or 2 (contact, air).
+        2 (contact, air) or 1: see ``alone``.
     gate, decision
         How contact and roughness are decided.
     settings
@@ -85,6 +85,11 @@ class ModelCard:
     training: Mapping[str, Any] = field(default_factory=dict)
     scores: Mapping[str, Any] = field(default_factory=dict)
     licence: str = ""
+
+    @property
+    def alone(self) -> str:
+        """The microphone that a model of one channel hears where there are two: contact, or what its settings say."""
+        return str(self.settings.get("alone", "contact"))
 
     def to_json(self) -> str:
         """Write the card down as it stands inside a model file."""

@@ -7,6 +7,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
+from tactophone.perception.bands import CREST, VALUES
 from tactophone.perception.cues import CUES
 from tactophone.perception.model import FEATURES
 from tactophone.training.head import Examples, even_weights
@@ -104,6 +105,27 @@ def fit_height(lesson: Lesson) -> tuple[Floats, Floats, float, float]:
     errors = model.predict(standard) - lesson.height[known]
     spread = float(np.sqrt(np.average(np.square(errors), weights=weigh)))
     return model.coef_ / scale, centre, float(model.intercept_), spread
+
+
+def build_impulses(lesson: Lesson) -> onnx.ModelProto:
+    """Let the crest of the sound and how it changes say together how rough: both up, and by as much.
+
+    What spectra and levels say of roughness in simulated sound, real sound of another finger and microphone
+    contradicts. That rough is more transient holds in both (and in the paper, section III-C); so nothing is learnt here
+    but the boundary and how sure to be around it (docs/detector.md). Two cues of equal weight are hard to improve on
+    where samples differ from practice (Dawes, "The robust beauty of improper linear models", 1979).
+    """
+    from sklearn.linear_model import LogisticRegression
+
+    examples = lesson.examples.thinned()
+    centre, scale = _moments(examples)
+    direction = np.zeros(len(centre))
+    direction[[CREST, VALUES + CREST]] = 0.5
+    direction /= scale
+    peaking = (examples.features - centre) @ direction
+    weigh = even_weights(examples.rough, examples.surface)
+    model = LogisticRegression().fit(peaking[:, None], examples.rough, sample_weight=weigh)
+    return _linear(centre, model.coef_[0, 0] * direction, float(model.intercept_[0]))
 
 
 def build_boosting(lesson: Lesson) -> onnx.ModelProto:

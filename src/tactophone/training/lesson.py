@@ -11,6 +11,7 @@ from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
 from tactophone.perception import DecisionRule, Gate, ModelCard
+from tactophone.perception.bands import VALUES
 from tactophone.perception.texture import LEAST_VARIANCE, Moments, Surprise
 from tactophone.training.head import Examples
 from tactophone.training.touches import RATE, WINDOWS, Ear, Track, listen, movements, remember
@@ -85,7 +86,7 @@ class Lesson:
     def _settings(self) -> dict[str, Any]:
         if self.ear.kind != "texture":
             return {}
-        return {"prior": self.prior.tolist(), "surprise": self.surprise.tolist()}
+        return {"alone": self.ear.alone, "prior": self.prior.tolist(), "surprise": self.surprise.tolist()}
 
 
 def prepare(ear: Ear, recordings: Sequence[Recording], *, through: Sequence[Codec] = ()) -> Lesson:
@@ -118,7 +119,7 @@ def prepare(ear: Ear, recordings: Sequence[Recording], *, through: Sequence[Code
             f"{'rough' if rough.any() else 'smooth'} surfaces at most; learning wants rough and smooth ones"
         )
     prior = _average([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
-    surprise = learn_surprise([movements(track, threshold_dbfs) for track in tracks if ear.kind == "texture"])
+    surprise = _surprise(ear, tracks, threshold_dbfs)
     heard = Lesson(ear, threshold_dbfs, prior, surprise, NO_EXAMPLES)
     features = [heard.features(track)[mask] for track, mask in zip(tracks, masks, strict=True)]
     names = sorted({track.recording.surface for track in tracks})
@@ -145,8 +146,6 @@ def learn_surprise(moves: Sequence[NDArray[np.float32]]) -> Surprise:
         Of recordings of one surface each, ``(windows, channels, values)``: see
         :func:`tactophone.training.touches.movements`.
     """
-    if not moves:
-        return np.zeros((0, 0, 0))
     moved = np.concatenate(moves).astype(np.float64)
     if not len(moved):
         return np.zeros((*moved.shape[1:], moved.shape[2]))
@@ -155,6 +154,12 @@ def learn_surprise(moves: Sequence[NDArray[np.float32]]) -> Surprise:
     whitening = np.linalg.cholesky(np.linalg.inv(spread + (RIDGE * middle + LEAST_VARIANCE) * np.eye(moved.shape[2])))
     far = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
     return np.asarray((whitening / np.sqrt(np.quantile(far, 1 - SURPRISED_SHARE))).round(5))
+
+
+def _surprise(ear: Ear, tracks: Sequence[Track], threshold_dbfs: float) -> Surprise:
+    if ear.calm or ear.kind != "texture":
+        return np.zeros((ear.channels, VALUES, VALUES))
+    return learn_surprise([movements(track, threshold_dbfs) for track in tracks])
 
 
 def _average(touches: Sequence[NDArray[np.float32]]) -> Moments:

@@ -28,6 +28,7 @@ def read_signals(
     channels: int,
     rate: int = RATE,
     codec: Codec | None = None,
+    alone: str = "contact",
     report: Callable[[int], None] = lambda done: None,
 ) -> list[FloatArray]:
     """Read recordings at a model's rate, each of shape ``(samples, channels)``; those read before are remembered.
@@ -37,11 +38,13 @@ def read_signals(
     recordings
         Usable ones: :func:`tactophone.dataset.usable` leaves the others out.
     channels
-        2, or 1: contact, or air where there is no contact microphone.
+        2, or 1.
     rate
         In Hz.
     codec
         Sound is passed through it and back, as the network will hear it behind the link.
+    alone
+        Which microphone to hear where there is one channel; the file's first, if it has none such.
     report
         Called with the number of recordings read.
 
@@ -52,7 +55,7 @@ def read_signals(
     """
     signals = []
     for done, recording in enumerate(recordings, 1):
-        order = channel_order(recording, wanted=channels)
+        order = channel_order(recording, wanted=channels, alone=alone)
         try:
             signals.append(_read(recording.path, recording.path.stat().st_mtime_ns, order, rate, codec))
         except (soundfile.LibsndfileError, OSError) as error:

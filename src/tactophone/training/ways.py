@@ -36,12 +36,21 @@ class Way:
         What it is, for tables.
     rule
         Of its decision.
+    lone_air
+        Whether it hears the air microphone alone, and calmly: see :func:`tactophone.training.learners.build_impulses`.
     """
 
     kind: Kind
     build: Callable[[Lesson], onnx.ModelProto]
     told: str
     rule: DecisionRule = field(default_factory=DecisionRule)
+    lone_air: bool = False
+
+    def ear(self, channels: int, codec: Codec | None = None) -> Ear:
+        """Tell how it hears sound of so many channels."""
+        if self.lone_air:
+            return Ear(self.kind, 1, codec, alone="air", calm=True)
+        return Ear(self.kind, channels, codec)
 
 
 def build_ours(lesson: Lesson) -> onnx.ModelProto:
@@ -63,6 +72,13 @@ WAYS: Mapping[str, Way] = MappingProxyType(
         "median-frequency": Way("cues", learners.build_median_frequency, "half the power on either side of it"),
         "scalogram-cnn": Way("scalogram", _scalogram, "time-frequency picture into a small convolutional network"),
         "surface": Way("texture", learners.build_surface, "spectrum to Ra by ridge regression, then a boundary"),
+        "impulses": Way(
+            "texture",
+            learners.build_impulses,
+            "how far one air microphone's sound peaks, and how unsteadily",
+            PATIENT,
+            lone_air=True,
+        ),
         "logistic": Way("texture", learners.build_logistic, "logistic regression on our features"),
         "boosting": Way("texture", learners.build_boosting, "gradient boosted trees on our features"),
     }
@@ -83,14 +99,14 @@ def train_way(
     name
         A key of :data:`WAYS`.
     channels
-        That it hears.
+        That it hears, if it can hear either.
     through
         Codecs through which each recording is heard once more.
     licence
         Of the weights, and what the training sound's licences ask for.
     """
     way = WAYS[name]
-    lesson = prepare(Ear(way.kind, channels), dataset.recordings, through=through)
+    lesson = prepare(way.ear(channels), dataset.recordings, through=through)
     facts = {
         "recipe": name,
         "dataset": dataset.name,
