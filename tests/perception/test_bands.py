@@ -7,8 +7,13 @@ from tests.sounds import tone
 RATE, SIZE = 16_000, 512
 
 
+def described(window: np.ndarray) -> np.ndarray:
+    bands = Bands(SIZE, RATE)
+    return bands.describe(bands.hear(window))
+
+
 def describe(window: np.ndarray) -> np.ndarray:
-    return Bands(SIZE, RATE).describe(window[:SIZE])
+    return described(window[:SIZE])
 
 
 def test_a_tone_stands_in_its_own_band() -> None:
@@ -22,7 +27,7 @@ def test_a_tone_twice_as_loud_is_6_db_up_in_band_and_level_and_of_the_same_shape
     quiet, loud = (describe(tone(1000, amplitude=a, sample_rate=RATE))[0] for a in (0.2, 0.4))
     peak = quiet[:BANDS].argmax()
     assert loud[[peak, BANDS]] - quiet[[peak, BANDS]] == pytest.approx(np.log10(4), abs=1e-3)
-    assert loud[BANDS + 1 :] == pytest.approx(quiet[BANDS + 1 :], abs=1e-6)
+    assert loud[BANDS + 1 :] == pytest.approx(quiet[BANDS + 1 :], abs=1e-5)
 
 
 def test_shapes_of_a_sine_and_of_an_impact() -> None:
@@ -38,7 +43,7 @@ def test_shapes_of_a_sine_and_of_an_impact() -> None:
 def test_a_batch_is_described_window_by_window() -> None:
     windows = np.random.default_rng(0).standard_normal((3, SIZE, 2)).astype(np.float32)
     single = np.stack([describe(window) for window in windows])
-    assert Bands(SIZE, RATE).describe(windows) == pytest.approx(single, abs=1e-12)
+    assert described(windows) == pytest.approx(single, abs=1e-5)
 
 
 def test_every_band_has_a_bin_whatever_the_window() -> None:

@@ -13,9 +13,8 @@ import numpy as np
 from tactophone.errors import ModelError
 from tactophone.perception.decision import Decision, Probabilities
 from tactophone.perception.engine import open_engine
-from tactophone.perception.extractors import EXTRACTORS, FORGIVING, Extractor
+from tactophone.perception.extractors import EXTRACTORS, FORGIVING, Extractor, level_of
 from tactophone.perception.garbage import GarbageFilter
-from tactophone.perception.loudness import LOUDNESS
 from tactophone.perception.model import Model, ModelCard
 from tactophone.perception.resample import LOWEST_RATE, Resampler
 from tactophone.perception.windows import Windower
@@ -57,7 +56,7 @@ class WindowDetector:
         self._decision = Decision(model.card.decision)
         self._extractor = _extractor(model.card)
         self._engine = open_engine(model)
-        self._loudness = LOUDNESS[model.card.gate.rule]
+        self._level_of = level_of(self._extractor, model.card.gate.rule)
         self.reset()
 
     @property
@@ -127,7 +126,7 @@ class WindowDetector:
         return samples[:, first : first + self.card.channels]
 
     def _judge(self, end: int, window: FloatArray) -> Prediction:
-        level_dbfs = self._loudness(window[:, CONTACT])
+        level_dbfs = self._level_of(window)
         loud = level_dbfs >= self.threshold_dbfs
         probabilities = self._ask(self._extractor.push(window, contact=loud))
         faulty = self._is_faulty(end, probabilities)

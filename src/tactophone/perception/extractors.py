@@ -6,10 +6,11 @@ from typing import Protocol
 
 from tactophone.perception.cues import CuesExtractor
 from tactophone.perception.features import magnitudes
+from tactophone.perception.loudness import LOUDNESS, LoudnessRule
 from tactophone.perception.model import ModelCard
 from tactophone.perception.picture import PictureExtractor
 from tactophone.perception.texture import TextureExtractor
-from tactophone.types import FloatArray
+from tactophone.types import CONTACT, FloatArray
 
 
 class Extractor(Protocol):
@@ -48,6 +49,15 @@ EXTRACTORS: Mapping[str, Callable[[ModelCard], Extractor]] = MappingProxyType(
     }
 )
 """The extractor of each kind of model."""
+
+
+def level_of(extractor: Extractor, rule: LoudnessRule) -> Callable[[FloatArray], float]:
+    """Give what tells a window's level by a rule: the extractor itself, where it takes the spectrum that it needs."""
+    if isinstance(extractor, TextureExtractor) and rule == "banded":
+        return extractor.level_dbfs
+    loudness = LOUDNESS[rule]
+    return lambda window: loudness(window[:, CONTACT])
+
 
 FORGIVING = frozenset({"texture", "cues"})
 """Kinds whose features are NaN where a channel is missing, and whose networks can do without it."""

@@ -7,7 +7,7 @@ the second reads 2 dB lower.
 import functools
 import math
 from collections.abc import Callable
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,23 @@ def banded_dbfs(samples: FloatArray) -> float:
     >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
     (True, -3.0)
     """
-    taper = _taper(len(samples))
-    powers = np.square(np.abs(np.fft.rfft(samples * taper)))
-    half = len(samples) // 2
-    power = 2 * powers[half // 32 : half // 2].sum() / (np.square(taper).sum() * len(samples))
-    return _dbfs(float(np.sqrt(power)))
+    spectrum = np.fft.rfft(samples * _taper(len(samples))).view(np.float64)
+    return band_of_powers(spectrum * spectrum, len(samples))
+
+
+def band_of_powers(powers: NDArray[np.floating[Any]], size: int) -> float:
+    """Give the banded level from the powers of the real and the imaginary parts of a spectrum, in turn.
+
+    Parameters
+    ----------
+    powers
+        Shape ``(2 * bins,)``, of sound with a periodic Hann taper.
+    size
+        Samples that it is of.
+    """
+    # Of a bin there are two parts, and of a real spectrum two sides; the taper's mean square is 3/8.
+    power = 2 * float(np.add.reduce(powers[size // 32 : size // 2], dtype=np.float64)) / (3 / 8 * size * size)
+    return _dbfs(math.sqrt(power))
 
 
 LOUDNESS: dict[LoudnessRule, Callable[[FloatArray], float]] = {

@@ -18,9 +18,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.bands import VALUES, Bands
+from tactophone.perception.bands import VALUES, Bands, Heard
+from tactophone.perception.loudness import band_of_powers
 from tactophone.perception.model import ModelCard
-from tactophone.types import FloatArray
+from tactophone.types import CONTACT, FloatArray
 
 FADING = 10.0
 """Windows (of 10 ms) by which a memory fades to 1/e."""
@@ -44,8 +45,8 @@ SETTLED = 6
 LEAST_VARIANCE = 1e-4
 """Keeps the root of what is left of a variance after rounding from being NaN; of no weight against any real one."""
 
-SILENT_PEAK = 1e-7
-"""Peak, -140 dBFS, under which a channel carries nothing at all: even a good microphone's noise is far over it."""
+SILENT_POWER = 1e-14
+"""Mean square, -140 dBFS, under which a channel carries nothing: even a good microphone's noise is far over it."""
 
 Moments = NDArray[np.float64]
 """Mean and mean square of descriptions, shape ``(2, channels, values)``."""
@@ -66,7 +67,7 @@ class Memory:
     Attributes
     ----------
     moments
-        Of the descriptions so far, the newest weighing most, those of the average touch counting as zero.
+        Of the descriptions so far, the newest weighing most, those of the average touch counting as zero; a view.
     left
         Weight that the average touch still has: ``moments + left * prior`` is what is believed.
 
@@ -81,12 +82,21 @@ class Memory:
 
     def __init__(self, surprise: Surprise) -> None:
         self._surprise = surprise
-        self._nothing = np.zeros((2, *surprise.shape[:2]))
+        # The memory and what is held against it fade side by side, each with its own weight.
+        self._nothing = np.zeros((2, 2, *surprise.shape[:2]))
+        self._weights = np.zeros((2, 1, 1, 1))
+        self._now = np.zeros((2, *surprise.shape[:2]))
         self.reset()
+
+    @property
+    def moments(self) -> Moments:
+        """What is remembered of the descriptions so far."""
+        remembered: Moments = self._both[0]
+        return remembered
 
     def reset(self) -> None:
         """Begin a new touch."""
-        self.moments = self._newest = self._nothing
+        self._both = self._nothing
         self.left = 1.0
         self._count = self._since = self._quiet = 0
         self._before: deque[tuple[Moments, float]] = deque(maxlen=BEFORE)
@@ -105,30 +115,31 @@ class Memory:
         """Tell how far the newest mean lies from what was remembered before it; nothing while too little was."""
         if self._count < BEFORE + SETTLED:
             return None
-        moments, left = self._before[0]
-        return np.asarray(self._newest[0] - moments[0] / (1 - left))
+        before, left = self._before[0]
+        return np.asarray(self._both[1, 0] - before[0] / (1 - left))
 
     def _learn(self, description: FloatArray) -> None:
-        now = np.array((description, np.square(description)), np.float64)
-        self._before.append((self.moments, self.left))
+        self._now[0] = description
+        np.square(description, out=self._now[1])
+        self._before.append((self._both[0], self.left))
         self._count += 1
         self._since += 1
-        self._newest = self._newest + max(1 / NEWEST, 1 / self._since) * (now - self._newest)
         weight = max(1 / FADING, 1 / (self._count + PRIOR_WINDOWS))
-        self.moments = self.moments + weight * (now - self.moments)
+        self._weights[0], self._weights[1] = weight, max(1 / NEWEST, 1 / self._since)
+        self._both = self._both + self._weights * (self._now - self._both)
         self.left *= 1 - weight
         moved = self.moved()
         if moved is not None and self._surprises(moved):
             self._begin_anew()
 
     def _surprises(self, moved: NDArray[np.float64]) -> bool:
-        far = (moved[:, None] @ self._surprise)[:, 0]
-        return bool((far * far).sum(axis=-1).max() > 1)
+        far = moved[:, None] @ self._surprise
+        return bool(np.maximum.reduce(np.vecdot(far, far), axis=None) > 1)
 
     def _begin_anew(self) -> None:
         self._count = round(NEWEST)
         self.left = PRIOR_WINDOWS / (self._count + PRIOR_WINDOWS)
-        self.moments = (1 - self.left) * self._newest
+        self._both = np.stack(((1 - self.left) * self._both[1], self._both[1]))
 
 
 class TextureExtractor:
@@ -142,26 +153,44 @@ class TextureExtractor:
 
     def __init__(self, card: ModelCard) -> None:
         self._bands = Bands(card.window_size, card.sample_rate)
+        self._window: FloatArray | None = None
+        self._heard = self._bands.hear(np.zeros((card.window_size, card.channels), np.float32))
         self._prior = _read(card.settings["prior"], "prior", (2, card.channels, VALUES))
         self._memory = Memory(_read(card.settings["surprise"], "surprise", (card.channels, VALUES, VALUES)))
 
+    def level_dbfs(self, window: FloatArray) -> float:
+        """Give the banded level of the first channel, from the spectrum that the features need too."""
+        return band_of_powers(self._hear(window).powers[CONTACT], len(window))
+
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
         """Give the features of the touch so far; NaN for a channel that is missing."""
-        self._memory.push(self._bands.describe(window), contact=contact)
+        heard, self._window = self._hear(window), None
+        self._memory.push(self._bands.describe(heard), contact=contact)
         features = texture_features(self._memory.moments + self._memory.left * self._prior)
-        features[np.abs(window).max(axis=0) < SILENT_PEAK] = np.nan
+        powers = np.vecdot(heard.sound, heard.sound)
+        if min(powers.tolist()) < SILENT_POWER * len(window):
+            features[powers < SILENT_POWER * len(window)] = np.nan
         return features.reshape(-1)
 
     def reset(self) -> None:
         """Become as new."""
         self._memory.reset()
 
+    def _hear(self, window: FloatArray) -> Heard:
+        """Take a window's spectrum, once for its level and its features."""
+        if window is not self._window:
+            self._window, self._heard = window, self._bands.hear(window)
+        return self._heard
+
 
 def texture_features(moments: Moments) -> FloatArray:
     """Give means and deviations of what is remembered: shape ``(..., 2 * values)`` from ``(2, ..., values)``."""
     mean, square = moments
-    deviation = np.sqrt(np.maximum(square - mean * mean, LEAST_VARIANCE))
-    return np.concatenate((mean, deviation), axis=-1).astype(np.float32)
+    values = mean.shape[-1]
+    features = np.empty((*mean.shape[:-1], 2 * values), np.float32)
+    features[..., :values] = mean
+    np.sqrt(np.maximum(square - mean * mean, LEAST_VARIANCE), out=features[..., values:], casting="same_kind")
+    return features
 
 
 def _read(entries: Sequence[object], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from onnx import NodeProto, TensorProto, helper, numpy_helper
 
 from tactophone.perception.model import FEATURES, LOG_PROBABILITIES
 from tactophone.training.graph import IR_VERSION, OPSET
-from tactophone.training.head import Head, channel_sets
+from tactophone.training.head import Head
 
 STEEPNESS = 10.0
 """How fast sound becomes unknown around the limit: half known at it, 1 % at 1.5 times the limit."""
@@ -31,9 +31,7 @@ def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
         "biases": np.concatenate((head.biases, np.zeros(count))) - head.centre @ weights,
         "sizes": np.array([sets, count]),
         "firsts": np.arange(channels) * (count // channels),
-        "powers": 2.0 ** np.arange(channels)[:, None],
-        "choices": _choices(channels),
-        "shares": _shares(channels),
+        **_choosing(channels),
         "steepness": np.array(STEEPNESS),
         "one": np.array([1]),
     }
@@ -42,17 +40,14 @@ def build_head_graph(head: Head, *, channels: int) -> onnx.ModelProto:
         helper.make_node("Where", ["missing", "centre", FEATURES], ["whole"]),
         helper.make_node("Gemm", ["whole", "weights", "biases"], ["product"]),
         helper.make_node("Split", ["product", "sizes"], ["logits", "white"], axis=1),
-        # Which regression: the missing channels, read as a binary number, are a row of choices.
         helper.make_node("Gather", ["missing", "firsts"], ["missing:channels"], axis=1),
         helper.make_node("Cast", ["missing:channels"], ["gone"], to=TensorProto.FLOAT),
-        helper.make_node("MatMul", ["gone", "powers"], ["code"]),
-        helper.make_node("Cast", ["code"], ["code:index"], to=TensorProto.INT64),
-        helper.make_node("Squeeze", ["code:index", "one"], ["row"]),
-        helper.make_node("Gather", ["choices", "row"], ["choice"], axis=0),
+        helper.make_node("Gemm", ["gone", "voices", "voices:whole"], ["vote"]),
+        helper.make_node("Relu", ["vote"], ["choice"]),
         helper.make_node("Mul", ["logits", "choice"], ["logits:chosen"]),
         helper.make_node("ReduceSum", ["logits:chosen", "one"], ["logit"], keepdims=1),
         helper.make_node("ReduceSumSquare", ["white"], ["distance"], axes=[1], keepdims=1),
-        helper.make_node("Gather", ["shares", "row"], ["share"], axis=0),
+        helper.make_node("MatMul", ["choice", "shares"], ["share"]),
         helper.make_node("Mul", ["distance", "share"], ["distance:alive"]),
         helper.make_node("Sub", ["distance:alive", "steepness"], ["unknown"]),
         *answer_nodes(logit="logit", unknown="unknown"),
@@ -94,16 +89,13 @@ def _stored(value: NDArray[np.generic]) -> NDArray[np.generic]:
     return value if np.issubdtype(value.dtype, np.integer) else value.astype(np.float32)
 
 
-def _choices(channels: int) -> NDArray[np.float64]:
-    """Which regression answers, a row for each number that the missing channels make; none does if all are."""
-    sets = channel_sets(channels)
-    rows = np.zeros((2**channels, len(sets)))
-    for place, living in enumerate(sets):
-        rows[sum(2**one for one in range(channels) if one not in living), place] = 1
-    return rows
+def _choosing(channels: int) -> dict[str, NDArray[np.float64]]:
+    """Which regression answers, from which channels are gone: with votes under 0 cut off, a 1 for it and 0 for others.
 
-
-def _shares(channels: int) -> NDArray[np.float64]:
-    """By what a distance is multiplied for the channels that are alive; by nothing if none is."""
-    alive = np.array([channels - int(row).bit_count() for row in range(2**channels)])
-    return np.where(alive, channels / np.maximum(alive, 1), 0.0)[:, None]
+    ``shares`` is by what its share of all channels makes a distance larger; with no channel left nothing answers.
+    """
+    if channels == 1:
+        return {"voices": np.array([[-1.0]]), "voices:whole": np.ones(1), "shares": np.ones((1, 1))}
+    alone = 1 - 2 * np.eye(2)
+    voices = np.hstack((np.full((2, 1), -1.0), alone))
+    return {"voices": voices, "voices:whole": np.array([1.0, 0, 0]), "shares": np.array([[1.0], [2], [2]])}

@@ -20,7 +20,7 @@ from tactophone.perception import Gate, ModelCard
 from tactophone.perception.bands import VALUES, Bands
 from tactophone.perception.extractors import EXTRACTORS
 from tactophone.perception.loudness import banded_dbfs
-from tactophone.perception.texture import SILENT_PEAK, Memory, Moments, Surprise, texture_features
+from tactophone.perception.texture import SILENT_POWER, Memory, Moments, Surprise, texture_features
 from tactophone.training.sound import read_signals
 from tactophone.types import CONTACT, FloatArray
 
@@ -146,14 +146,15 @@ def _listen(recording: Recording, changed_ns: int, ear: Ear) -> Track:
     windows = sliding_window_view(np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0)
     windows = windows[starts].swapaxes(1, 2)
     level_dbfs = np.array([banded_dbfs(window[:, CONTACT]) for window in windows])
-    present = np.abs(windows).max(axis=1, initial=0.0) >= SILENT_PEAK
+    present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
     return Track(recording, _describe(windows, ear), level_dbfs, starts / RATE, (starts + size) / RATE, present)
 
 
 def _describe(windows: FloatArray, ear: Ear) -> NDArray[np.float32]:
     size, hop = WINDOWS[ear.kind]
     if ear.kind == "texture":
-        return Bands(size, RATE).describe(windows).reshape(-1, ear.channels, VALUES).astype(np.float32)
+        bands = Bands(size, RATE)
+        return bands.describe(bands.hear(windows)).reshape(-1, ear.channels, VALUES)
     extractor = EXTRACTORS[ear.kind](ModelCard("", ear.kind, RATE, size, hop, ear.channels, Gate(0.0)))
     return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
 
