@@ -58,6 +58,8 @@ def test_a_finger_that_stands_still_is_waited_for() -> None:
     segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
     slides = judged(share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900")
     assert contact_delays([slides], RULE, latency=0).times.tolist() == pytest.approx([0.06])
+    mixed = judged(share, label=None, segments=segments)
+    assert contact_delays([slides, mixed], RULE, latency=0).missed == 0
     stands = judged(share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900")
     assert len(contact_delays([stands], RULE, latency=0).times) == 0
 

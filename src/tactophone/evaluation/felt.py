@@ -71,7 +71,8 @@ def false_bumps_per_minute(judged: Iterable[Judgement], rule: DecisionRule) -> f
 def contact_delays(judged: Iterable[Judgement], rule: DecisionRule, *, latency: float) -> Delays:
     """Time from when each touch first slides to the right decision about it; only of recordings that tell touches.
 
-    Where sliding is not told, the time counts from the first touch.
+    Recordings of more than one label, such as joined edges, are left out. Where sliding is not told, the time counts
+    from the first touch.
 
     Parameters
     ----------
@@ -85,6 +86,7 @@ def contact_delays(judged: Iterable[Judgement], rule: DecisionRule, *, latency: 
     found = [
         _delay(one, start, segment.end, one.recording.label, rule=rule)
         for one in judged
+        if one.recording.label is not None
         for segment in _touches(one.recording.segments)
         if (start := first_slide(one.recording, segment.start, segment.end)) is not None
         and segment.end - start >= SHORTEST_TOUCH
