@@ -139,7 +139,7 @@ def _write(
     from tactophone.evaluation.page import write_page
 
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "results.json").write_text(json.dumps(told, indent=1))
+    (folder / "results.json").write_text(json.dumps(terminal.finite(told), indent=1))
     notes = (
         "Each table is of one data set and one split; every recording was judged by a model that never met its side. "
         "Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first method.",

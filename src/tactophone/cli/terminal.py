@@ -39,7 +39,7 @@ def complain(message: str) -> None:
 
 def print_json(value: Any) -> None:
     """Print a result for a program to read; infinities and NaN become ``null``, as JSON has neither."""
-    print(json.dumps(_finite(value), indent=2, ensure_ascii=False))
+    print(json.dumps(finite(value), indent=2, ensure_ascii=False))
 
 
 def progress(description: str) -> Progress:
@@ -56,11 +56,12 @@ def progress(description: str) -> Progress:
     )
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """Put ``None`` for infinities and NaN in plain dictionaries and lists."""
     if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
+        return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
+        return [finite(entry) for entry in value]
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value

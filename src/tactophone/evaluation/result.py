@@ -1,7 +1,7 @@
 """How a method did on one split of one data set: scored, felt, and compared with the reference in pairs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -100,10 +100,6 @@ class Result:
     curve: tuple[tuple[float, float], ...]
     reliability: tuple[tuple[float, float], ...]
     height_correlation: float
-
-    def as_json(self) -> dict[str, Any]:
-        """Give plain dictionaries and lists."""
-        return asdict(self)
 
 
 def compare_contenders(
