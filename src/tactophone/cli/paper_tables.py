@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from rich.box import SIMPLE
 from rich.table import Table
 
 from tactophone.cli import terminal
@@ -43,7 +44,10 @@ def _print_lines(title: str, lines: Sequence["Line"], *, as_json: bool) -> None:
     if as_json:
         terminal.print_json({"title": title, "lines": [line.as_json() for line in lines]})
         return
-    table = Table("", *lines[0].values, title=title, title_justify="left")
+    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("", no_wrap=True)
+    for name in lines[0].values:
+        table.add_column(name.replace("_", " "), justify="right")
     for line in lines:
         table.add_row(line.name, *line.values.values())
     terminal.out().print(table)
