@@ -53,6 +53,8 @@ class Limits:
         """Give the nearest command that is allowed; silence for one that is no number (see :func:`is_sound`)."""
         if not is_sound(command):
             return HapticCommand(0.0, self.lowest, command.time)
+        if 0.0 <= command.amplitude <= self.ceiling and self.lowest <= command.frequency <= self.highest:
+            return command
         amplitude = min(max(command.amplitude, 0.0), self.ceiling)
         return HapticCommand(amplitude, min(max(command.frequency, self.lowest), self.highest), command.time)
 

@@ -5,7 +5,6 @@ steps if the model says so, and gives one prediction each time, the same to the 
 sound arrives.
 """
 
-import math
 from collections import Counter
 
 import numpy as np
@@ -128,7 +127,7 @@ class WindowDetector:
     def _judge(self, end: int, window: FloatArray) -> Prediction:
         level_dbfs = self._level_of(window)
         loud = level_dbfs >= self.threshold_dbfs
-        probabilities = self._ask(self._extractor.push(window, contact=loud))
+        probabilities = self._engine.ask(self._extractor.push(window, contact=loud))
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = NOTHING_SURE
@@ -138,11 +137,6 @@ class WindowDetector:
         return Prediction(
             probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
         )
-
-    def _ask(self, features: FloatArray) -> Probabilities:
-        # Garbage far over 0 would be too large for a float; an e among probabilities is enough to be found out.
-        none, smooth, rough = (math.exp(min(value, 1.0)) for value in self._engine.ask(features))
-        return none, smooth, rough
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
         if self._garbage.any_between(*self._heard(end)):
@@ -156,8 +150,7 @@ class WindowDetector:
 
     def _heard(self, end: int) -> tuple[int, int]:
         """The input samples that had a part in the window that ends before sample ``end`` at the model's rate."""
-        ratio = self._sample_rate / self.card.sample_rate
-        reach = round(self._resampler.latency * self._sample_rate)
+        ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
         return int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach + 1
 
 

@@ -1,10 +1,12 @@
 """What runs a model's network: ONNX Runtime, or, for the paper's, LiteRT where it is installed."""
 
+import math
 from typing import Protocol
 
 import numpy as np
 import onnxruntime
 
+from tactophone.perception.decision import Probabilities
 from tactophone.perception.litert import open_litert
 from tactophone.perception.model import CLASSES, FEATURES, LOG_PROBABILITIES, Model
 from tactophone.types import FloatArray
@@ -16,8 +18,8 @@ AGREEMENT = 0.1
 class Engine(Protocol):
     """Asks a network, on one thread."""
 
-    def ask(self, features: FloatArray) -> list[float]:
-        """Give the log-probabilities of :data:`CLASSES` for features of shape ``(features,)``."""
+    def ask(self, features: FloatArray) -> Probabilities:
+        """Give what the network makes of features, shape ``(features,)``: garbage too, if it is broken."""
         ...
 
 
@@ -35,12 +37,13 @@ class OnnxEngine:
         ):
             bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
 
-    def ask(self, features: FloatArray) -> list[float]:
+    def ask(self, features: FloatArray) -> Probabilities:
         """Give the network's answer."""
         self._features[0] = features
         self._session.run_with_iobinding(self._binding)
-        answer: list[float] = self._answer[0].tolist()
-        return answer
+        # Garbage far over 0 would be too large for a float; an e among probabilities is enough to be found out.
+        none, smooth, rough = (math.exp(min(value, 1.0)) for value in self._answer[0].tolist())
+        return none, smooth, rough
 
 
 def open_engine(model: Model) -> Engine:
@@ -55,5 +58,4 @@ def open_engine(model: Model) -> Engine:
 def _agree(sure: Engine, fast: Engine, width: int) -> bool:
     """Ask both once, so that no fault of a second engine on some processor passes unseen."""
     features = np.random.default_rng(0).exponential(1.0, width).astype(np.float32)
-    answers = [np.exp(engine.ask(features)) for engine in (sure, fast)]
-    return bool(np.abs(answers[0] - answers[1]).max() <= AGREEMENT)
+    return bool(np.abs(np.subtract(sure.ask(features), fast.ask(features))).max() <= AGREEMENT)

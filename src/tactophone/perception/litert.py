@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.perception.decision import Probabilities
 from tactophone.perception.litertfile import LiteRtWriter
 from tactophone.perception.onnxfile import read_constants
 from tactophone.types import FloatArray
@@ -38,12 +39,12 @@ class LiteRtEngine:
         self._features = self._interpreter.get_input_details()[0]["index"]
         self._answer = self._interpreter.get_output_details()[0]["index"]
 
-    def ask(self, features: FloatArray) -> list[float]:
+    def ask(self, features: FloatArray) -> Probabilities:
         """Give the network's answer."""
         self._interpreter.set_tensor(self._features, features[None])
         self._interpreter.invoke()
-        answer: list[float] = self._interpreter.get_tensor(self._answer)[0].tolist()
-        return answer
+        none, smooth, rough = self._interpreter.get_tensor(self._answer)[0].tolist()
+        return none, smooth, rough
 
 
 def open_litert(content: bytes) -> LiteRtEngine | None:
@@ -74,7 +75,7 @@ def write_network(constants: Mapping[str, NDArray[Any]]) -> bytes:
         value = writer.add(value, layer(value, name))
     for name in _DECODER:
         value = layer(value, name)
-    return writer.finish(features, writer.log_softmax(layer(value, _LAST, rectify=False)))
+    return writer.finish(features, writer.softmax(layer(value, _LAST, rectify=False)))
 
 
 def _residuals(constants: Mapping[str, NDArray[Any]]) -> Iterator[str]:

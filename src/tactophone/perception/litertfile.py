@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from tactophone.types import FloatArray
 
-Operation: TypeAlias = Literal["FULLY_CONNECTED", "ADD", "LOG_SOFTMAX"]
+Operation: TypeAlias = Literal["FULLY_CONNECTED", "ADD", "SOFTMAX"]
 
-_VERSIONS: dict[Operation, int] = {"FULLY_CONNECTED": 9, "ADD": 1, "LOG_SOFTMAX": 1}
+_VERSIONS: dict[Operation, int] = {"FULLY_CONNECTED": 9, "ADD": 1, "SOFTMAX": 1}
 """Of each operation, the first that has what is used here; 9 brought a scale for each output."""
 
 
@@ -58,9 +58,11 @@ class LiteRtWriter:
         """Write the sum of two values."""
         return self._operate("ADD", [first, second], self._size(first), self._schema.AddOptionsT())
 
-    def log_softmax(self, value: int) -> int:
-        """Write log-probabilities."""
-        return self._operate("LOG_SOFTMAX", [value], self._size(value), self._schema.LogSoftmaxOptionsT())
+    def softmax(self, value: int) -> int:
+        """Write probabilities."""
+        options = self._schema.SoftmaxOptionsT()
+        options.beta = 1.0
+        return self._operate("SOFTMAX", [value], self._size(value), options)
 
     def finish(self, value: int, answer: int) -> bytes:
         """Give the file of the network that leads from a value to an answer."""

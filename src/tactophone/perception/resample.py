@@ -31,6 +31,13 @@ class Resampler:
     channels
         Of the sound to come.
 
+    Attributes
+    ----------
+    reach
+        Input samples on either side that have a part in an output sample.
+    latency
+        The same in seconds: how much later an output sample is known than its own moment.
+
     Examples
     --------
     >>> resampler = Resampler(48_000, 2000, channels=1)
@@ -44,28 +51,28 @@ class Resampler:
         common = math.gcd(input_rate, output_rate)
         self._up, self._down = output_rate // common, input_rate // common
         self._kernels = design_kernels(input_rate, output_rate)
-        self._reach = self._kernels.shape[1] // 2
+        self.reach = self._kernels.shape[1] // 2
         self._channels = channels
-        self.latency: float = self._reach / input_rate
+        self.latency: float = self.reach / input_rate
         self.reset()
 
     def reset(self) -> None:
         """Become as new."""
         # Channels first and each contiguous, for speed. The stream is preceded by silence; `_kept` begins at input
         # sample `_first`.
-        self._kept: FloatArray = np.zeros((self._channels, self._reach), np.float32)
-        self._first = -self._reach
+        self._kept: FloatArray = np.zeros((self._channels, self.reach), np.float32)
+        self._first = -self.reach
         self._given = 0
 
     def push(self, samples: FloatArray) -> FloatArray:
         """Take sound in, shape ``(samples, channels)``; give the output samples that it completes, alike."""
         self._kept = np.concatenate((self._kept, samples.T), axis=1)
-        return self._samples_before(self._first + self._kept.shape[1] - self._reach)
+        return self._samples_before(self._first + self._kept.shape[1] - self.reach)
 
     def flush(self) -> FloatArray:
         """Give the output samples that only silence after the end still completes."""
         end = self._first + self._kept.shape[1]
-        self._kept = np.concatenate((self._kept, np.zeros((self._channels, self._reach), np.float32)), axis=1)
+        self._kept = np.concatenate((self._kept, np.zeros((self._channels, self.reach), np.float32)), axis=1)
         return self._samples_before(end)
 
     def _samples_before(self, position: int) -> FloatArray:
@@ -78,7 +85,7 @@ class Resampler:
         # still, changes with the number of rows.
         output: FloatArray = np.vecdot(windows, weights).T
         self._given = ready
-        self._forget(ready * self._down // self._up - self._reach)
+        self._forget(ready * self._down // self._up - self.reach)
         return output
 
     def _around(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
@@ -88,7 +95,7 @@ class Resampler:
             # What is kept begins with what the next sample needs, and whole hops further on lie those after it.
             return _windows(self._kept, taps, hop=self._down)[:, : end - start], self._kernels
         places = np.arange(start, end) * self._down
-        starts = places // self._up - self._reach - self._first
+        starts = places // self._up - self.reach - self._first
         return _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
 
     def _forget(self, before: int) -> None:
