@@ -183,7 +183,6 @@ def _codec(bitrate_kbps: int | None, channels: int, *, bandwidth: float = 0) -> 
 
 def _train_way(args: argparse.Namespace) -> int:
     prepare_torch()
-    from tactophone.training.making import licence_of
     from tactophone.training.touches import RATE
     from tactophone.training.ways import WAYS, train_way
 
@@ -192,9 +191,7 @@ def _train_way(args: argparse.Namespace) -> int:
     codecs = [_codec(args.opus, channels, bandwidth=band) for band in (0.0, RATE / 2)]
     with terminal.progress("learning") as bar:
         bar.add_task("", total=None, note=args.recipe)
-        licence = licence_of(dataset)
-        train_way(args.out, dataset, args.recipe, channels=channels, through=list(filter(None, codecs)),
-                  licence=licence)  # fmt: skip
+        train_way(args.out, dataset, args.recipe, channels=channels, through=list(filter(None, codecs)))
     print(args.out)
     return 0
 

@@ -64,9 +64,7 @@ class Lesson:
             return track.description
         return remember(track, self.threshold_dbfs, self.surprise).features(self.prior, track.present)
 
-    def card(
-        self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None, licence: str = ""
-    ) -> ModelCard:
+    def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
         """Describe the model that is made of it."""
         size, hop = WINDOWS[self.ear.kind]
         return ModelCard(
@@ -80,7 +78,6 @@ class Lesson:
             rule,
             settings=self._settings(),
             training=training or {},
-            licence=licence,
         )
 
     def _settings(self) -> dict[str, Any]:

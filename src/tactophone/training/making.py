@@ -10,6 +10,7 @@ from tactophone.link import Codec
 from tactophone.perception import Gate
 from tactophone.training.export import AUTHORS_GATE, make_card, read_weights, training_facts, write_model
 from tactophone.training.networks import channels_of
+from tactophone.training.origin import caveats_of, licence_of
 from tactophone.training.recipes import LABEL_LEVEL_DBFS, Recipe
 from tactophone.training.sound import read_signals
 from tactophone.training.trainer import Progress, train
@@ -18,9 +19,6 @@ from tactophone.types import FloatArray, Touch
 
 OPEN_GATE = Gate(-200.0)
 """Every window counts as contact: for recordings that hold nothing else, whatever their level."""
-
-UNTESTED = "none heard in training; untested, unless a score below names a real set"
-"""What a card says of real sound if the training sound was simulated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +86,7 @@ def learn(
 def write_trained(path: Path, course: Course, weights: dict[str, FloatArray], *, dataset: Dataset) -> None:
     """Write the model file, named after the file, with what it was trained on."""
     card = make_card(weights, name=path.stem, gate=course.effective_gate, licence=licence_of(dataset))
-    if _is_simulated(dataset):
-        card = replace(card, scores={"real sound": UNTESTED})
+    card = replace(card, scores=caveats_of(dataset))
     facts = training_facts(
         course.recipe,
         seed=course.seed,
@@ -102,17 +99,3 @@ def write_trained(path: Path, course: Course, weights: dict[str, FloatArray], *,
     if course.start:
         facts["start"] = course.start.name
     write_model(path, replace(card, training=facts), weights)
-
-
-def _is_simulated(dataset: Dataset) -> bool:
-    return all(one.known("source") == "simulated" for one in dataset.recordings)
-
-
-def licence_of(dataset: Dataset) -> str:
-    """Tell under which licences the sound is, that whoever passes the weights on may know."""
-    if _is_simulated(dataset):
-        return "BSD-3-Clause, as the package; trained on simulated sound alone"
-    told = sorted({one.known("licence") for one in dataset.recordings} - {""})
-    if told:
-        return f"trained on sound under: {'; '.join(told)}"
-    return ""

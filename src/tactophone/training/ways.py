@@ -1,7 +1,7 @@
 """Every way of telling rough from smooth that is not the paper's network, by name: what it hears, and how it learns."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -15,6 +15,7 @@ from tactophone.training.export import write_graph
 from tactophone.training.head import fit_head
 from tactophone.training.headgraph import build_head_graph
 from tactophone.training.lesson import Lesson, prepare
+from tactophone.training.origin import caveats_of, licence_of
 from tactophone.training.touches import Ear, Kind
 
 PATIENT = DecisionRule(confirm=4, abstain_from=0.5)
@@ -86,7 +87,7 @@ WAYS: Mapping[str, Way] = MappingProxyType(
 
 
 def train_way(
-    path: Path, dataset: Dataset, name: str, *, channels: int = 2, through: Sequence[Codec] = (), licence: str = ""
+    path: Path, dataset: Dataset, name: str, *, channels: int = 2, through: Sequence[Codec] = ()
 ) -> ModelCard:
     """Train one way on labelled recordings and write its model file.
 
@@ -102,8 +103,6 @@ def train_way(
         That it hears, if it can hear either.
     through
         Codecs through which each recording is heard once more.
-    licence
-        Of the weights, and what the training sound's licences ask for.
     """
     way = WAYS[name]
     lesson = prepare(way.ear(channels), dataset.recordings, through=through)
@@ -114,6 +113,7 @@ def train_way(
         "sha256": dataset.fingerprint,
         "through": ["nothing", *(f"{one.name}, {one.bitrate_bps} bit/s, {one.bandwidth:g} Hz" for one in through)],
     }
-    card = lesson.card(name, rule=way.rule, training=facts, licence=licence)
+    card = lesson.card(name, rule=way.rule, training=facts)
+    card = replace(card, scores=caveats_of(dataset), licence=licence_of(dataset))
     write_graph(path, way.build(lesson), card)
     return card
