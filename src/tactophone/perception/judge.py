@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 from tactophone.perception.contact import Contact, ContactGate
+from tactophone.perception.steady import SteadyContact
 from tactophone.types import AudioBlock, Detector, Prediction, Touch
 
 BEAT = 0.02
@@ -28,12 +29,15 @@ class Judge:
 
     With a contact gate, contact is the gate's word: a touch is believed at once, as plain contact (smooth, which a
     false bump is worse than) until the detector's window is full enough of it to tell; a touch that ended is
-    believed no longer, though the window still holds it. Without one, contact is the window's, as in the paper.
+    believed no longer, though the window still holds it. Without one, contact is the window's, as in the paper, or
+    that of steady windows.
 
     Parameters
     ----------
     detector, gate
         For sound of the same rate; both are fed by this judge alone.
+    steady
+        What windows are held to where there is no gate.
 
     Notes
     -----
@@ -41,8 +45,10 @@ class Judge:
     closed up: windows join what was before it and what is after, and times follow the stream.
     """
 
-    def __init__(self, detector: Detector, gate: ContactGate | None = None) -> None:
-        self.detector, self._gate = detector, gate
+    def __init__(
+        self, detector: Detector, gate: ContactGate | None = None, *, steady: SteadyContact | None = None
+    ) -> None:
+        self.detector, self._gate, self._steady = detector, gate, steady
         self.latency = detector.latency
         """Seconds from the end of a belief's window to the moment of the belief."""
         self.threshold_dbfs = detector.threshold_dbfs
@@ -76,6 +82,8 @@ class Judge:
         self.detector.reset()
         if self._gate:
             self._gate.reset()
+        if self._steady:
+            self._steady.reset()
         self._begin(0)
 
     def _begin(self, start: int) -> None:
@@ -117,12 +125,17 @@ class Judge:
     def _believe(self, prediction: Prediction) -> Prediction:
         self._belief, self._told = prediction, prediction.end
         if self._gate is None:
-            return prediction
+            return self._steadied(prediction)
         if not self._touching or prediction.faulty:
             return _overruled(prediction, Touch.NONE)
         if prediction.touch is Touch.NONE or not self._tells(prediction):
             return _overruled(prediction, Touch.SMOOTH)
         return prediction
+
+    def _steadied(self, prediction: Prediction) -> Prediction:
+        if not self._steady or self._steady.hear(prediction, threshold_dbfs=self._threshold_dbfs):
+            return prediction
+        return _overruled(prediction, Touch.NONE)
 
     def _tells(self, prediction: Prediction) -> bool:
         lasted = prediction.end + self.latency - self._since

@@ -10,6 +10,7 @@ from tactophone.perception.detector import WindowDetector
 from tactophone.perception.extractors import EXTRACTORS
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Model, read_model
+from tactophone.perception.steady import SteadyContact
 from tactophone.types import Detector
 
 KINDS: dict[str, Callable[..., Detector]] = dict.fromkeys(EXTRACTORS, WindowDetector)
@@ -66,11 +67,13 @@ def open_judge(name: str, *, sample_rate: int, fast_contact: bool = True) -> Jud
         If there is no such model, or this version cannot run it.
     """
     model = read_model(model_path(name))
-    gate = model.card.gate
+    detector, gate = detector_for(model, sample_rate=sample_rate), model.card.gate
+    if not fast_contact:
+        return Judge(detector)
     # A banded level tells contact within a short window by itself, and reads far lower than the gate's whole band.
-    fast = fast_contact and gate.rule != "banded"
-    watch = ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule) if fast else None
-    return Judge(detector_for(model, sample_rate=sample_rate), watch)
+    if gate.rule == "banded":
+        return Judge(detector, steady=SteadyContact())
+    return Judge(detector, ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule))
 
 
 def detector_for(model: Model, *, sample_rate: int) -> Detector:
