@@ -1,12 +1,13 @@
 """Runs the paper's network with LiteRT, where the extra ``litert`` is installed.
 
 An update comes every 10.67 ms, by when the network's weights have long left the processor's caches: reading them
-again is most of its time. ONNX Runtime reads them as float32, 7.5 MB; LiteRT keeps most of them in the file's 8 bits,
-and its own code takes less of the caches (docs/model-files.md has the figures).
+again is most of its time. ONNX Runtime reads them as float32, 7.5 MB; LiteRT keeps the file's 8 bits, and its own
+code takes less of the caches (docs/model-files.md has the figures).
 
 Weights and biases are those of the model file, written anew in LiteRT's format while loading. What goes into a layer
-of 8-bit weights is itself rounded to 8 bits, by its own range at each update. Not so the spectrum, whose faint bins
-would round to nothing beside a hum: the first layer is float32.
+of 8-bit weights is itself rounded to 8 bits, by its own range at each update. The spectrum's faint bins would so round
+to nothing beside a hum. Therefore its bins, up to a share of the loudest, are one row and what they have over it is
+another: each is rounded by its own range, both pass the first layer together, and their sum goes on.
 """
 
 import contextlib
@@ -23,8 +24,11 @@ from tactophone.perception.litertfile import LiteRtWriter
 from tactophone.perception.onnxfile import read_constants
 from tactophone.types import FloatArray
 
-_FIRST = "layer1"
-_ENCODER, _DECODER, _LAST = ("layer1", "layer2", "layer3"), ("layer4", "layer5"), "linear"
+_FIRST, _LAST = "layer1", "linear"
+_ENCODER, _DECODER = ("layer2", "layer3"), ("layer4", "layer5")
+
+FAINT = 1 / 16
+"""Of the loudest bin: all under it are rounded to 1/8160 of the loudest, and those over it to 1/32 of themselves or less."""
 
 
 class LiteRtEngine:
@@ -68,7 +72,11 @@ def write_network(constants: Mapping[str, NDArray[Any]]) -> bytes:
         biases = writer.constant(constants[f"{name}.bias"])
         return writer.connect(value, writer.constant(array, scale), biases, rectify=rectify)
 
-    value = features = writer.place(_weights(constants, _FIRST)[0].shape[1])
+    first, scale = _weights(constants, _FIRST)
+    features = writer.place(1, first.shape[1])
+    no_biases = writer.constant(np.zeros(len(first), np.float32))
+    rows = writer.connect(writer.part(features, FAINT), writer.constant(first, scale), no_biases, rectify=False)
+    value = writer.add(writer.total(rows), writer.constant(constants[f"{_FIRST}.bias"][None]), rectify=True)
     for name in _ENCODER:
         value = layer(value, name)
     for name in _residuals(constants):
@@ -87,8 +95,7 @@ def _weights(constants: Mapping[str, NDArray[Any]], name: str) -> tuple[NDArray[
     """Give a layer's weights, shape ``(outputs, inputs)``, and the scale of each row if they are of 8 bits."""
     if (whole := constants.get(f"{name}.weight")) is not None:
         return whole, None
-    array, scale = constants[f"{name}.weight:int8"], constants[f"{name}.weight:scale"]
-    return (array * scale, None) if name == _FIRST else (array, scale[:, 0])
+    return constants[f"{name}.weight:int8"], constants[f"{name}.weight:scale"][:, 0]
 
 
 @contextlib.contextmanager
