@@ -57,7 +57,9 @@ def print_table(model: str) -> None:
         ("`import tactophone`", "<= 0.3 s", f"{statistics.median(one['wall'] for one in imports):.3f} s",
          f"{statistics.median(one['processor'] for one in imports):.3f} s"),
     ]  # fmt: skip
-    print(f"Model `{model}`, {UPDATES} updates at a hop of {1000 * HOP_SIZE / RATE:.2f} ms, torch loaded: no.\n")
+    engine = "LiteRT" if update["litert"] else "ONNX Runtime"
+    hop_ms = 1000 * HOP_SIZE / RATE
+    print(f"Model `{model}` on {engine}, {UPDATES} updates at a hop of {hop_ms:.2f} ms, torch loaded: no.\n")
     print("| what | goal | wall | processor |\n|---|---|--:|--:|")
     for row in rows:
         print(f"| {' | '.join(row)} |")
@@ -95,6 +97,7 @@ def paced(model: str) -> dict:
     return {
         "wall": percentiles(wall[50:]),  # the first half second has no whole window yet
         "processor": percentiles(processor[50:]),
+        "litert": "ai_edge_litert" in sys.modules,
         "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
     }
 

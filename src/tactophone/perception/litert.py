@@ -28,7 +28,7 @@ _FIRST, _LAST = "layer1", "linear"
 _ENCODER, _DECODER = ("layer2", "layer3"), ("layer4", "layer5")
 
 FAINT = 1 / 16
-"""Of the loudest bin: all under it are rounded to 1/8160 of the loudest, and those over it to 1/32 of themselves or less."""
+"""Of the loudest bin: what lies under it is rounded to 1/8160 of the loudest, what lies over it to 1/32 of itself."""
 
 
 class LiteRtEngine:
