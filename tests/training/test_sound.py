@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone import AudioBlock, DatasetError
+from tactophone import DatasetError
 from tactophone.dataset import Recording
 from tactophone.link import Codec
 from tactophone.perception.resample import Resampler
@@ -31,7 +31,7 @@ def test_training_hears_what_the_live_system_hears(
     recording = write(tmp_path / f"{read_size}.wav")
     whole = soundfile.read(recording.path, dtype="float32")[0]
     live = Resampler(48_000, 2000, channels=2)
-    wanted = np.concatenate([live.push(AudioBlock(whole, 48_000)), live.flush()])
+    wanted = np.concatenate([live.push(whole), live.flush()])
     assert np.array_equal(read_signals([recording], channels=2)[0], wanted)
 
 
