@@ -40,6 +40,14 @@ def test_a_hum_does_not_drown_the_texture() -> None:
     assert engine.ask(features) == pytest.approx(np.exp(wanted), abs=0.05)
 
 
+def test_digital_silence_is_judged_too() -> None:
+    model = read_model(model_path("paper"))
+    engine, silence = open_litert(model.content), np.zeros(514, np.float32)
+    assert engine is not None
+    (wanted,) = model.session.run(None, {FEATURES: silence[None]})[0]
+    assert engine.ask(silence) == pytest.approx(np.exp(wanted), abs=0.01)
+
+
 def test_it_says_nothing_on_standard_error(capfd: pytest.CaptureFixture[str]) -> None:
     assert open_litert(model_path("paper").read_bytes()) is not None
     assert capfd.readouterr() == ("", "")

@@ -57,5 +57,5 @@ def open_engine(model: Model) -> Engine:
 
 def _agree(sure: Engine, fast: Engine, width: int) -> bool:
     """Ask both once, so that no fault of a second engine on some processor passes unseen."""
-    features = np.random.default_rng(0).exponential(1.0, width).astype(np.float32)
+    features = np.linspace(4.0, 0.0, width, dtype=np.float32)  # falling, as spectra do
     return bool(np.abs(np.subtract(sure.ask(features), fast.ask(features))).max() <= AGREEMENT)
