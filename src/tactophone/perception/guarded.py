@@ -13,8 +13,8 @@ from typing import TypeAlias
 
 from tactophone.perception.faults import FaultWatch, Kind, Reference, SensorFault
 from tactophone.perception.judge import Judge
-from tactophone.perception.shipped import default_model, open_judge
-from tactophone.types import AIR, AudioBlock, Detector, Prediction, Touch
+from tactophone.perception.shipped import open_judge, spare_model
+from tactophone.types import AIR, CONTACT, AudioBlock, Detector, Prediction, Touch
 
 
 class Answer(enum.IntEnum):
@@ -60,15 +60,20 @@ def answer_to(faults: Iterable[SensorFault], *, spare: bool) -> Answer:
     return max(answers, default=Answer.JUDGE)
 
 
-def guard(judge: Judge, *, sample_rate: int, channels: int, reference: Reference | None = None) -> "GuardedJudge":
-    """Guard a judge; with two microphones, the shipped one-channel model stands by.
+def guard(
+    judge: Judge, *, sample_rate: int, channels: int, model: str = "paper", reference: Reference | None = None
+) -> "GuardedJudge":
+    """Guard a judge; with two microphones, one that hears the contact microphone alone stands by.
 
     Parameters
     ----------
+    model
+        That judges, by name or path.
     reference
         From the set-up's calibration; without one, faults are known less sharply.
     """
-    spare = open_judge(default_model(1), sample_rate=sample_rate) if channels > 1 else None
+    name = spare_model(model) if channels > 1 else None
+    spare = open_judge(name, sample_rate=sample_rate) if name else None
     if spare is not None:
         spare.threshold_dbfs = judge.threshold_dbfs
     return GuardedJudge(judge, spare, FaultWatch(sample_rate, reference))
@@ -82,7 +87,8 @@ class GuardedJudge:
     judge
         For microphones that are well.
     spare
-        Of a one-channel model, for when the air microphone is not; ``None`` if there is none, or only one microphone.
+        Hears the contact microphone alone, for when the air microphone is not well; ``None`` if there is none, or only
+        one microphone.
     watch
         Names the faults.
     """
@@ -164,7 +170,7 @@ class GuardedJudge:
         # The first judge hears everything, so that once the fault has healed it goes on as if there had been none.
         beliefs = self._judge.push(part)
         if active is not self._judge:
-            beliefs = active.push(part)
+            beliefs = active.push(replace(part, samples=part.samples[:, : CONTACT + 1]))
         revised = [self._revised(belief) for belief in beliefs]
         # A guess at lost sound says nothing of the microphones.
         if not part.concealed:

@@ -7,7 +7,7 @@ from pathlib import Path
 from tactophone.errors import ModelError
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.extractors import EXTRACTORS
+from tactophone.perception.extractors import EXTRACTORS, FORGIVING
 from tactophone.perception.judge import Judge
 from tactophone.perception.model import Model, read_model
 from tactophone.perception.steady import SteadyContact
@@ -45,6 +45,17 @@ def model_path(name: str) -> Path:
 def default_model(channels: int) -> str:
     """Name of the shipped model for sound of so many channels."""
     return SHIPPED[min(channels, 2)]
+
+
+def spare_model(name: str) -> str | None:
+    """Name of the model that goes on for another by the contact microphone alone: itself, if it has learnt to.
+
+    None does for kinds that need both microphones and hear contact by another rule than the paper's.
+    """
+    card = read_model(model_path(name)).card
+    if card.kind in FORGIVING:
+        return name
+    return SHIPPED[1] if card.kind == "paper" else None
 
 
 def open_detector(name: str, *, sample_rate: int) -> Detector:

@@ -94,7 +94,9 @@ def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     calibration = _calibration(wanted.calibration, channels)
     plain = open_judge(model, sample_rate=SAMPLE_RATE)
     reference = calibration.reference if calibration else None
-    judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, reference=reference) if wanted.watch else plain
+    judge: AnyJudge = plain
+    if wanted.watch:
+        judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, model=model, reference=reference)
     if not math.isnan(wanted.threshold_dbfs):
         judge.threshold_dbfs = wanted.threshold_dbfs
     elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
