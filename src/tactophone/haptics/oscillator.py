@@ -168,7 +168,7 @@ class Oscillator:
         phases *= 1 / self.sample_rate
         phases += self._phase
         # Whole turns are taken off before the sine: it is exact and fast near zero only.
-        np.remainder(phases, 1.0, out=phases)
+        phases -= np.floor(phases, out=envelope)
         phases *= 2 * np.pi
         np.sin(phases, out=phases)
         np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
