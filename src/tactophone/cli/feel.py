@@ -181,6 +181,8 @@ def _print(result: _Result) -> None:
     label = f"; labelled {result.label}" if result.label else ""
     show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
     show(f"  judged by  {escape(result.model)}{', as it has one channel' if result.chosen_for_mono else ''}")
+    if result.chosen_for_mono:
+        show("             (if that is an air microphone, take --model impulses)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     if not summary.contact:
         show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was touch)")
