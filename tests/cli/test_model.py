@@ -19,6 +19,13 @@ def test_a_card_is_shown_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert words in shown
 
 
+def test_tables_of_numbers_are_told_by_their_size(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "show", "ours"]) == 0
+    shown = capsys.readouterr().out
+    assert "2 x 2 x 20 numbers" in shown
+    assert len(shown.splitlines()) < 80
+
+
 def test_a_card_is_shown_to_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_tiny_model(tmp_path / "tiny.onnx")
     assert main(["model", "show", str(path), "--json"]) == 0

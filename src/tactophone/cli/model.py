@@ -59,9 +59,9 @@ def _show(args: argparse.Namespace) -> int:
         terminal.print_json({"file": str(path), "bytes": path.stat().st_size, **json.loads(card.to_json())})
         return 0
     table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", max_width=34, overflow="fold")
+    table.add_column(style="dim", max_width=36, overflow="fold")
     table.add_column(overflow="fold")
-    table.add_row("file", escape(f"{path} ({path.stat().st_size / 1e6:.1f} MB)"))
+    table.add_row("file", escape(f"{path} ({path.stat().st_size / 1e3:,.0f} kB)"))
     for name, words in _lines(card):
         table.add_row(name, escape(words))
     terminal.out().print(table)
@@ -95,8 +95,17 @@ def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, st
 
 def _words(value: Any) -> str:
     match value:
-        case [float(score), float(low), float(high)] if low <= score <= high and low < high:
+        case [float(score), float(low), float(high)] if low <= score <= high:
             return f"{score:.3f} ({low:.3f} to {high:.3f})"
+        case [[*_], *_]:
+            return f"{' x '.join(map(str, _shape(value)))} numbers"
+        case [*words]:
+            return "; ".join(map(str, words))
         case float():
             return f"{value:.4g}"
     return str(value)
+
+
+def _shape(value: Any) -> list[int]:
+    """Count the entries of nested lists, level by level."""
+    return [len(value), *_shape(value[0])] if isinstance(value, list) else []
