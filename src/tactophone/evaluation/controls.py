@@ -15,9 +15,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.dataset import Recording
-from tactophone.evaluation.judging import Judge, Judgement
-from tactophone.training.head import even_weights
-from tactophone.types import Touch
+from tactophone.evaluation.judging import Judge
+from tactophone.evaluation.regression import fit_regression
 
 VERSION = 1
 LOWEST, HIGHEST, BANDS = 8000.0, 20_000.0, 8
@@ -42,26 +41,7 @@ class OverBandMethod:
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Weigh the bands, every surface weighing the same."""
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
-
-        heard = [_bands(one) for one in recordings]
-        sizes = [len(bands) for _, bands in heard]
-        names = sorted({one.surface for one in recordings})
-        rough = np.repeat([one.label is Touch.ROUGH for one in recordings], sizes)
-        surface = np.repeat([names.index(one.surface) for one in recordings], sizes)
-        weights = even_weights(rough, surface)
-        model = make_pipeline(StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky"))
-        model.fit(np.concatenate([bands for _, bands in heard]), rough, logisticregression__sample_weight=weights)
-
-        def judge(recording: Recording) -> Judgement:
-            time, bands = _bands(recording)
-            share = model.predict_proba(bands)[:, 1].astype(np.float32)
-            rows = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
-            return Judgement(recording, time, rows, np.ones(len(time), bool))
-
-        return judge
+        return fit_regression(_bands, recordings)
 
 
 @functools.lru_cache(maxsize=1 << 12)

@@ -15,12 +15,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.dataset import Recording, channel_order
-from tactophone.evaluation.judging import Judge, Judgement
+from tactophone.evaluation.judging import Judge
+from tactophone.evaluation.regression import fit_regression
 from tactophone.haptics import SOUNDING
 from tactophone.haptics.sounding import RATE, STEP_SIZE
 from tactophone.perception.resample import Resampler
-from tactophone.training.head import even_weights
-from tactophone.types import FloatArray, Touch
+from tactophone.types import FloatArray
 
 VERSION = 1
 SLOW_RATE = RATE // STEP_SIZE
@@ -44,25 +44,7 @@ class VibrationMethod:
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Weigh what is felt, every surface weighing the same."""
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
-
-        felt = [_feel(one, self.name)[1] for one in recordings]
-        sizes, names = [len(rows) for rows in felt], sorted({one.surface for one in recordings})
-        rough = np.repeat([one.label is Touch.ROUGH for one in recordings], sizes)
-        surface = np.repeat([names.index(one.surface) for one in recordings], sizes)
-        model = make_pipeline(StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky"))
-        weights = even_weights(rough, surface)
-        model.fit(np.concatenate(felt), rough, logisticregression__sample_weight=weights)
-
-        def judge(recording: Recording) -> Judgement:
-            time, rows = _feel(recording, self.name)
-            share = model.predict_proba(rows)[:, 1].astype(np.float32)
-            shares = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
-            return Judgement(recording, time, shares, np.ones(len(time), bool))
-
-        return judge
+        return fit_regression(functools.partial(_feel, name=self.name), recordings)
 
 
 @functools.lru_cache(maxsize=1 << 13)

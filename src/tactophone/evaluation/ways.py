@@ -45,8 +45,12 @@ class WayMethod:
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Learn, and make the graph that a model file would hold."""
+        return judge_by(*self.learn(recordings))
+
+    def learn(self, recordings: Sequence[Recording]) -> tuple[bytes, Lesson]:
+        """Give that graph, and what it was learnt from."""
         lesson = prepare(self.ear, recordings)
-        return judge_by(WAYS[self.name].build(lesson).SerializeToString(), lesson)
+        return WAYS[self.name].build(lesson).SerializeToString(), lesson
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +72,7 @@ class DeafenedMethod:
 
     def fit(self, recordings: Sequence[Recording]) -> Judge:
         """Learn as the way does, and judge by the channel that is left."""
-        lesson = prepare(self.way.ear, recordings)
-        return judge_by(WAYS[self.way.name].build(lesson).SerializeToString(), lesson, dead=self.dead)
+        return judge_by(*self.way.learn(recordings), dead=self.dead)
 
 
 def way_method(name: str, *, channels: int) -> WayMethod:
