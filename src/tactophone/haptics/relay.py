@@ -11,12 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.haptics.limits import Limits, is_sound
-from tactophone.haptics.oscillator import NEGLIGIBLE
+from tactophone.haptics.oscillator import LONGEST, NEGLIGIBLE
 from tactophone.haptics.sounding import RATE, STEP_SIZE, Sounding
 from tactophone.types import FloatArray, HapticCommand, Prediction, Touch
-
-LONGEST = 1024
-"""Samples rendered at once; longer blocks are rendered in such pieces, so that the dead-man is never late by more."""
 
 
 @dataclass(frozen=True, slots=True)
