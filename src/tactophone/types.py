@@ -181,6 +181,18 @@ class Source(Protocol):
     def __iter__(self) -> Iterator[AudioBlock]: ...
 
 
+class AlwaysOpen:
+    """For sources that hold nothing: there is nothing to open, and nothing to close."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+
 @runtime_checkable
 class Detector(Protocol):
     """Sound to belief: a streaming stage that owns its rate, window, hop, gate and hysteresis.

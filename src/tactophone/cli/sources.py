@@ -13,7 +13,7 @@ from tactophone.dataset import touch_at, truth_of
 from tactophone.errors import ConfigError
 from tactophone.perception.resample import Resampler
 from tactophone.runtime.wiring import SAMPLE_RATE, open_device
-from tactophone.types import AudioBlock, Source, Touch
+from tactophone.types import AlwaysOpen, AudioBlock, Source, Touch
 
 AHEAD = 1.0
 """Seconds of movement that the simulated finger is told beforehand."""
@@ -69,7 +69,7 @@ class Recorded:
         return touch_at(self._time, self._truth)
 
 
-class StrokingFinger:
+class StrokingFinger(AlwaysOpen):
     """The simulated finger, going from stone to stone for ever, as one who looks for the rough ones would."""
 
     channels = 2
@@ -85,14 +85,6 @@ class StrokingFinger:
         self._finger = SimulatedFinger(self._scene, seed=seed, block_size=block_size, place=place)
         self._script = Script(self._rng, x=place[0], y=place[1])
         self._told = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._finger:

@@ -9,8 +9,6 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.evaluation.clicks import PEAK, RATE, TONE
 from tactophone.evaluation.latency import Graph, Sides, felt_port, running_sides
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import AlwaysOpen, AudioBlock, FloatArray
 
 BLOCK = 128
 """Samples a block of the stroke."""
@@ -36,21 +34,13 @@ AFTERMATH = 0.6
 _LONGEST = 60.0
 
 
-class EndlessStroke:
+class EndlessStroke(AlwaysOpen):
     """A source that strokes without end."""
 
     sample_rate, channels = RATE, 2
 
     def __init__(self, _: Settings) -> None:
         self._second = (PEAK * np.sin(2 * np.pi * TONE / RATE * np.arange(RATE + BLOCK))).astype(np.float32)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for start in itertools.count(0, BLOCK):

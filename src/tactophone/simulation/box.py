@@ -4,13 +4,12 @@ import dataclasses
 import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from tactophone.simulation.motion import LIFT
 from tactophone.simulation.scene import five_stones
 from tactophone.simulation.source import RATE, SimulatedFinger
-from tactophone.types import AudioBlock, Touch
+from tactophone.types import AlwaysOpen, AudioBlock, Touch
 
 BLOCK_SIZE = 128
 """Samples a block, unless told otherwise: moves are taken every 2.7 ms."""
@@ -20,7 +19,7 @@ SETTLE = 480
 """Samples rendered before a finger is used; the first ever also compile the kernels, which takes seconds."""
 
 
-class StoneBox:
+class StoneBox(AlwaysOpen):
     """A `tactophone.types.Source` whose finger is led by messages.
 
     ``("lay", touches, seed)`` lays five other stones under the curtain, which takes about half a second;
@@ -49,14 +48,6 @@ class StoneBox:
         self._finger = _over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0)
         self._laid: SimulatedFinger | None = None
         self._position = 0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while True:

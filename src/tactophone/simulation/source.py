@@ -2,8 +2,6 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +17,7 @@ from tactophone.simulation.scene import Scene
 from tactophone.simulation.setup import Setup
 from tactophone.simulation.surface import SPACING
 from tactophone.simulation.track import Material, track
-from tactophone.types import AudioBlock
+from tactophone.types import AlwaysOpen, AudioBlock
 
 RATE = 48_000
 """Hz; the only rate at which the finger is simulated."""
@@ -57,7 +55,7 @@ class Truth:
     y: NDArray[np.float64]
 
 
-class SimulatedFinger:
+class SimulatedFinger(AlwaysOpen):
     """A finger over a scene, as a :class:`~tactophone.types.Source`.
 
     It renders as fast as it is asked and reads no clock: live, its caller paces it. The same moves and seeds give the
@@ -125,14 +123,6 @@ class SimulatedFinger:
     def channels(self) -> int:
         """Contact and air."""
         return 2
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while self._end is None or self._position < self._end:

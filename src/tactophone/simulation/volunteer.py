@@ -4,8 +4,6 @@ It is a source like any other: who iterates hears the finger; who calls one of i
 """
 
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -17,7 +15,7 @@ from tactophone.simulation.movement import Script, Take, take_moves
 from tactophone.simulation.scene import single
 from tactophone.simulation.setup import Setup
 from tactophone.simulation.source import SimulatedFinger
-from tactophone.types import AudioBlock
+from tactophone.types import AlwaysOpen, AudioBlock
 
 PRESS = 1.5
 """Newtons of a stroke of medium pressure."""
@@ -29,7 +27,7 @@ TAP = 2.0
 """Newtons of a tap."""
 
 
-class Volunteer:
+class Volunteer(AlwaysOpen):
     """A simulated finger on an object, and someone who moves it when asked; a :class:`~tactophone.types.Source`.
 
     Parameters
@@ -60,14 +58,6 @@ class Volunteer:
         setup = Setup.draw(seed, amplified(Electronics(), gain_db))
         self._finger = SimulatedFinger(scene, setup=setup, seed=seed, place=self._placed.centre)
         self._now = 0.0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._finger:
