@@ -10,8 +10,8 @@ import numpy as np
 
 from tactophone.link import Codec, round_trip
 from tactophone.link.codec import open_decoder, open_encoder
-from tactophone.link.receiving import DATAGRAM_OVERHEAD
-from tactophone.link.seal import OVERHEAD
+from tactophone.link.receive_session import DATAGRAM_OVERHEAD
+from tactophone.link.srtp import OVERHEAD
 from tactophone.types import FloatArray
 
 RATE = 48_000

@@ -6,15 +6,15 @@ python benchmarks/codec_cost.py DIR    (DIR: tactophone simulate dataset DIR --s
 import argparse
 from pathlib import Path
 
+from tactophone.benchmark.recipe_methods import judge_by
+from tactophone.benchmark.result import scored
 from tactophone.dataset import Fold, open_dataset, split
-from tactophone.evaluation.judging import Judgement, scores_of
 from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.result import scored
-from tactophone.evaluation.ways import judge_by
+from tactophone.evaluation.predictions import TakePredictions, scores_of
 from tactophone.link import Codec
-from tactophone.training.lesson import prepare
-from tactophone.training.touches import Ear
-from tactophone.training.ways import WAYS
+from tactophone.training.features.feature_tracks import FeatureSpec
+from tactophone.training.features.training_set import prepare
+from tactophone.training.recipes import RECIPES
 
 CODECS = (
     None,
@@ -46,10 +46,10 @@ def main() -> None:
 def _scores(
     folds: tuple[Fold, ...], learnt: Codec | None, *, through: tuple[Codec, ...], heard: Codec | None
 ) -> list[str]:
-    judged: list[Judgement] = []
+    judged: list[TakePredictions] = []
     for fold in folds:
-        lesson = prepare(Ear(codec=learnt), fold.train, through=through)
-        judge = judge_by(WAYS["ours"].build(lesson).SerializeToString(), lesson, ear=Ear(codec=heard))
+        lesson = prepare(FeatureSpec(codec=learnt), fold.train, through=through)
+        judge = judge_by(RECIPES["ours"].build(lesson).SerializeToString(), lesson, ear=FeatureSpec(codec=heard))
         judged += map(judge, fold.test)
     found = measure(scores_of(map(scored, judged), "two-class"))
     return [f"{found[name]:.3f}" for name in ("balanced_accuracy", "auc", "recall_at_1")]

@@ -17,13 +17,13 @@ import soundfile
 
 from tactophone.dataset import open_dataset
 from tactophone.perception import model_path, read_model, rough_share
-from tactophone.perception.engine import Engine, OnnxEngine
-from tactophone.perception.features import magnitudes
-from tactophone.perception.litert import open_litert
-from tactophone.perception.loudness import LOUDNESS
-from tactophone.perception.model import ModelCard
-from tactophone.perception.resample import Resampler
-from tactophone.perception.windows import Windower
+from tactophone.perception.features.loudness import LOUDNESS
+from tactophone.perception.features.resample import Resampler
+from tactophone.perception.features.spectrum import magnitudes
+from tactophone.perception.features.windows import Windower
+from tactophone.perception.inference.engine import Engine, OnnxEngine
+from tactophone.perception.inference.litert import open_litert
+from tactophone.perception.model_file import ModelCard
 from tactophone.types import CONTACT, FloatArray
 
 HOP = 512 / 48_000

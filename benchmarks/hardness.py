@@ -10,12 +10,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+from tactophone.benchmark.crossvalidation import default_cache
+from tactophone.benchmark.dataset_difficulty import RECALL, measure_hardness
+from tactophone.benchmark.paper_methods import PaperMethod
 from tactophone.dataset import open_dataset
-from tactophone.evaluation.crossvalidation import default_cache
-from tactophone.evaluation.hardness import RECALL, measure_hardness
-from tactophone.evaluation.methods import PaperMethod
-from tactophone.training.making import Course
-from tactophone.training.recipes import paper
+from tactophone.training.network.recipe import paper
+from tactophone.training.network.training_job import TrainingJob
 
 BRIEF = {"hop": 64, "batch_size": 500, "least_steps": 0, "learning_rate": 5e-4}
 """The paper's recipe in a hurry, about 10 s a fold: the score is flat from there on (docs/training.md)."""
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument("--split", default="5-fold", help="or leave-one-pressure-out, leave-one-scenario-out")
     args = parser.parse_args()
     dataset = open_dataset(args.folder)
-    methods = [PaperMethod(Course(replace(paper(variant), **BRIEF))) for variant in ("general", "one-channel")]
+    methods = [PaperMethod(TrainingJob(replace(paper(variant), **BRIEF))) for variant in ("general", "one-channel")]
     found = measure_hardness(
         dataset,
         methods,

@@ -20,9 +20,9 @@ import psutil
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
-from tactophone.evaluation.clicks import Measured
-from tactophone.evaluation.latency import Graph, Sides, measure, running_sides
-from tactophone.evaluation.silence import outlive
+from tactophone.measurement.failsafe_timing import outlive
+from tactophone.measurement.impulse_latency import Measured
+from tactophone.measurement.latency import Graph, Sides, measure, running_sides
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactophone.endpoints import OperatorEndpoint, RobotEndpoint, open_pipeline
 from tactophone.errors import ModelError
 from tactophone.haptics import Oscillator
-from tactophone.link import Arrived, Codec, Heard, Playout, ReceivingEnd, SendingEnd
-from tactophone.link.pace import Pace
+from tactophone.link import Codec, DecodedAudio, PacketReceived, Playout, ReceiveSession, SendSession
 from tactophone.link.packet import parse
-from tactophone.pipeline import Receiver, Sender, open_walk
+from tactophone.link.playout_clock import PlayoutController
 from tactophone.simulation import TAKES, SimulatedFinger, find, single, take_moves
-from tactophone.simulation.line import ROBOT_ADDRESS, VirtualLine, paired_ends
-from tactophone.simulation.network import ImpairedLine, NetworkProfile
-from tactophone.types import AudioBlock, FloatArray, Tick, Touch
+from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
+from tactophone.simulation.network.virtual_link import ROBOT_ADDRESS, VirtualLine, paired_ends
+from tactophone.types import AudioBlock, FloatArray, PipelineStep, Touch
 
 RATE = 48_000
 HOP = 512 / RATE
@@ -59,7 +59,7 @@ def delay_after_loss() -> Iterator[Row]:
             line.there = ImpairedLine(NetworkProfile(loss=0.05 if step == 2_000 else 0.0, delay=0.002), seed=1)
         now = begun + (step + 1) * 0.005
         line.robot.push(AudioBlock(sound[step * 240 % RATE :][:240], RATE, step * 240))
-        heard = [one for one in line.carry(now) + line.carry(now + 0.002) if isinstance(one, Heard)]
+        heard = [one for one in line.carry(now) + line.carry(now + 0.002) if isinstance(one, DecodedAudio)]
         judged += [(step * 0.005, now + 0.002 - begun - one.block.end / RATE) for one in heard]
         playout.pull(now=now + 0.002)
         played.append((step * 0.005, playout.pace.delay(now)))
@@ -82,7 +82,7 @@ def tap(line: VirtualLine, playout: Playout) -> None:
     def receive(datagram: bytes, *, source: object, now: float) -> list:
         events = opened(datagram, source=source, now=now)
         for event in events:
-            if isinstance(event, Arrived) and not event.report:
+            if isinstance(event, PacketReceived) and not event.report:
                 playout.push(parse(event.packet), now=now)
         return events
 
@@ -121,7 +121,7 @@ def skewed_clocks() -> Iterator[Row]:
     """Eight hours of 20 ms packets with 2 ms of exponential jitter, by times alone."""
     for ppm in (200, -200):
         generator, speed = np.random.default_rng(0), RATE * (1 + ppm * 1e-6)
-        pace, count = Pace(block_size=512), (8 * 3600 * 50)
+        pace, count = PlayoutController(block_size=512), (8 * 3600 * 50)
         sent = (np.arange(count) + 1) * 960 / speed
         came = sent + 0.001 + generator.exponential(0.002, count)
         order = np.argsort(came, kind="stable").tolist()
@@ -159,10 +159,12 @@ def strokes(duration: float) -> FloatArray:
     return np.concatenate(sounds)
 
 
-def walked(sound: FloatArray, profile: NetworkProfile, model: str) -> tuple[list[tuple[float, Tick]], VirtualLine]:
+def walked(
+    sound: FloatArray, profile: NetworkProfile, model: str
+) -> tuple[list[tuple[float, PipelineStep]], VirtualLine]:
     line = VirtualLine(*paired_ends(OPUS))
-    sender = Sender(line.robot)
-    receiver = Receiver(line.operator, open_walk(model, sample_rate=RATE, channels=2))
+    sender = RobotEndpoint(line.robot)
+    receiver = OperatorEndpoint(line.operator, open_pipeline(model, sample_rate=RATE, channels=2))
     begun, ticks = line.connect(0.0), []
     line.there = ImpairedLine(profile, seed=7)
     for start in range(0, len(sound) - 119, 120):
@@ -172,7 +174,7 @@ def walked(sound: FloatArray, profile: NetworkProfile, model: str) -> tuple[list
     return ticks, line
 
 
-def decisions(ticks: list[tuple[float, Tick]], duration: float) -> np.ndarray:
+def decisions(ticks: list[tuple[float, PipelineStep]], duration: float) -> np.ndarray:
     """What is believed at each moment of the operator's time, a hop apart."""
     beliefs = [(when, tick.predictions[-1].touch) for when, tick in ticks if tick.predictions and tick.commands]
     times = np.array([when for when, _ in beliefs])
@@ -199,7 +201,7 @@ LOSSES = {0.01: 99.5, 0.05: 98.0, 0.1: 95.0, 0.2: 90.0}
 def stall_and_clump(sound: FloatArray, model: str) -> Iterator[Row]:
     """All is held back for 200 ms, in each tenth of the sound; what follows, and what the finger feels of it."""
     line = VirtualLine(*paired_ends(OPUS))
-    receiver = Receiver(line.operator, open_walk(model, sample_rate=RATE, channels=2))
+    receiver = OperatorEndpoint(line.operator, open_pipeline(model, sample_rate=RATE, channels=2))
     oscillator, out, begun = Oscillator(), np.zeros(120, np.float32), line.connect(0.0)
     waits, steepest, last, stalled_until = [], 0.0, 0.0, 0.0
     for start in range(0, len(sound) - 119, 120):
@@ -253,7 +255,7 @@ def hostile(count: int) -> Iterator[Row]:
     spent = time.perf_counter() - begun
     unchanged = state(line.operator) == before
     line.robot.push(AudioBlock(sound[:120], RATE, RATE // 2))
-    lives = any(isinstance(one, Heard) for one in line.carry(now))
+    lives = any(isinstance(one, DecodedAudio) for one in line.carry(now))
     yield Row(
         f"hostile datagrams, {count:,}",
         "none accepted, none crashes, none changes state",
@@ -263,13 +265,13 @@ def hostile(count: int) -> Iterator[Row]:
     )
 
 
-def state(end: ReceivingEnd) -> tuple[object, ...]:
+def state(end: ReceiveSession) -> tuple[object, ...]:
     counters = {name: total for name, total in end.counters.items() if name != "packets_rejected"}
     return end.session.peer, counters, end.origin, repr(end.stats)
 
 
 def stranger_hello() -> bytes:
-    robot: SendingEnd
+    robot: SendSession
     robot, _ = paired_ends(OPUS)
     robot.poll(0.0)
     return robot.outgoing()[0][0]

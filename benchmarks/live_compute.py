@@ -83,12 +83,12 @@ def paced(model: str) -> dict:
     import numpy as np
 
     from tactophone.haptics import Oscillator
+    from tactophone.pipeline import open_pipeline
     from tactophone.types import AudioBlock
-    from tactophone.walk import open_walk
 
     # One core: moved from one to another, a process finds caches colder still.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-    walk, oscillator = open_walk(model, sample_rate=RATE, channels=2), Oscillator()
+    walk, oscillator = open_pipeline(model, sample_rate=RATE, channels=2), Oscillator()
     out = np.empty(HOP_SIZE, np.float32)
     wall, processor = np.empty(UPDATES), np.empty(UPDATES)
     due = time.perf_counter()

@@ -6,8 +6,8 @@ python benchmarks/realism.py SIMULATED REAL [PICTURE]     (REAL: the folder of L
 import argparse
 from pathlib import Path
 
+from tactophone.benchmark.realism import draw_realism, measure_recordings, summary
 from tactophone.dataset import open_dataset
-from tactophone.evaluation.realism import draw_realism, measure_recordings, summary
 from tactophone.types import AIR, CONTACT
 
 

@@ -18,7 +18,7 @@ OFFLINE, LIVE = 30.0, 20.0
 
 BLOCK = 128
 
-_START = "from tactophone.simulation.demonstration import demonstration as d; d().render(128)"
+_START = "from tactophone.simulation.content.demonstration import demonstration as d; d().render(128)"
 
 
 def offline(name: str) -> float:

@@ -28,14 +28,14 @@ from torch import nn
 
 from tactophone import Touch
 from tactophone.dataset import Fold, open_dataset, split
-from tactophone.evaluation.judging import Judgement, scores_of
 from tactophone.evaluation.metrics import measure
-from tactophone.perception.features import magnitudes
-from tactophone.training.networks import PaperNetwork
-from tactophone.training.recipes import Recipe, paper
+from tactophone.evaluation.predictions import TakePredictions, scores_of
+from tactophone.perception.features.spectrum import magnitudes
+from tactophone.training.network.model import PaperNetwork
+from tactophone.training.network.recipe import Recipe, paper
+from tactophone.training.network.trainer import Run
+from tactophone.training.network.windows import SIZE, Windows, cut
 from tactophone.training.sound import read_signals
-from tactophone.training.trainer import Run
-from tactophone.training.windows import SIZE, Windows, cut
 
 RECIPE = paper("general")
 EXACT = replace(RECIPE, hop=1, batch_size=6000, least_steps=0)
@@ -56,7 +56,7 @@ class HeldOut:
     """Features and truth of every update of a fold's test recordings."""
 
     features: list[np.ndarray]
-    judged: list[Judgement]
+    judged: list[TakePredictions]
 
     def score(self, network: nn.Module) -> float:
         """Balanced accuracy, of two classes, over the paper's threshold."""
@@ -73,7 +73,7 @@ def held_out(fold: Fold) -> HeldOut:
         windows = np.stack([signal[start : start + SIZE] for start in starts])
         features.append(magnitudes(windows))
         contact = np.square(windows[:, :, 0]).mean(axis=1) > RECIPE.labelling.threshold**2
-        judged.append(Judgement(recording, starts / 2000, np.empty((0, 3), np.float32), contact))
+        judged.append(TakePredictions(recording, starts / 2000, np.empty((0, 3), np.float32), contact))
     return HeldOut(features, judged)
 
 

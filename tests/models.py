@@ -9,7 +9,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from tactophone.perception import Gate, ModelCard
-from tactophone.perception.model import CARD_KEY, FEATURES, LOG_PROBABILITIES
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES
 
 CARD = ModelCard(
     name="tiny",

@@ -8,7 +8,7 @@ from tactophone.errors import (
     PacketError,
     TactophoneError,
 )
-from tactophone.types import AIR, CONTACT, AudioBlock, HapticCommand, Prediction, Tick, Touch
+from tactophone.types import AIR, CONTACT, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 __version__ = "0.1.0"
 
@@ -22,9 +22,9 @@ __all__ = [
     "HapticCommand",
     "ModelError",
     "PacketError",
+    "PipelineStep",
     "Prediction",
     "TactophoneError",
-    "Tick",
     "Touch",
     "__version__",
 ]

@@ -139,7 +139,7 @@ class HapticCommand:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tick:
+class PipelineStep:
     """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt.
 
     There is one command for each prediction, or none at all when they came too late to be felt.

@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.perception.calibration import Calibration
+from tactophone.perception.sensor_health.calibration_file import Calibration
 
 FINGER = ["calibrate", "--source", "finger", "--finger-gain", "-12"]
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.cli import flags
+from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
 
 FLAGS = {"--ceiling": "feel.ceiling", "--muted": "feel.muted", "--codec": "link.codec"}

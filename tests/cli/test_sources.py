@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone import config
 from tactophone.capture import FileSource
-from tactophone.cli.sources import Recorded, open_source
+from tactophone.cli._support.sources import Recorded, open_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.types import Source, Touch

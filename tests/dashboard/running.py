@@ -9,9 +9,9 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.dashboard.stones import Point
+from tactophone.game.rounds import Point
 from tactophone.telemetry import Fault, State, Telemetry
-from tactophone.types import AudioBlock, HapticCommand, Prediction, Tick, Touch
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480
 
@@ -93,7 +93,7 @@ class Run:
         sure = np.full(3, 0.04)
         sure[self.touch] = 0.92
         belief = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
-        tick = Tick(
+        tick = PipelineStep(
             AudioBlock(samples, RATE, step * STEP), (belief,), (HapticCommand(amplitude, frequency, times[-1]),)
         )
         self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))

@@ -5,7 +5,7 @@ import pytest
 
 from tactophone.dashboard.feed import Feed, Run
 from tactophone.telemetry import State, Telemetry
-from tactophone.types import AudioBlock, Prediction, Tick, Touch
+from tactophone.types import AudioBlock, PipelineStep, Prediction, Touch
 from tests.dashboard.test_message import BUCKET, parse
 
 RATE = 48_000
@@ -13,7 +13,7 @@ RATE = 48_000
 
 def publish(telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9) -> None:
     belief = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
-    telemetry.publish(Tick(AudioBlock(sound, RATE, start), (belief,), ()), now=now)
+    telemetry.publish(PipelineStep(AudioBlock(sound, RATE, start), (belief,), ()), now=now)
 
 
 @pytest.mark.parametrize("size", [17, 480, 509, 4800])

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tactophone.dashboard.security import HEADERS, Guard
+from tactophone.dashboard.security import HEADERS, AccessControl
 
-GUARD = Guard("127.0.0.1", 8470, token="secret")
+GUARD = AccessControl("127.0.0.1", 8470, token="secret")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8470", "localhost:8470", "LOCALHOST:8470", "[::1]:8470", "127.1.2.3:8470"])
@@ -41,13 +41,13 @@ def test_a_websocket_without_an_origin_is_no_browsers_and_is_refused() -> None:
 
 
 def test_listening_everywhere_passes_addresses_in_figures_but_no_foreign_name() -> None:
-    guard = Guard("0.0.0.0", 8470, token="secret")
+    guard = AccessControl("0.0.0.0", 8470, token="secret")
     assert guard.refusal(token="secret", host="192.168.0.7:8470", origin=None) == ""
     assert guard.refusal(token="secret", host="rebound.example:8470", origin=None)
 
 
 def test_the_token_is_long_drawn_anew_and_not_told_by_repr() -> None:
-    first, second = Guard("127.0.0.1", 1), Guard("127.0.0.1", 1)
+    first, second = AccessControl("127.0.0.1", 1), AccessControl("127.0.0.1", 1)
     assert first.token != second.token
     assert len(first.token) >= 32
     assert first.token not in repr(first)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.dataset import Recording, Segment
-from tactophone.evaluation.judging import Judgement
+from tactophone.evaluation.predictions import TakePredictions
 from tactophone.types import Touch
 
 HOP = 0.01
@@ -21,7 +21,7 @@ def judged(
     contact: Sequence[bool] | None = None,
     none: float = 0.0,
     slides: str = "",
-) -> Judgement:
+) -> TakePredictions:
     """An update every 10 ms with these shares of rough."""
     share = np.array(rough, np.float32)
     rows = np.stack([np.full_like(share, none), (1 - none) * (1 - share), (1 - none) * share], axis=1)
@@ -29,4 +29,4 @@ def judged(
         Path(f"{surface}.wav"), surface, label, segments=tuple(segments), properties={"slides": slides}
     )
     open_gate = np.ones(len(share), bool) if contact is None else np.array(contact)
-    return Judgement(recording, HOP * np.arange(1, len(share) + 1), rows, open_gate)
+    return TakePredictions(recording, HOP * np.arange(1, len(share) + 1), rows, open_gate)

@@ -6,11 +6,11 @@ import pytest
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.adaptation import accuracy_of, by_surface, by_take, compare
-from tactophone.evaluation.judging import Judgement
+from tactophone.evaluation.predictions import TakePredictions
 from tactophone.types import Touch
 
 
-def judged(right: float, *, contact: bool = True) -> list[Judgement]:
+def judged(right: float, *, contact: bool = True) -> list[TakePredictions]:
     """Four surfaces with two takes each, of which a share of windows is called rightly."""
     made = []
     for number in range(8):
@@ -19,7 +19,7 @@ def judged(right: float, *, contact: bool = True) -> list[Judgement]:
         rough = called if label is Touch.ROUGH else ~called
         rows = np.stack([np.zeros(100), 1.0 - rough, rough], axis=1).astype(np.float32)
         recording = Recording(Path(f"{number}.wav"), f"stone {number // 2}", label)
-        made.append(Judgement(recording, np.arange(100) / 100, rows, np.full(100, contact)))
+        made.append(TakePredictions(recording, np.arange(100) / 100, rows, np.full(100, contact)))
     return made
 
 

@@ -5,15 +5,15 @@ import pytest
 
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation.judging import Judgement
 from tactophone.evaluation.operating_point import candidates, choose, curve, describe, draw_trade_off, try_rules
+from tactophone.evaluation.predictions import TakePredictions
 from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
 HOP = 512 / 48_000
 
 
-def judgement(label: Touch, *, surface: str, seed: int, mean: float, size: int = 600) -> Judgement:
+def predict_take(label: Touch, *, surface: str, seed: int, mean: float, size: int = 600) -> TakePredictions:
     """Beliefs that wander about a mean, in touches of random length."""
     rng = np.random.default_rng(seed)
     wander = np.convolve(rng.normal(0, 1, size + 20), np.ones(20) / np.sqrt(20), "valid")[:size]
@@ -21,12 +21,12 @@ def judgement(label: Touch, *, surface: str, seed: int, mean: float, size: int =
     contact = np.repeat(rng.random(size // 20) < 0.8, 20)
     rows = np.stack([np.zeros(size), 1 - share, share], axis=1).astype(np.float32)
     recording = Recording(Path(f"{surface}{seed}.wav"), surface, label)
-    return Judgement(recording, 0.256 + HOP * np.arange(size), rows, contact)
+    return TakePredictions(recording, 0.256 + HOP * np.arange(size), rows, contact)
 
 
-def judgements() -> list[Judgement]:
+def judgements() -> list[TakePredictions]:
     return [
-        judgement(label, surface=f"{label.name}{surface}", seed=10 * surface + label, mean=mean)
+        predict_take(label, surface=f"{label.name}{surface}", seed=10 * surface + label, mean=mean)
         for label, mean in ((Touch.SMOOTH, -1.5), (Touch.ROUGH, 2.0))
         for surface in range(4)
     ]
@@ -78,7 +78,7 @@ def test_a_point_has_intervals_a_delay_and_json() -> None:
 
 
 def test_what_cannot_be_had_is_named() -> None:
-    sure = [judgement(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
+    sure = [predict_take(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
     with pytest.raises(DatasetError, match="no rule keeps"):
         choose(try_rules(sure, RULES), RULES, goal="false_positive_rate", limit=0.01)
     with pytest.raises(DatasetError, match="no rough recording"):

@@ -4,14 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from tactophone.benchmark.crossvalidation import cross_validate
+from tactophone.benchmark.recipe_methods import recipe_method
+from tactophone.benchmark.result import scored
 from tactophone.dataset import Dataset, open_dataset, split
-from tactophone.evaluation.crossvalidation import cross_validate
-from tactophone.evaluation.judging import scores_of
 from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.result import scored
-from tactophone.evaluation.ways import way_method
-from tactophone.simulation import TAKES, catalogue
-from tactophone.simulation.generate import Style, finish, make, plan
+from tactophone.evaluation.predictions import scores_of
+from tactophone.simulation import TAKES
+from tactophone.simulation.content.catalogue import catalogue
+from tactophone.simulation.content.generate import Style, finish, make, plan
 from tactophone.types import Touch
 
 PINNED = {"level": 0.549, "rules": 0.584, "median-frequency": 0.584, "logistic": 0.719, "ours": 0.693}
@@ -35,14 +36,14 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.mark.parametrize("name", PINNED)
 def test_scores_on_simulated_objects(name: str, simulated: Dataset) -> None:
-    judged = cross_validate(way_method(name, channels=2), split(simulated, "4-fold"))
+    judged = cross_validate(recipe_method(name, channels=2), split(simulated, "4-fold"))
     score = measure(scores_of(map(scored, judged), "two-class"))["balanced_accuracy"]
     assert score == pytest.approx(PINNED[name], abs=TOLERANCE)
 
 
 def test_ours_on_the_core_of_the_real_recordings(recordings: Path) -> None:
     core = open_dataset(recordings / "lmt").where(lambda one: one.tier == "core" and int(one.take or 0) <= 3)
-    judged = cross_validate(way_method("ours", channels=1), split(core, "5-fold"))
+    judged = cross_validate(recipe_method("ours", channels=1), split(core, "5-fold"))
     found = measure(scores_of(judged, "two-class"))
     assert found["balanced_accuracy"] > 0.90
     assert found["auc"] > 0.97

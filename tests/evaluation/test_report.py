@@ -6,18 +6,18 @@ import pytest
 
 from tactophone import Touch
 from tactophone.dataset import Recording
-from tactophone.evaluation.judging import Judgement
+from tactophone.evaluation.predictions import TakePredictions
 from tactophone.evaluation.report import make_report
 
 
-def judged(surface: str, label: Touch, *, rough: list[float], none: float = 0.0, contact: int = 1) -> Judgement:
+def judged(surface: str, label: Touch, *, rough: list[float], none: float = 0.0, contact: int = 1) -> TakePredictions:
     share = np.array(rough) * (1 - none)
     rows = np.stack([np.full(len(rough), none), 1 - none - share, share], axis=1).astype(np.float32)
     gate = np.full(len(rough), bool(contact))
-    return Judgement(Recording(Path(f"{surface}.wav"), surface, label), np.arange(float(len(rough))), rows, gate)
+    return TakePredictions(Recording(Path(f"{surface}.wav"), surface, label), np.arange(float(len(rough))), rows, gate)
 
 
-def made() -> list[Judgement]:
+def made() -> list[TakePredictions]:
     return [
         judged("slate", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.2]),
         judged("brick", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.6], none=0.5),

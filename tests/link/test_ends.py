@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 
-from tactophone.link import Believed, Codec, Connected, Heard, News, ReceivingEnd, RedundancyRule, SendingEnd
-from tactophone.simulation.line import VirtualLine
-from tactophone.simulation.network import ImpairedLine, NetworkProfile
+from tactophone.link import (
+    Codec,
+    Connected,
+    DecodedAudio,
+    PredictionReceived,
+    ReceiveEvent,
+    ReceiveSession,
+    RedundancyRule,
+    SendSession,
+)
+from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
+from tactophone.simulation.network.virtual_link import VirtualLine
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 
 from .lines import answering, calling
@@ -20,12 +29,12 @@ class Call:
     def __init__(
         self, codec: Codec = PCM, *, profile: NetworkProfile | None = None, rule: RedundancyRule | None = None
     ) -> None:
-        self.line = VirtualLine(SendingEnd(calling(), codec, rule=rule), ReceivingEnd(answering()))
+        self.line = VirtualLine(SendSession(calling(), codec, rule=rule), ReceiveSession(answering()))
         self.robot, self.operator = self.line.robot, self.line.operator
         self.now = self.line.connect(100.0)
         self.line.there = ImpairedLine(profile or NetworkProfile(), seed=1)
         self.line.back = ImpairedLine(profile or NetworkProfile(), seed=2)
-        self.news: list[tuple[float, News]] = []
+        self.news: list[tuple[float, ReceiveEvent]] = []
         self.position = 0
 
     def run(self, seconds: float, *, sound: FloatArray | None = None, beliefs: bool = False) -> None:
@@ -42,8 +51,8 @@ class Call:
         self.now += 0.0025
         self.news += [(self.now, one) for one in self.line.carry(self.now)]
 
-    def heard(self) -> list[Heard]:
-        return [one for _, one in self.news if isinstance(one, Heard)]
+    def heard(self) -> list[DecodedAudio]:
+        return [one for _, one in self.news if isinstance(one, DecodedAudio)]
 
 
 def noise(seconds: float) -> FloatArray:
@@ -84,7 +93,7 @@ def test_fixed_redundancy_stays() -> None:
 def test_every_new_session_begins_its_stream_anew() -> None:
     call, sound = Call(), noise(2)
     call.run(0.5, sound=sound)
-    call.line.robot = call.robot = SendingEnd(calling(), PCM)
+    call.line.robot = call.robot = SendSession(calling(), PCM)
     call.run(0.5, sound=sound)
     begun = [one for _, one in call.news if isinstance(one, Connected)]
     assert len(begun) == 1
@@ -103,7 +112,9 @@ def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
     call.step()
     resumed = call.now
     call.run(0.2, sound=sound)
-    fresh = [when for when, one in call.news if isinstance(one, Heard) and not one.stale and when >= resumed - 1e-9]
+    fresh = [
+        when for when, one in call.news if isinstance(one, DecodedAudio) and not one.stale and when >= resumed - 1e-9
+    ]
     assert fresh[0] - resumed < 0.01
     assert call.operator.counters["packets_skipped"] == pytest.approx(56, abs=2)
 
@@ -111,7 +122,7 @@ def test_after_a_stall_sound_is_fresh_again_at_once() -> None:
 def test_belief_crosses_in_tens_of_bytes() -> None:
     call = Call()
     call.run(0.5, beliefs=True)
-    believed = [one for _, one in call.news if isinstance(one, Believed)]
+    believed = [one for _, one in call.news if isinstance(one, PredictionReceived)]
     assert len(believed) == 200
     assert believed[5].prediction.touch is Touch.ROUGH
     assert believed[5].prediction.probabilities == pytest.approx((0, 0.25, 0.75), abs=1e-4)
@@ -121,7 +132,7 @@ def test_belief_crosses_in_tens_of_bytes() -> None:
 def test_belief_that_comes_too_late_says_so() -> None:
     call = Call(profile=NetworkProfile(stall=0.2, stall_interval=0.5))
     call.run(3, beliefs=True)
-    believed = [one for _, one in call.news if isinstance(one, Believed)]
+    believed = [one for _, one in call.news if isinstance(one, PredictionReceived)]
     assert any(one.stale for one in believed)
     assert [one.prediction.end for one in believed] == sorted(one.prediction.end for one in believed)
 
@@ -135,7 +146,7 @@ def test_sound_that_is_no_number_is_counted_and_sent_as_silence() -> None:
 
 
 def test_nothing_is_sent_while_nobody_is_connected() -> None:
-    robot = SendingEnd(calling(), PCM)
+    robot = SendSession(calling(), PCM)
     robot.push(AudioBlock(noise(0.01), RATE))
     assert robot.outgoing() == []
 
@@ -155,7 +166,7 @@ def test_the_clocked_buffer_gives_the_sound_in_step_with_the_listener() -> None:
 @pytest.mark.parametrize(("follow", "passed"), [(True, True), (False, False)])
 def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -> None:
     call = Call(Codec("opus", packet_size=120))
-    call.line.robot = call.robot = SendingEnd(calling(), Codec("opus", packet_size=120), follow=follow)
+    call.line.robot = call.robot = SendSession(calling(), Codec("opus", packet_size=120), follow=follow)
     call.operator.bandwidth = 7_600
     tone = 0.3 * np.sin(2 * np.pi * 6_000 * np.arange(2 * RATE) / RATE)
     call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))

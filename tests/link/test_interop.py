@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Departure, Redundancy, RedundancyRule
+from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.packet import Packet
-from tactophone.simulation.line import VirtualLine, paired_ends
+from tactophone.simulation.network.virtual_link import VirtualLine, paired_ends
 from tactophone.types import AudioBlock, FloatArray
 
 RATE = 48_000
@@ -31,7 +31,7 @@ def tone(channels: int) -> FloatArray:
 
 def packets(codec: Codec, *, depth: int = 0) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
-    return Departure(codec, ssrc=SSRC, redundancy=redundancy).push(AudioBlock(tone(codec.channels), RATE))
+    return Packetizer(codec, ssrc=SSRC, redundancy=redundancy).push(AudioBlock(tone(codec.channels), RATE))
 
 
 def write_capture(path: Path, datagrams: list[bytes]) -> None:

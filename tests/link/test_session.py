@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import Arrived, Connected, Disconnected, Session
-from tactophone.link.report import ReceiverReport
+from tactophone.link import Connected, Disconnected, PacketReceived, Session
+from tactophone.link.rtcp import ReceiverReport
 from tactophone.link.session import MOST_HANDSHAKES, PATIENCE, RESTLESS, DatagramKind
 
 from .lines import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, STRANGER, Line, answering, calling
@@ -38,13 +38,13 @@ def test_packets_pass_both_ways_and_are_sealed() -> None:
     line = connected()
     line.robot.send(rtp(line))
     line.exchange()
-    assert line.at_operator[-1] == Arrived(rtp(line), report=False)
+    assert line.at_operator[-1] == PacketReceived(rtp(line), report=False)
     assert b"sound" not in line.passed[-1]
     ssrc = next(event.local_ssrc for event in line.at_operator if isinstance(event, Connected))
     report = bytes(ReceiverReport(ssrc, 1, 0.5, 3, 9, 0.001))
     line.operator.send(report)
     line.exchange()
-    assert line.at_robot[-1] == Arrived(report, report=True)
+    assert line.at_robot[-1] == PacketReceived(report, report=True)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -56,7 +56,7 @@ def test_a_lossy_line_connects_all_the_same(seed: int) -> None:
     line.lose(())
     line.robot.send(rtp(line))
     line.exchange()
-    assert isinstance(line.at_operator[-1], Arrived)
+    assert isinstance(line.at_operator[-1], PacketReceived)
 
 
 def test_a_stranger_who_calls_is_refused() -> None:
@@ -101,7 +101,7 @@ def test_an_operator_who_returns_is_called_again_within_the_restless_time() -> N
     assert line.operator.peer == "robot"
     line.robot.send(rtp(line))
     line.exchange()
-    assert isinstance(line.at_operator[-1], Arrived)
+    assert isinstance(line.at_operator[-1], PacketReceived)
 
 
 def test_silence_ends_a_session() -> None:
@@ -130,7 +130,7 @@ def test_a_forged_hello_does_not_disturb_a_session() -> None:
     assert line.operator.peer == "robot"
     line.robot.send(rtp(line))
     line.exchange()
-    assert isinstance(line.at_operator[-1], Arrived)
+    assert isinstance(line.at_operator[-1], PacketReceived)
 
 
 def test_hellos_from_forged_addresses_cost_no_memory() -> None:

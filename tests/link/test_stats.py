@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactophone.link.report import SenderReport
+from tactophone.link.rtcp import SenderReport
 from tactophone.link.stats import Reception
 
 

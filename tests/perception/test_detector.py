@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import open_detector
+from tactophone.perception import open_window_detector
 from tactophone.types import Detector, Prediction, Touch
 from tests.models import write_tiny_model
 from tests.sounds import UGLY_SIZES, blocks, noise, tone
@@ -13,7 +13,7 @@ from tests.sounds import UGLY_SIZES, blocks, noise, tone
 
 @pytest.fixture
 def detector(tmp_path: Path) -> Detector:
-    return open_detector(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000)
+    return open_window_detector(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000)
 
 
 def predict(detector: Detector, samples: np.ndarray, size: int = 480) -> list[Prediction]:
@@ -59,7 +59,7 @@ def test_garbage_in_the_sound_is_silence_while_a_window_holds_it(detector: Detec
 
 @pytest.mark.parametrize("gain", [math.nan, math.inf])
 def test_garbage_from_the_model_is_silence(tmp_path: Path, gain: float) -> None:
-    detector = open_detector(str(write_tiny_model(tmp_path / "bad.onnx", gain=gain)), sample_rate=48_000)
+    detector = open_window_detector(str(write_tiny_model(tmp_path / "bad.onnx", gain=gain)), sample_rate=48_000)
     predictions = predict(detector, tone(400))
     assert all(one.faulty and one.touch is Touch.NONE for one in predictions)
     assert detector.faults["model"] == len(predictions)
@@ -73,16 +73,16 @@ def test_a_window_is_judged_once_its_end_and_the_latency_have_passed(detector: D
 
 
 def test_one_channel_for_a_model_of_two_is_refused(tmp_path: Path) -> None:
-    detector = open_detector(str(write_tiny_model(tmp_path / "two.onnx", channels=2)), sample_rate=48_000)
+    detector = open_window_detector(str(write_tiny_model(tmp_path / "two.onnx", channels=2)), sample_rate=48_000)
     with pytest.raises(ModelError, match="wants 2"):
         predict(detector, tone(100))
 
 
 def test_a_kind_of_the_future_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="kind crystal-ball"):
-        open_detector(str(write_tiny_model(tmp_path / "new.onnx", kind="crystal-ball")), sample_rate=48_000)
+        open_window_detector(str(write_tiny_model(tmp_path / "new.onnx", kind="crystal-ball")), sample_rate=48_000)
 
 
 def test_a_model_that_is_not_there_lists_those_that_are() -> None:
     with pytest.raises(ModelError, match="no model papper"):
-        open_detector("papper", sample_rate=48_000)
+        open_window_detector("papper", sample_rate=48_000)

@@ -15,7 +15,7 @@ import numpy as np
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.link import Identity, Peers
-from tactophone.runtime import Birth, Operator, Robot
+from tactophone.runtime import Operator, ProcessInfo, Robot
 from tactophone.telemetry import Snapshot, Watcher
 from tactophone.types import AudioBlock
 
@@ -65,13 +65,13 @@ class Line:
     @contextmanager
     def robot(self) -> Iterator[Robot]:
         self.source.closed = False
-        robot = Robot(self.robot_settings, Birth(self.names[0]), open_source=lambda _: self.source)
+        robot = Robot(self.robot_settings, ProcessInfo(self.names[0]), open_source=lambda _: self.source)
         with robot, looked_after(robot):
             yield robot
 
     @contextmanager
     def operator(self, *, restarts: int = 0) -> Iterator[Operator]:
-        operator = Operator(self.operator_settings, Birth(self.names[1], restarts=restarts))
+        operator = Operator(self.operator_settings, ProcessInfo(self.names[1], restarts=restarts))
         with operator, looked_after(operator):
             yield operator
 

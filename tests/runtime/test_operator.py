@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.runtime import guard
+from tactophone.runtime import output_gate as guard
 from tactophone.telemetry import Watcher
 from tactophone.types import Touch
 

@@ -11,9 +11,9 @@ import pytest
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer, JackClient
-from tactophone.evaluation.latency import Graph, Sides, running_sides
-from tactophone.evaluation.silence import EndlessStroke, Listener, listening, outlive
-from tactophone.runtime.guard import RESTARTED
+from tactophone.measurement.failsafe_timing import EndlessStroke, Listener, listening, outlive
+from tactophone.measurement.latency import Graph, Sides, running_sides
+from tactophone.runtime.output_gate import RESTARTED
 from tactophone.telemetry import Watcher
 
 from .line import eventually

@@ -9,13 +9,13 @@ import pytest
 
 from tactophone.config import Settings
 from tactophone.errors import DeviceError, TactophoneError
-from tactophone.runtime.supervisor import Birth, Supervisor
+from tactophone.runtime.supervisor import ProcessInfo, Supervisor
 from tactophone.telemetry import State, Telemetry, Watcher
 
 pytestmark = pytest.mark.realtime
 
 
-def live(settings: Settings, birth: Birth, *, stall_after: int = 0) -> None:
+def live(settings: Settings, birth: ProcessInfo, *, stall_after: int = 0) -> None:
     """Be a side that vibrates; the first of its line stalls after so many periods."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
@@ -29,15 +29,15 @@ def live(settings: Settings, birth: Birth, *, stall_after: int = 0) -> None:
                 os.kill(os.getpid(), signal.SIGSTOP)
 
 
-def live_and_stall(settings: Settings, birth: Birth) -> None:
+def live_and_stall(settings: Settings, birth: ProcessInfo) -> None:
     live(settings, birth, stall_after=30)
 
 
-def fail_to_open(settings: Settings, birth: Birth) -> None:
+def fail_to_open(settings: Settings, birth: ProcessInfo) -> None:
     raise DeviceError("there is no such device: choose another")
 
 
-def end_at_once(settings: Settings, birth: Birth) -> None:
+def end_at_once(settings: Settings, birth: ProcessInfo) -> None:
     with Telemetry(birth.name) as telemetry:
         telemetry.update(State(), now=time.monotonic())
         time.sleep(0.2)

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tactophone.telemetry import MARKS, State, Telemetry, Watcher
-from tactophone.types import AudioBlock, HapticCommand, Tick
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 WRITER = """
 import sys, time
 import numpy as np
 from tactophone.telemetry import MARKS, State, Telemetry
-from tactophone.types import AudioBlock, HapticCommand, Tick
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 ends = time.monotonic() + float(sys.argv[2])
 with Telemetry(sys.argv[1]) as telemetry:
@@ -23,7 +23,7 @@ with Telemetry(sys.argv[1]) as telemetry:
     while time.monotonic() < ends:
         n += 1
         block = AudioBlock(np.full((32, 2), n % 65536, np.float32), sample_rate=32, start=32 * (n - 1))
-        telemetry.publish(Tick(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
+        telemetry.publish(PipelineStep(block, (), (HapticCommand(n % 65536, n % 65536, 0.0),)), now=time.monotonic())
         telemetry.update(State(source="x" * (n % 1000), sample_rate=n % 1000), now=time.monotonic())
 """
 
@@ -58,7 +58,8 @@ def test_since_gives_only_what_is_new(telemetry: Telemetry) -> None:
     first = watcher.snapshot()
     telemetry.feel(np.zeros(7, np.float32))
     telemetry.publish(
-        Tick(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), (HapticCommand(0, 60, 0),)), now=0.0
+        PipelineStep(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), (HapticCommand(0, 60, 0),)),
+        now=0.0,
     )
     second = watcher.snapshot(first)
     assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.ticks)) == (100, 7, 5, 1)

@@ -6,7 +6,7 @@ import pytest
 
 from tactophone.telemetry import COUNTERS, Fault, State, Telemetry, Watcher
 from tactophone.telemetry.memory import SOUND_CAPACITY
-from tactophone.types import AudioBlock, HapticCommand, Prediction, Tick, Touch
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 BELIEF = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)
 
@@ -17,9 +17,9 @@ def telemetry() -> Iterator[Telemetry]:
         yield telemetry
 
 
-def tick(size: int = 120, *, start: int = 0, judged: bool = True) -> Tick:
+def tick(size: int = 120, *, start: int = 0, judged: bool = True) -> PipelineStep:
     block = AudioBlock(np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start, sample_rate=48_000, start=start)
-    return Tick(block, (BELIEF,), (HapticCommand(0.5, 60.0, 0.0),)) if judged else Tick(block, (), ())
+    return PipelineStep(block, (BELIEF,), (HapticCommand(0.5, 60.0, 0.0),)) if judged else PipelineStep(block, (), ())
 
 
 def test_a_tick_carries_belief_and_command(telemetry: Telemetry) -> None:
@@ -43,7 +43,7 @@ def test_a_tick_without_a_new_window_keeps_the_last_belief(telemetry: Telemetry)
 
 def test_one_microphone_shows_on_both_rows(telemetry: Telemetry) -> None:
     block = AudioBlock(np.ones((10, 1), np.float32), sample_rate=48_000)
-    telemetry.publish(Tick(block, (), ()), now=0.0)
+    telemetry.publish(PipelineStep(block, (), ()), now=0.0)
     assert Watcher(telemetry.name).snapshot().sound.tolist() == [[1.0, 1.0]] * 10
 
 

@@ -7,7 +7,7 @@ import soundfile
 from tactophone import DatasetError
 from tactophone.dataset import Recording
 from tactophone.link import Codec
-from tactophone.perception.resample import Resampler
+from tactophone.perception.features.resample import Resampler
 from tactophone.training import sound
 from tactophone.training.sound import read_signals
 

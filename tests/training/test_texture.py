@@ -3,15 +3,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactophone.benchmark.recipe_methods import judge_by, recipe_method
 from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
-from tactophone.evaluation.judging import judge_of, scores_of
 from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.ways import judge_by, way_method
-from tactophone.perception import open_detector, read_model
-from tactophone.training.lesson import contact_threshold, prepare
-from tactophone.training.touches import Ear, listen
-from tactophone.training.ways import WAYS, train_way
+from tactophone.evaluation.predictions import predictor_for, scores_of
+from tactophone.perception import open_window_detector, read_model
+from tactophone.training.features.feature_tracks import FeatureSpec, listen
+from tactophone.training.features.training_set import contact_threshold, prepare
+from tactophone.training.recipes import RECIPES, train_way
 from tactophone.types import AudioBlock, Prediction, Touch
 from tests.sounds import UGLY_SIZES, blocks, tone
 from tests.surfaces import RATE, TOUCHED, scrape, surfaces
@@ -30,7 +30,7 @@ def model(dataset: Dataset) -> Path:
 
 
 def predict(model: Path, samples: np.ndarray, size: int = 480, *, sample_rate: int = RATE) -> list[Prediction]:
-    detector = open_detector(str(model), sample_rate=sample_rate)
+    detector = open_window_detector(str(model), sample_rate=sample_rate)
     told = [one for block in blocks(samples, size, sample_rate=sample_rate) for one in detector.push(block)]
     return told + detector.flush()
 
@@ -73,9 +73,9 @@ def test_it_abstains_on_sound_unlike_any_it_knows_and_that_is_felt_as_plain_cont
 
 
 def test_the_fast_judge_says_what_the_live_detector_says(dataset: Dataset, model: Path) -> None:
-    lesson = prepare(Ear(), dataset.recordings)
-    graph = WAYS["ours"].build(lesson)
-    fast, live = judge_by(graph.SerializeToString(), lesson), judge_of(read_model(model))
+    lesson = prepare(FeatureSpec(), dataset.recordings)
+    graph = RECIPES["ours"].build(lesson)
+    fast, live = judge_by(graph.SerializeToString(), lesson), predictor_for(read_model(model))
     for recording in dataset.recordings[:2]:
         one, other = fast(recording), live(recording)
         assert one.time == pytest.approx(other.time)
@@ -84,13 +84,13 @@ def test_the_fast_judge_says_what_the_live_detector_says(dataset: Dataset, model
 
 
 def test_a_method_is_fitted_and_scored(dataset: Dataset) -> None:
-    judge = way_method("ours", channels=1).fit(dataset.recordings)
+    judge = recipe_method("ours", channels=1).fit(dataset.recordings)
     scores = measure(scores_of(map(judge, dataset.recordings), "two-class"))
     assert scores["balanced_accuracy"] > 0.9
 
 
 def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -> None:
-    tracks = listen(dataset.recordings, Ear())
+    tracks = listen(dataset.recordings, FeatureSpec())
     threshold = contact_threshold(tracks)
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     loud = np.concatenate([track.level_dbfs[track.touching()] for track in tracks])
@@ -101,7 +101,7 @@ def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -
 def test_one_kind_of_surface_teaches_nothing(dataset: Dataset) -> None:
     smooth = [one for one in dataset.recordings if one.label is Touch.SMOOTH]
     with pytest.raises(DatasetError, match="smooth surfaces at most"):
-        prepare(Ear(), smooth)
+        prepare(FeatureSpec(), smooth)
 
 
 def test_garbage_is_a_fault_and_is_forgotten(model: Path) -> None:
@@ -115,5 +115,5 @@ def test_garbage_is_a_fault_and_is_forgotten(model: Path) -> None:
 
 
 def test_a_block_of_one_channel_is_a_block_like_any_other(model: Path) -> None:
-    detector = open_detector(str(model), sample_rate=RATE)
+    detector = open_window_detector(str(model), sample_rate=RATE)
     assert detector.push(AudioBlock(np.zeros((512, 1), np.float32), RATE))

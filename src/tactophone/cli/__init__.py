@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 
 import tactophone
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.errors import TactophoneError
 
 VERBS: dict[str, str] = {
@@ -33,8 +33,8 @@ VERBS: dict[str, str] = {
     "record": "record an object as the paper did: seven guided takes, judged at once, nothing ever lost",
     "simulate": "make sound with the simulated finger: the paper's data set, competition runs, the catalogue",
     "train": "train a detector on labelled recordings, as the paper or its authors did; goes on after a kill",
-    "adapt": "make a model better on new objects, recorded once, without losing elsewhere; measured before and after",
-    "tune": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model file",
+    "finetune": "make a model better on new objects, recorded once, without losing elsewhere; measured before and after",
+    "set-threshold": "choose thresholds and hysteresis for a rate of false bumps, and write them into the model file",
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
     "sweep": "cross-validate a recipe under every combination of settings, on cores or a Ray cluster",
     "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",

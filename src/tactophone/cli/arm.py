@@ -2,7 +2,7 @@
 
 import argparse
 
-from tactophone.cli.asking import add_arguments, ask
+from tactophone.cli._support.requests import add_arguments, ask
 
 __all__ = ["add_arguments", "run"]
 

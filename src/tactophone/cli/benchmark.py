@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING, Any
 from rich.box import SIMPLE
 from rich.table import Table
 
-from tactophone.cli import terminal
-from tactophone.cli.choosing import add_choice, choose
+from tactophone.benchmark.crossvalidation import Cache, default_cache
+from tactophone.cli._support import terminal
+from tactophone.cli._support.dataset_options import add_choice, choose
 from tactophone.cli.train import prepare_torch
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
-from tactophone.evaluation.crossvalidation import Cache, default_cache
 
 if TYPE_CHECKING:
-    from tactophone.evaluation.benchmark import Findings, Plan
-    from tactophone.evaluation.contenders import Cost
-    from tactophone.evaluation.result import Result
+    from tactophone.benchmark.entries import Cost
+    from tactophone.benchmark.plan import Findings, Plan
+    from tactophone.benchmark.result import Result
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Of the simulated takes that ``--fast`` makes where no data is given."""
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     cache = Cache(args.cache) if args.cache else default_cache()
     if args.table1 or args.table2 or args.table3:
         return _print_tables(args, cache)
-    from tactophone.evaluation.contenders import measure_costs
+    from tactophone.benchmark.entries import measure_costs
 
     findings: list[Findings] = []
     costs: dict[str, dict[str, Cost]] = {}
@@ -89,8 +89,9 @@ def _datasets(args: argparse.Namespace, cache: Cache) -> list[Dataset]:
 
 def _simulated(folder: Path, workers: int) -> Path:
     """Make a small simulated set, once."""
-    from tactophone.simulation import TAKES, catalogue
-    from tactophone.simulation.generate import Style, finish, make, plan
+    from tactophone.simulation import TAKES
+    from tactophone.simulation.content.catalogue import catalogue
+    from tactophone.simulation.content.generate import Style, finish, make, plan
 
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
     things = [thing for thing in catalogue() if thing.number >= 0]
@@ -103,15 +104,15 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 
 def _plan(dataset: Dataset, args: argparse.Namespace) -> "Plan":
-    from tactophone.evaluation.benchmark import splits_of
-    from tactophone.evaluation.contenders import plan_for
+    from tactophone.benchmark.entries import plan_for
+    from tactophone.benchmark.plan import splits_of
 
     splits = tuple(args.splits.split(",")) if args.splits else splits_of(dataset, fast=args.fast)
     return plan_for(dataset, args.methods.split(",") if args.methods else (), splits)
 
 
 def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":
-    from tactophone.evaluation.benchmark import run_plan
+    from tactophone.benchmark.plan import run_plan
 
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
     with terminal.progress(plan.dataset.name) as bar:
@@ -124,7 +125,7 @@ def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":
 
 
 def _told(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> dict[str, Any]:
-    from tactophone.evaluation.page import steps_by_profile
+    from tactophone.benchmark.page import steps_by_profile
 
     return {
         "datasets": [one.as_json() for one in findings],
@@ -136,7 +137,7 @@ def _told(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -
 def _write(
     folder: Path, told: dict[str, Any], findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]
 ) -> None:
-    from tactophone.evaluation.page import write_page
+    from tactophone.benchmark.page import write_page
 
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "results.json").write_text(json.dumps(terminal.finite(told), indent=1))
@@ -152,7 +153,7 @@ def _write(
 
 
 def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> None:
-    from tactophone.evaluation.page import steps_by_profile, told_dealt, told_heights
+    from tactophone.benchmark.page import steps_by_profile, told_dealt, told_heights
 
     for one in findings:
         for split in dict.fromkeys(result.split for result in one.results):
@@ -168,7 +169,7 @@ def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -
 
 
 def _show_goals(results: Sequence["Result"], costs: dict[str, "Cost"]) -> None:
-    from tactophone.evaluation.goals import goals_of, tell
+    from tactophone.benchmark.goals import goals_of, tell
 
     if not (goals := goals_of(results, costs)):
         return
@@ -197,6 +198,6 @@ def _table_of(found: "Findings", split: str, costs: dict[str, dict[str, "Cost"]]
 
 
 def _print_tables(args: argparse.Namespace, cache: Cache) -> int:
-    from tactophone.cli.paper_tables import print_tables
+    from tactophone.cli._support.paper_tables import print_tables
 
     return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)

@@ -14,18 +14,20 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tactophone.cli import hearing, keys, terminal
-from tactophone.cli.hearing import SETTLING, Act, Hearing
-from tactophone.cli.meters import Meters
-from tactophone.dataset.calibration import Diagnosis, Sounds, diagnose
+from tactophone.cli._support import audio_input as hearing
+from tactophone.cli._support import keyboard as keys
+from tactophone.cli._support import terminal
+from tactophone.cli._support.audio_input import SETTLING, AudioInput, SimulatedAct
+from tactophone.cli._support.meters import Meters
 from tactophone.errors import DatasetError
-from tactophone.perception.faults import CHANNELS
+from tactophone.perception.sensor_health.calibration import Diagnosis, Sounds, diagnose
+from tactophone.perception.sensor_health.faults import CHANNELS
 from tactophone.types import AudioBlock, FloatArray
 
 STEPS = (
-    (Act("rest", 5.0), "Silence: touch nothing and keep still"),
-    (Act("stroke", 5.0), "A stroke: slide to and fro over something that you will use, at medium pressure"),
-    (Act("tap", 3.0), "Taps: tap on it, about twice a second"),
+    (SimulatedAct("rest", 5.0), "Silence: touch nothing and keep still"),
+    (SimulatedAct("stroke", 5.0), "A stroke: slide to and fro over something that you will use, at medium pressure"),
+    (SimulatedAct("tap", 3.0), "Taps: tap on it, about twice a second"),
 )
 
 
@@ -49,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Listen, judge, and write the file if the set-up is good."""
     allowed = per_minute(args.false_alarms)
-    with Hearing(args, args.thing) as heard, keys.listening() as keyboard:
+    with AudioInput(args, args.thing) as heard, keys.listening() as keyboard:
         sounds = _listen(heard, wait=keyboard and not (args.yes or heard.simulated))
         made = datetime.datetime.now().isoformat(timespec="seconds")
         diagnosis = diagnose(sounds, made=made, source=heard.name, false_alarms_per_minute=allowed)
@@ -82,7 +84,7 @@ def per_minute(text: str) -> float:
     return rate
 
 
-def _listen(heard: Hearing, *, wait: bool) -> Sounds:
+def _listen(heard: AudioInput, *, wait: bool) -> Sounds:
     blocks = iter(heard)
     meters = Meters(heard.source.channels, math.nan)
     parts = []
@@ -90,7 +92,7 @@ def _listen(heard: Hearing, *, wait: bool) -> Sounds:
         for act, words in STEPS:
             if wait:
                 _await_key(blocks, meters, live, words)
-            heard.ask(Act(act.verb, act.duration + SETTLING))
+            heard.ask(SimulatedAct(act.verb, act.duration + SETTLING))
             _collect(blocks, SETTLING, heard.source.sample_rate, meters, live, words)
             parts.append(_collect(blocks, act.duration, heard.source.sample_rate, meters, live, words))
     return Sounds(heard.source.sample_rate, *parts)

@@ -8,13 +8,13 @@ from typing import Any
 
 from rich.table import Table
 
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.dataset import Dataset, Problem, check, open_dataset, split
 from tactophone.dataset.consistency import FAINT_DBFS, check_together
-from tactophone.dataset.converting import convert, set_split, write_card
+from tactophone.dataset.converters import convert, set_split, write_card
 from tactophone.dataset.splits import NAMES
 from tactophone.errors import ConfigError
-from tactophone.perception.calibration import Calibration
+from tactophone.perception.sensor_health.calibration_file import Calibration
 
 ACTIONS = {
     "check": "read every file through and name what is wrong, with each and between them; exit 1 if one cannot be used",
@@ -75,7 +75,7 @@ def _check(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     if args.plot:
-        from tactophone.evaluation.dataset_figures import draw_dataset
+        from tactophone.dataset.plots import draw_dataset
 
         draw_dataset(args.plot, dataset)
     if args.json:

@@ -14,16 +14,19 @@ import soundfile
 
 from tactophone import config
 from tactophone.capture import FileSource
-from tactophone.cli import face, flags, outcome, page, terminal
+from tactophone.cli._support import console as face
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import flags, terminal
+from tactophone.cli._support import run_summary as outcome
 from tactophone.cli.loopback import both_sides
 from tactophone.config import Settings
 from tactophone.dataset import Recording, Segment, truth_of, write_metadata
-from tactophone.evaluation.answers import Numbers, measure
-from tactophone.evaluation.envelope import Envelope
-from tactophone.evaluation.figures import draw_feeling
-from tactophone.evaluation.timeline import read_timeline
-from tactophone.evaluation.witness import Witness
+from tactophone.offline.peaks import PeakEnvelope
+from tactophone.offline.plots import draw_recording
+from tactophone.offline.run_recorder import RunRecorder
+from tactophone.offline.run_summary import Numbers, measure
 from tactophone.runtime.wiring import SAMPLE_RATE
+from tactophone.telemetry.prediction_log import read_timeline
 
 PATIENCE = 20.0
 """Seconds beyond the sound's length after which a demonstration that hangs is over."""
@@ -66,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     with (
         both_sides(settings, args.network, name=settings.process.name, seed=args.seed) as sides,
         page.shown(args, settings.process.name),
-        Witness(settings.process.name) as witness,
+        RunRecorder(settings.process.name) as witness,
     ):
         ended = face.follow(sides, settings.process.name, duration=heard.duration + PATIENCE)
     truth = truth_of(heard.path, duration=heard.duration)
@@ -78,8 +81,8 @@ def run(args: argparse.Namespace) -> int:
 
 def simulate(folder: Path, *, seed: int) -> Path:
     """Write what the simulated finger's microphones hear, with the truth beside it, as a data set of one recording."""
-    from tactophone.simulation.demonstration import demonstration
-    from tactophone.simulation.storing import tell
+    from tactophone.simulation.content.demonstration import demonstration
+    from tactophone.simulation.content.render_store import tell
 
     path, finger = folder / "microphones.wav", demonstration(seed)
     things = []
@@ -107,7 +110,7 @@ def _settings(args: argparse.Namespace, sound: Path) -> Settings:
 
 
 def _write(
-    args: argparse.Namespace, heard: FileSource, witness: Witness, truth: tuple[Segment, ...]
+    args: argparse.Namespace, heard: FileSource, witness: RunRecorder, truth: tuple[Segment, ...]
 ) -> dict[str, Path]:
     files = {
         "picture": args.out / "demo.png",
@@ -119,7 +122,7 @@ def _write(
     soundfile.write(files["vibration"], vibration, SAMPLE_RATE, subtype="PCM_24")
     witness.write_timeline(files["timeline"])
     what = heard.path.name if args.recording else "a simulated finger on a smooth stone, then a rough one"
-    draw_feeling(
+    draw_recording(
         files["picture"],
         timeline=files["timeline"],
         microphones=_envelope(heard),
@@ -130,16 +133,16 @@ def _write(
     return files
 
 
-def _envelope(heard: FileSource) -> Envelope:
-    envelope = Envelope(heard.channels, sample_rate=heard.sample_rate)
+def _envelope(heard: FileSource) -> PeakEnvelope:
+    envelope = PeakEnvelope(heard.channels, sample_rate=heard.sample_rate)
     with heard:
         for block in heard:
             envelope.push(block.samples)
     return envelope
 
 
-def _gathered(samples: np.ndarray) -> Envelope:
-    envelope = Envelope(samples.shape[1], sample_rate=SAMPLE_RATE)
+def _gathered(samples: np.ndarray) -> PeakEnvelope:
+    envelope = PeakEnvelope(samples.shape[1], sample_rate=SAMPLE_RATE)
     envelope.push(samples)
     return envelope
 

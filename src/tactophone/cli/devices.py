@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 from rich.table import Table
 
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.devices import Found, survey
 
 

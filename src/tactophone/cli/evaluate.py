@@ -8,15 +8,15 @@ from typing import Any
 
 from rich.table import Table
 
-from tactophone.cli import terminal
-from tactophone.cli.choosing import add_choice, choose
+from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, default_cache, shuffle_labels
+from tactophone.cli._support import terminal
+from tactophone.cli._support.dataset_options import add_choice, choose
 from tactophone.cli.train import add_recipe, method_of
 from tactophone.dataset import Dataset, Fold, split
 from tactophone.dataset.splits import NAMES
 from tactophone.errors import ConfigError
-from tactophone.evaluation.crossvalidation import Cache, Method, cross_validate, default_cache, shuffle_labels
-from tactophone.evaluation.judging import Judgement, judge_of
 from tactophone.evaluation.metrics import RULES, Rule
+from tactophone.evaluation.predictions import TakePredictions, predictor_for
 from tactophone.evaluation.report import Report, make_report
 from tactophone.perception import model_path, read_model
 
@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
     model = read_model(model_path(args.model))
-    judge = judge_of(model)
-    judged: list[Judgement] = []
+    judge = predictor_for(model)
+    judged: list[TakePredictions] = []
     if model.card.training.get("sha256") == dataset.fingerprint:
         terminal.log().print("beware: the model was trained on these very recordings")
     with terminal.progress("judging") as bar:
@@ -90,7 +90,7 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
     method = method_of(args)
     channels = args.channels if args.recipe != "paper" else 1 if args.variant == "one-channel" else 2
-    from tactophone.evaluation.methods import LevelMethod
+    from tactophone.benchmark.paper_methods import LevelMethod
 
     cache = None if args.no_cache else default_cache()
     reports = {method.name: make_report(_judge_folds(method, split(dataset, args.split), cache))}
@@ -104,7 +104,7 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Rep
     return reports
 
 
-def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[Judgement]:
+def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[TakePredictions]:
     with terminal.progress(method.name) as bar:
         task = bar.add_task("", total=len(folds), note="")
         return cross_validate(
@@ -113,7 +113,7 @@ def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> 
 
 
 def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
-    from tactophone.training.export import add_scores
+    from tactophone.training.model_export import add_scores
 
     told: dict[str, Any] = {
         "dataset": dataset.name,

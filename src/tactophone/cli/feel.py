@@ -10,14 +10,15 @@ from typing import Any
 from rich.markup import escape
 
 from tactophone.capture import FileSource
-from tactophone.cli import page, terminal
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import terminal
 from tactophone.dataset import Segment, truth_of
 from tactophone.errors import ConfigError, TactophoneError
-from tactophone.evaluation.feeling import Feeling, Outputs, Summary, feel
-from tactophone.evaluation.figures import draw_feeling
-from tactophone.haptics import PROFILES, SOUNDING, Limits
+from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
+from tactophone.offline.plots import draw_recording
+from tactophone.offline.process_recording import OfflineRenderer, Outputs, Summary, feel
 from tactophone.perception import shipped_models
-from tactophone.walk import Walk, open_walk
+from tactophone.pipeline import Pipeline, open_pipeline
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--profile",
         default="paper",
         metavar="NAME",
-        help=f"how belief becomes vibration: {', '.join(PROFILES)}; or the sound itself: {', '.join(SOUNDING)}",
+        help=f"how belief becomes vibration: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
     )
     add(
         "--contact", choices=("fast", "window"), default="fast",
@@ -122,7 +123,7 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     outputs = Outputs.beside(args.out, stem, json=args.json)
     with terminal.progress("feeling") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
-        sounding = SOUNDING[args.profile](walk.limits) if args.profile in SOUNDING else None
+        sounding = PASSTHROUGH[args.profile](walk.limits) if args.profile in PASSTHROUGH else None
         summary, feeling = feel(
             source, walk, outputs, sounding=sounding, watch=lambda tick: bar.update(task, completed=tick.block.end)
         )
@@ -140,18 +141,18 @@ def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
 
 
 def _replay(sources: list[FileSource], args: argparse.Namespace) -> None:
-    from tactophone.cli import replay
+    from tactophone.cli._support import recording_playback as replay
 
     takes = [replay.Take(one, _open_walk(one, args), truth_of(one.path, duration=one.duration)) for one in sources]
     replay.on_page(args, takes, name="feel")
 
 
-def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
-    walk = open_walk(
+def _open_walk(source: FileSource, args: argparse.Namespace) -> Pipeline:
+    walk = open_pipeline(
         args.model or "",
         sample_rate=source.sample_rate,
         channels=source.channels,
-        profile="paper" if args.profile in SOUNDING else args.profile,
+        profile="paper" if args.profile in PASSTHROUGH else args.profile,
         limits=Limits(ceiling=args.ceiling),
         fast_contact=args.contact == "fast",
     )
@@ -160,13 +161,13 @@ def _open_walk(source: FileSource, args: argparse.Namespace) -> Walk:
     return walk
 
 
-def _title(path: Path, walk: Walk, label: str) -> str:
+def _title(path: Path, walk: Pipeline, label: str) -> str:
     known = f", labelled {label}" if label else ""
     return f"{path.name}{known}: judged by {walk.judge.detector.name}, felt as {walk.profile.name}"
 
 
-def _draw(path: Path, feeling: Feeling, outputs: Outputs, *, title: str, truth: tuple[Segment, ...]) -> None:
-    draw_feeling(
+def _draw(path: Path, feeling: OfflineRenderer, outputs: Outputs, *, title: str, truth: tuple[Segment, ...]) -> None:
+    draw_recording(
         path,
         timeline=outputs.timeline,
         microphones=feeling.microphones,

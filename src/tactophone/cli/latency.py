@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from tactophone.cli import flags, terminal
+from tactophone.cli._support import flags, terminal
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
-from tactophone.evaluation.clicks import Measured
-from tactophone.evaluation.decisions import LONGEST, Delays, measure_decisions
-from tactophone.evaluation.latency import Graph, measure
-from tactophone.runtime.wiring import SAMPLE_RATE, open_walk_for
+from tactophone.measurement.decision_delay import LONGEST, Delays, measure_decisions
+from tactophone.measurement.impulse_latency import Measured
+from tactophone.measurement.latency import Graph, measure
+from tactophone.runtime.wiring import SAMPLE_RATE, open_pipeline_for
 from tactophone.telemetry import STAGES
 
 FLAGS = {
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         measured = measure(
             settings, graph, clicks=args.clicks, progress=lambda share: bar.update(task, completed=share)
         )
-        delays = None if args.clicks_only else measure_decisions(open_walk_for(settings, channels=2))
+        delays = None if args.clicks_only else measure_decisions(open_pipeline_for(settings, channels=2))
     if args.json:
         terminal.print_json(as_figures(measured, delays))
         return 0

@@ -8,12 +8,15 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tactophone.cli import face, flags, outcome, page, sources
+from tactophone.cli._support import console as face
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import flags, sources
+from tactophone.cli._support import run_summary as outcome
 from tactophone.config import Settings
 from tactophone.runtime import Supervisor, run_operator, run_robot
 from tactophone.runtime.pairing import on_one_machine
-from tactophone.simulation.network import network
-from tactophone.simulation.proxy import ImpairmentProxy
+from tactophone.simulation.network.impairments import network
+from tactophone.simulation.network.proxy import ImpairmentProxy
 
 FLAGS = {
     "--source": "capture.source",

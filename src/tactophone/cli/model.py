@@ -9,7 +9,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.cli.train import prepare_torch
 from tactophone.perception import ModelCard, model_path, read_model, shipped_models
 
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _import(args: argparse.Namespace) -> int:
     prepare_torch()
-    from tactophone.training.importing import import_published
+    from tactophone.training.network.importing import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
     import_published(args.source, out)

@@ -4,7 +4,7 @@ import argparse
 import socket
 from pathlib import Path
 
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.link import Identity, Peers
 from tactophone.link.identity import DEFAULT_FOLDER
 

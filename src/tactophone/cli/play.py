@@ -9,13 +9,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tactophone import config
-from tactophone.cli import face, flags, page
+from tactophone.cli._support import console as face
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import flags
 from tactophone.config import Settings
 from tactophone.dashboard import Box, play
+from tactophone.game.finger import StoneBox
 from tactophone.runtime import Supervisor, run_operator, run_robot
 from tactophone.runtime.pairing import on_one_machine
 from tactophone.simulation import shuffled
-from tactophone.simulation.box import StoneBox
 from tactophone.types import Source
 
 ROUNDS = 1000

@@ -2,7 +2,10 @@
 
 import argparse
 
-from tactophone.cli import face, flags, outcome, page
+from tactophone.cli._support import console as face
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import flags
+from tactophone.cli._support import run_summary as outcome
 from tactophone.runtime import Supervisor, run_operator
 
 FLAGS = {

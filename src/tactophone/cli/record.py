@@ -11,17 +11,19 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tactophone.cli import hearing, keys, terminal
-from tactophone.cli.hearing import Act, Hearing
-from tactophone.cli.meters import Meters
+from tactophone.cli._support import audio_input as hearing
+from tactophone.cli._support import keyboard as keys
+from tactophone.cli._support import terminal
+from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
+from tactophone.cli._support.meters import Meters
 from tactophone.dataset import Recording, open_dataset
 from tactophone.dataset.metadata import holds_metadata
-from tactophone.dataset.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Stage
-from tactophone.dataset.recorder import Plan, Recorder, Subject
-from tactophone.dataset.takefile import recover
 from tactophone.errors import ConfigError
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.faults import Reference
+from tactophone.perception.sensor_health.calibration_file import Calibration
+from tactophone.perception.sensor_health.faults import Reference
+from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Stage
+from tactophone.recording.recorder import Plan, Recorder, Subject
+from tactophone.recording.safe_writer import recover
 from tactophone.types import Touch
 
 SCENARIOS = ("held", "table", "box")
@@ -57,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     for recovered in recover(plan.root) if plan.root.is_dir() else ():
         terminal.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('verdict')}")
     known = open_dataset(plan.root) if plan.root.is_dir() and holds_metadata(plan.root) else None
-    with Hearing(args, args.object) as heard, keys.listening() as keyboard:
+    with AudioInput(args, args.object) as heard, keys.listening() as keyboard:
         rate, channels = heard.source.sample_rate, heard.source.channels
         recorder = Recorder(subject, plan, known, sample_rate=rate, channels=channels)
         _follow(recorder, heard, plan, alone=args.yes or heard.simulated or not keyboard)
@@ -88,7 +90,7 @@ def _subject(args: argparse.Namespace) -> Subject:
     )
 
 
-def _follow(recorder: Recorder, heard: Hearing, plan: Plan, *, alone: bool) -> None:
+def _follow(recorder: Recorder, heard: AudioInput, plan: Plan, *, alone: bool) -> None:
     """Pass sound and keys to the recorder, and show how it stands, until it is done."""
     meters = Meters(heard.source.channels, plan.reference.threshold_dbfs)
     title = f"{len(recorder.protocol.takes)} takes to make" if recorder.protocol.takes else "all takes are made"
@@ -113,14 +115,14 @@ def _follow(recorder: Recorder, heard: Hearing, plan: Plan, *, alone: bool) -> N
         recorder.close()
 
 
-def _go_on(recorder: Recorder, heard: Hearing, plan: Plan) -> None:
+def _go_on(recorder: Recorder, heard: AudioInput, plan: Plan) -> None:
     """Press the key that a person would, who keeps every take."""
     if recorder.protocol.stage is Stage.JUDGED:
         recorder.press(Key.GO)
     if recorder.protocol.stage is Stage.READY:
         recorder.press(Key.GO)
         # The hand is where it should be when the countdown ends.
-        heard.ask(Act("take", plan.duration + COUNTDOWN, take=recorder.protocol.take.name))
+        heard.ask(SimulatedAct("take", plan.duration + COUNTDOWN, take=recorder.protocol.take.name))
 
 
 def _live() -> AbstractContextManager[Live | None]:

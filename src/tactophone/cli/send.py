@@ -3,7 +3,10 @@
 import argparse
 from functools import partial
 
-from tactophone.cli import face, flags, outcome, page, sources
+from tactophone.cli._support import console as face
+from tactophone.cli._support import dashboard_options as page
+from tactophone.cli._support import flags, sources
+from tactophone.cli._support import run_summary as outcome
 from tactophone.runtime import Supervisor, run_robot
 
 FLAGS = {

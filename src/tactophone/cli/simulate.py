@@ -8,18 +8,18 @@ from pathlib import Path
 
 from rich.table import Table
 
-from tactophone.cli import terminal
+from tactophone.cli._support import terminal
 from tactophone.dataset import write_metadata
 from tactophone.errors import ConfigError
 from tactophone.haptics import PROFILES
-from tactophone.simulation.catalogue import PAPER, Thing, catalogue, find
-from tactophone.simulation.competition import DAYS, Run, make_finals, make_run, run_recording
-from tactophone.simulation.feeling import Telephone
-from tactophone.simulation.generate import DURATION, Style, finish, make, plan
-from tactophone.simulation.movement import TAKES, Take
-from tactophone.simulation.operator import make_bank, play, render_visits, tally
-from tactophone.simulation.source import RATE
-from tactophone.walk import open_walk
+from tactophone.pipeline import open_pipeline
+from tactophone.simulation.content.catalogue import PAPER, TestObject, catalogue, find
+from tactophone.simulation.content.competition import DAYS, Run, make_finals, make_run, run_recording
+from tactophone.simulation.content.generate import DURATION, Style, finish, make, plan
+from tactophone.simulation.content.movement import TAKES, Take
+from tactophone.simulation.participants.offline_pipeline import OfflinePipeline
+from tactophone.simulation.participants.operator import make_bank, play, render_visits, tally
+from tactophone.simulation.physics.source import RATE
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +113,7 @@ def _objects(args: argparse.Namespace) -> int:
     return 0
 
 
-def _row(thing: Thing) -> dict[str, object]:
+def _row(thing: TestObject) -> dict[str, object]:
     return {
         "number": thing.number,
         "object": thing.name,
@@ -166,9 +166,9 @@ def _competition(args: argparse.Namespace) -> int:
 def _operator(args: argparse.Namespace) -> int:
     if args.rounds < 1 or args.visits < 1:
         raise ConfigError(f"--rounds {args.rounds} --visits {args.visits}, but both must be 1 or more")
-    walk = open_walk(args.model, sample_rate=RATE, channels=2, profile=args.profile)
+    walk = open_pipeline(args.model, sample_rate=RATE, channels=2, profile=args.profile)
     visits = render_visits(visits=args.visits, seed=args.seed)
-    rounds = play(make_bank(visits, Telephone(walk)), rounds=args.rounds, seed=args.seed)
+    rounds = play(make_bank(visits, OfflinePipeline(walk)), rounds=args.rounds, seed=args.seed)
     found = tally(rounds)
     if args.json:
         terminal.print_json(asdict(found))
@@ -181,7 +181,7 @@ def _operator(args: argparse.Namespace) -> int:
     return 0
 
 
-def _things(names: str) -> list[Thing]:
+def _things(names: str) -> list[TestObject]:
     if names == "all":
         return list(catalogue())
     if names == "paper":

@@ -8,12 +8,12 @@ from typing import Any
 
 from rich.table import Table
 
-from tactophone.cli import terminal
-from tactophone.cli.choosing import add_choice, choose
+from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, default_cache
+from tactophone.cli._support import terminal
+from tactophone.cli._support.dataset_options import add_choice, choose
 from tactophone.cli.train import add_recipe, method_of
 from tactophone.dataset import split
 from tactophone.errors import ConfigError
-from tactophone.evaluation.crossvalidation import Cache, Method, cross_validate, default_cache
 
 _NUMBERS = {
     "epochs": int, "least_steps": int, "batch_size": int, "hop": int, "learning_rate": float, "noise": float,
@@ -79,7 +79,7 @@ def _values(wish: str) -> tuple[str, list[Any]]:
 
 
 def _run(trials: list[tuple[str, Method]], folds: Any, cache: Cache, args: argparse.Namespace) -> None:
-    from tactophone.evaluation.farm import Job, run_jobs
+    from tactophone.benchmark.job_runner import Job, run_jobs
 
     jobs = [Job(method, fold) for _, method in trials for fold in folds]
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
@@ -93,7 +93,7 @@ def _run(trials: list[tuple[str, Method]], folds: Any, cache: Cache, args: argpa
 
 def _row(name: str, method: Method, folds: Any, cache: Cache) -> dict[str, Any]:
     from tactophone.evaluation.bootstrap import estimate
-    from tactophone.evaluation.judging import scores_of
+    from tactophone.evaluation.predictions import scores_of
 
     found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
     measures = ("balanced_accuracy", "auc", "recall_at_1")

@@ -7,25 +7,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactophone.cli import terminal
-from tactophone.cli.choosing import add_choice, choose
+from tactophone.cli._support import terminal
+from tactophone.cli._support.dataset_options import add_choice, choose
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception.calibration import Calibration
-from tactophone.training.recipes import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
+from tactophone.perception.sensor_health.calibration_file import Calibration
+from tactophone.training.network.recipe import FOLLOWING, PRECISIONS, VARIANTS, Recipe, paper
 
 if TYPE_CHECKING:
-    from tactophone.evaluation.crossvalidation import Method
+    from tactophone.benchmark.crossvalidation import Method
     from tactophone.link import Codec
     from tactophone.perception import Gate
-    from tactophone.training.making import Course
-    from tactophone.training.touches import Ear
+    from tactophone.training.features.feature_tracks import FeatureSpec
+    from tactophone.training.network.training_job import TrainingJob
 
-RECIPES = (
+RECIPE_NAMES = (
     "paper", "ours", "level", "rules", "median-frequency", "scalogram-cnn", "surface", "impulses", "logistic",
     "boosting",
 )  # fmt: skip
-"""The paper's, and every name of `training.ways.WAYS`, which is not imported for a list of words."""
+"""The paper's, and every name of `training.ways.RECIPES`, which is not imported for a list of words."""
 
 _OVERRIDES = {
     "epochs": (int, "passes over the windows, 1 or more"),
@@ -61,7 +61,7 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
     """Add the options that make a recipe."""
     standard = paper("general")
     parser.add_argument(
-        "--recipe", choices=RECIPES, default="paper",
+        "--recipe", choices=RECIPE_NAMES, default="paper",
         help="what to train; the options that follow are of the paper's, but for --opus and --channels",
     )  # fmt: skip
     parser.add_argument(
@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
     if args.recipe != "paper":
         return _train_way(args)
-    course = course_of(args)
+    course = training_job_of(args)
     dataset = choose(args.data, args.where)
     saved = args.out.with_name(args.out.name + ".unfinished.npz")
     if args.restart:
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def course_of(args: argparse.Namespace) -> "Course":
+def training_job_of(args: argparse.Namespace) -> "TrainingJob":
     """Turn the options into a training run.
 
     Raises
@@ -119,13 +119,13 @@ def course_of(args: argparse.Namespace) -> "Course":
         If an option is out of range, or torch is not installed.
     """
     prepare_torch()
-    from tactophone.training.making import Course
+    from tactophone.training.network.training_job import TrainingJob
 
     recipe, gate = _recipe(args), _gate(args.gate)
     if calibrated := getattr(args, "calibration", None):
         recipe, gate = _calibrated(recipe, Calibration.read(calibrated))
     codec = _codec(args.opus, recipe.channels)
-    return Course(recipe, args.seed, codec, getattr(args, "start", None), gate)
+    return TrainingJob(recipe, args.seed, codec, getattr(args, "start", None), gate)
 
 
 def _calibrated(recipe: Recipe, calibration: Calibration) -> "tuple[Recipe, Gate]":
@@ -139,13 +139,13 @@ def _calibrated(recipe: Recipe, calibration: Calibration) -> "tuple[Recipe, Gate
     return replace(recipe, labelling=labelling), gate
 
 
-def ear_of(args: argparse.Namespace) -> "Ear":
+def feature_spec_of(args: argparse.Namespace) -> "FeatureSpec":
     """Turn the options into how a recipe other than the paper's hears; its kind is the recipe's own."""
     prepare_torch()
-    from tactophone.training.touches import RATE
-    from tactophone.training.ways import WAYS
+    from tactophone.training.features.feature_tracks import RATE
+    from tactophone.training.recipes import RECIPES
 
-    return WAYS[args.recipe].ear(args.channels, _codec(args.opus, args.channels, bandwidth=RATE / 2))
+    return RECIPES[args.recipe].ear(args.channels, _codec(args.opus, args.channels, bandwidth=RATE / 2))
 
 
 def method_of(args: argparse.Namespace) -> "Method":
@@ -156,16 +156,16 @@ def method_of(args: argparse.Namespace) -> "Method":
     ConfigError
         If an option is out of range, or torch is not installed.
     """
-    if args.recipe not in RECIPES:
-        raise ConfigError(f"--recipe {args.recipe}: one of {', '.join(RECIPES)}")
+    if args.recipe not in RECIPE_NAMES:
+        raise ConfigError(f"--recipe {args.recipe}: one of {', '.join(RECIPE_NAMES)}")
     if args.recipe != "paper":
-        ear = ear_of(args)
-        from tactophone.evaluation.ways import WayMethod
+        ear = feature_spec_of(args)
+        from tactophone.benchmark.recipe_methods import RecipeMethod
 
-        return WayMethod(args.recipe, ear)
-    course = course_of(args)
+        return RecipeMethod(args.recipe, ear)
+    course = training_job_of(args)
     # torch has been prepared: the methods may now import it.
-    from tactophone.evaluation.methods import PaperMethod
+    from tactophone.benchmark.paper_methods import PaperMethod
 
     return PaperMethod(course)
 
@@ -183,11 +183,11 @@ def _codec(bitrate_kbps: int | None, channels: int, *, bandwidth: float = 0) -> 
 
 def _train_way(args: argparse.Namespace) -> int:
     prepare_torch()
-    from tactophone.training.touches import RATE
-    from tactophone.training.ways import WAYS, train_way
+    from tactophone.training.features.feature_tracks import RATE
+    from tactophone.training.recipes import RECIPES, train_way
 
     dataset = choose(args.data, args.where)
-    channels = WAYS[args.recipe].ear(args.channels).channels
+    channels = RECIPES[args.recipe].ear(args.channels).channels
     codecs = [_codec(args.opus, channels, bandwidth=band) for band in (0.0, RATE / 2)]
     with terminal.progress("learning") as bar:
         bar.add_task("", total=None, note=args.recipe)
@@ -235,10 +235,10 @@ def _gate(text: str | None) -> "Gate | None":
         raise ConfigError(f"--gate {text}: wanted a level of -200 to 0 dBFS, or 'off'") from None
 
 
-def _train(out: Path, course: "Course", dataset: Dataset, *, saved: Path) -> None:
-    from tactophone.training.crew import join_crew
-    from tactophone.training.making import find_windows, learn, write_trained
-    from tactophone.training.trainer import Progress
+def _train(out: Path, course: "TrainingJob", dataset: Dataset, *, saved: Path) -> None:
+    from tactophone.training.network.trainer import Progress
+    from tactophone.training.network.training_job import find_windows, learn, write_trained
+    from tactophone.training.network.worker_group import init_distributed
 
     with terminal.progress("reading") as bar:
         task = bar.add_task("", total=len(dataset.recordings), note="")
@@ -252,6 +252,6 @@ def _train(out: Path, course: "Course", dataset: Dataset, *, saved: Path) -> Non
 
         weights = learn(course, windows, saved=saved, report=show)
     # Under torchrun all processes end with the same weights; one of them writes.
-    if join_crew().leads:
+    if init_distributed().leads:
         write_trained(out, course, weights, dataset=dataset)
         print(out)

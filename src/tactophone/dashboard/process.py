@@ -11,9 +11,9 @@ from functools import partial
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from tactophone.dashboard.security import Guard
-from tactophone.dashboard.stones import Box
+from tactophone.dashboard.security import AccessControl
 from tactophone.errors import TactophoneError
+from tactophone.game.rounds import Box
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -45,7 +45,7 @@ class Page:
         if importlib.util.find_spec("aiohttp") is None:
             raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
         listening = _listen(address)
-        self._guard = Guard(*listening.getsockname()[:2])
+        self._guard = AccessControl(*listening.getsockname()[:2])
         # Spawned, not forked: a fork would carry audio threads' locks and files along.
         self._process = multiprocessing.get_context("spawn").Process(
             target=_serve, args=(build, self._guard, listening), name="tactophone-page", daemon=True
@@ -90,7 +90,7 @@ def play(box: Box, address: str = ADDRESS) -> Page:
 
 
 def _stone_box(box: Box) -> "web.Application":
-    from tactophone.dashboard.box import stone_box
+    from tactophone.game.server import stone_box
 
     return stone_box(box)
 
@@ -107,13 +107,13 @@ def _listen(address: str) -> socket.socket:
         raise TactophoneError(f"the page cannot listen at {address} ({error}): choose another address") from None
 
 
-def _serve(build: "Callable[[], web.Application]", guard: Guard, listening: socket.socket) -> None:
+def _serve(build: "Callable[[], web.Application]", guard: AccessControl, listening: socket.socket) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run ends this process when it ends itself
     os.nice(NICENESS)
     asyncio.run(_run(build, guard, listening))
 
 
-async def _run(build: "Callable[[], web.Application]", guard: Guard, listening: socket.socket) -> None:
+async def _run(build: "Callable[[], web.Application]", guard: AccessControl, listening: socket.socket) -> None:
     from aiohttp import web
 
     from tactophone.dashboard.server import guarded

@@ -28,7 +28,7 @@ HEADERS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Guard:
+class AccessControl:
     """Decides for each request whether it may pass.
 
     Parameters
@@ -40,7 +40,7 @@ class Guard:
 
     Examples
     --------
-    >>> guard = Guard("127.0.0.1", 8470, token="secret")
+    >>> guard = AccessControl("127.0.0.1", 8470, token="secret")
     >>> guard.url
     'http://127.0.0.1:8470/secret/'
     >>> guard.refusal(token="secret", host="127.0.0.1:8470", origin=None)

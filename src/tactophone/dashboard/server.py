@@ -14,8 +14,8 @@ from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Middleware
 
 from tactophone.dashboard.feed import Feed, Run
-from tactophone.dashboard.security import HEADERS, Guard
-from tactophone.dashboard.wishes import wish
+from tactophone.dashboard.requests import wish
+from tactophone.dashboard.security import HEADERS, AccessControl
 from tactophone.telemetry import State
 
 PERIOD = 1 / 60
@@ -46,7 +46,7 @@ def dashboard(name: str) -> web.Application:
     return app
 
 
-def guarded(inner: web.Application, guard: Guard) -> web.Application:
+def guarded(inner: web.Application, guard: AccessControl) -> web.Application:
     """Put a page, and the files that all pages load, under the token and behind the guard."""
     inner.router.add_static("/static", str(STATIC))
     outer = web.Application(middlewares=[_keep_out(guard)], client_max_size=LARGEST_WISH)
@@ -64,7 +64,7 @@ def page(name: str) -> Handler:
     return handler
 
 
-def _keep_out(guard: Guard) -> Middleware:
+def _keep_out(guard: AccessControl) -> Middleware:
     @web.middleware
     async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
         reason = guard.refusal(

@@ -6,10 +6,10 @@
 
 from tactophone.dataset.channels import channel_order
 from tactophone.dataset.checks import check, usable
+from tactophone.dataset.discovery import find_recording, open_dataset, truth_of
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.opening import find_recording, open_dataset, truth_of
-from tactophone.dataset.recording import Dataset, Problem, Recording, Segment, fingerprint, touch_at
 from tactophone.dataset.splits import Fold, split
+from tactophone.dataset.values import Dataset, Problem, Recording, Segment, fingerprint, touch_at
 
 __all__ = [
     "Dataset",

@@ -1,6 +1,6 @@
 """Which channel of a file is which microphone."""
 
-from tactophone.dataset.recording import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 
 TWO = ("contact", "air")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import soundfile
 
-from tactophone.dataset.recording import Dataset, Problem, Recording
+from tactophone.dataset.values import Dataset, Problem, Recording
 from tactophone.types import Touch
 
 READ_SIZE = 1 << 16

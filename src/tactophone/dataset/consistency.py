@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.dataset.recording import Dataset, Problem, Recording
+from tactophone.dataset.values import Dataset, Problem, Recording
 from tactophone.types import CONTACT, Touch
 
 FAINT_DBFS = -60.0

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tactophone.dataset.metadata import inside, rows, word_of
-from tactophone.dataset.recording import WORDS, Dataset, Problem, Recording, Segment
+from tactophone.dataset.values import WORDS, Dataset, Problem, Recording, Segment
 from tactophone.types import Touch
 
 MANIFEST = "manifest.csv"

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.recording import WORDS, Dataset, Problem, Recording, Segment
+from tactophone.dataset.values import WORDS, Dataset, Problem, Recording, Segment
 from tactophone.errors import DatasetError
 
 FILE_NAME = "metadata.csv"

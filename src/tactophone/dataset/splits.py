@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from tactophone.dataset.recording import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 
 NAMES = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "given")

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Estimate, interval
-from tactophone.evaluation.judging import Judgement
 from tactophone.evaluation.metrics import rough_score
+from tactophone.evaluation.predictions import TakePredictions
 from tactophone.types import Touch
 
 DRAWS = 1000
@@ -44,7 +44,11 @@ def by_take(recording: Recording) -> str:
 
 
 def compare(
-    before: Sequence[Judgement], after: Sequence[Judgement], *, by: Callable[[Recording], str], seed: int = 0
+    before: Sequence[TakePredictions],
+    after: Sequence[TakePredictions],
+    *,
+    by: Callable[[Recording], str],
+    seed: int = 0,
 ) -> dict[str, Change]:
     """Compare two models on the same recordings, window by window in contact, by the two-class rule.
 
@@ -91,12 +95,12 @@ _MEASURES: dict[str, Callable[[Counts], float]] = {
 }
 
 
-def accuracy_of(judged: Sequence[Judgement]) -> float:
+def accuracy_of(judged: Sequence[TakePredictions]) -> float:
     """Balanced accuracy of a model on recordings."""
     return balanced_accuracy(_count(judged, [""], lambda recording: ""))
 
 
-def _count(judged: Sequence[Judgement], names: Sequence[str], by: Callable[[Recording], str]) -> Counts:
+def _count(judged: Sequence[TakePredictions], names: Sequence[str], by: Callable[[Recording], str]) -> Counts:
     place = {name: number for number, name in enumerate(names)}
     counts = np.zeros((len(names), 4))
     for one in judged:

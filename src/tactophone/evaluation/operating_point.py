@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Estimate, interval
-from tactophone.evaluation.figures import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
-from tactophone.evaluation.judging import Judgement
 from tactophone.evaluation.metrics import rough_score
+from tactophone.evaluation.predictions import TakePredictions
+from tactophone.offline.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.perception import DecisionRule
 from tactophone.types import Touch
 
@@ -98,7 +98,7 @@ def candidates() -> tuple[DecisionRule, ...]:
     )
 
 
-def try_rules(judgements: Sequence[Judgement], rules: Sequence[DecisionRule]) -> Outcome:
+def try_rules(judgements: Sequence[TakePredictions], rules: Sequence[DecisionRule]) -> Outcome:
     """Run every rule over the labelled judgements.
 
     Raises
@@ -215,7 +215,7 @@ def _share(logit: float) -> float:
     return float(1 / (1 + np.exp(-logit)))
 
 
-def _run(one: Judgement, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
+def _run(one: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
     """Decide over a recording by all rules at once; the same steps as :class:`tactophone.perception.Decision`."""
     on, off, confirm = (
         np.array([getattr(rule, name) for rule in rules]) for name in ("rough_on", "rough_off", "confirm")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, estimate
-from tactophone.evaluation.judging import Judgement, scores_of
 from tactophone.evaluation.metrics import RULES, Rule, rough_score
+from tactophone.evaluation.predictions import TakePredictions, scores_of
 from tactophone.types import Touch
 
 
@@ -63,7 +63,7 @@ class Report:
         return asdict(self)
 
 
-def make_report(judgements: Sequence[Judgement], *, draws: int = DRAWS) -> Report:
+def make_report(judgements: Sequence[TakePredictions], *, draws: int = DRAWS) -> Report:
     """Score judgements in every way that a report has.
 
     Raises
@@ -86,7 +86,7 @@ def make_report(judgements: Sequence[Judgement], *, draws: int = DRAWS) -> Repor
     )
 
 
-def _row(name: str, judged: Sequence[Judgement]) -> Row:
+def _row(name: str, judged: Sequence[TakePredictions]) -> Row:
     labels = {one.recording.known("label") for one in judged}
     contact = np.concatenate([one.contact for one in judged])
     return Row(
@@ -99,7 +99,7 @@ def _row(name: str, judged: Sequence[Judgement]) -> Row:
     )
 
 
-def _accuracy(judged: Sequence[Judgement], rule: Rule) -> float:
+def _accuracy(judged: Sequence[TakePredictions], rule: Rule) -> float:
     right = np.concatenate(
         [
             (rough_score(one.probabilities[one.contact], rule) >= 0.5) == (one.recording.label is Touch.ROUGH)

@@ -4,25 +4,25 @@ from tactophone.haptics.actuator import Actuator, clocked_actuator, jack_actuato
 from tactophone.haptics.limits import Limits
 from tactophone.haptics.mapping import PROFILES, PaperProfile, open_profile
 from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.passthrough import PASSTHROUGH, Passthrough
+from tactophone.haptics.passthrough_renderer import GateProfile, PassthroughRenderer
 from tactophone.haptics.playback import Playback
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
-from tactophone.haptics.relay import Opening, Relay
-from tactophone.haptics.sounding import SOUNDING, Sounding
 
 __all__ = [
+    "PASSTHROUGH",
     "PROFILES",
-    "SOUNDING",
     "Actuator",
     "ErmProfile",
+    "GateProfile",
     "Limits",
     "LraProfile",
-    "Opening",
     "Oscillator",
     "PaperProfile",
+    "Passthrough",
+    "PassthroughRenderer",
     "PerceptualProfile",
     "Playback",
-    "Relay",
-    "Sounding",
     "clocked_actuator",
     "discriminable_steps",
     "jack_actuator",

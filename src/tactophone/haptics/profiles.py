@@ -5,7 +5,7 @@ All go from *smooth* (weak) to *rough* (strong), so that a false bump is never s
 
 from dataclasses import dataclass
 
-from tactophone.haptics.sensation import amplitude_for, count_steps
+from tactophone.haptics.psychophysics import amplitude_for, count_steps
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 _PATH = 200

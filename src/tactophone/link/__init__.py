@@ -3,38 +3,38 @@
 Everything here is values, with the time as an argument; only :mod:`~tactophone.link.udp` touches a socket.
 """
 
-from tactophone.link.arrival import Arrival, Heard
 from tactophone.link.codec import Codec
-from tactophone.link.departure import Departure, Redundancy, RedundancyRule
+from tactophone.link.codec_loopback import round_trip
+from tactophone.link.depacketizer import DecodedAudio, Depacketizer
 from tactophone.link.identity import Identity, Peers
+from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.playout import Playout
-from tactophone.link.receiving import Believed, News, ReceivingEnd
-from tactophone.link.roundtrip import round_trip
-from tactophone.link.sending import SendingEnd
-from tactophone.link.session import Arrived, Connected, Disconnected, Event, Session
+from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.send_session import SendSession
+from tactophone.link.session import Connected, Disconnected, Event, PacketReceived, Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
 
 __all__ = [
-    "Arrival",
-    "Arrived",
-    "Believed",
     "Codec",
     "Connected",
     "DatagramSocket",
-    "Departure",
+    "DecodedAudio",
+    "Depacketizer",
     "Disconnected",
     "Endpoint",
     "Event",
-    "Heard",
     "Identity",
-    "News",
+    "PacketReceived",
+    "Packetizer",
     "Peers",
     "Playout",
-    "ReceivingEnd",
+    "PredictionReceived",
+    "ReceiveEvent",
+    "ReceiveSession",
     "Redundancy",
     "RedundancyRule",
-    "SendingEnd",
+    "SendSession",
     "Session",
     "StreamStats",
     "UdpSocket",

@@ -14,7 +14,7 @@ from typing import TypeAlias
 from OpenSSL import SSL
 
 from tactophone.link.identity import Identity, Peers, fingerprint_of
-from tactophone.link.seal import KEY_SIZE, LARGEST_SEALED, PROFILE, SALT_SIZE, Secrets
+from tactophone.link.srtp import KEY_SIZE, LARGEST_SEALED, PROFILE, SALT_SIZE, Secrets
 
 Address: TypeAlias = Hashable
 """Where a datagram comes from or goes to; only compared here, understood by the socket alone."""

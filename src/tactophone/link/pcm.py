@@ -74,7 +74,7 @@ def bridge(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
 
 
 def mirror(samples: FloatArray, size: int) -> FloatArray:
-    """Walk ``size`` samples into ``samples``, and back and forth when it ends; silence when it is empty."""
+    """Pipeline ``size`` samples into ``samples``, and back and forth when it ends; silence when it is empty."""
     if not len(samples):
         return np.zeros((size, samples.shape[1]), np.float32)
     there_and_back = np.concatenate([samples, samples[::-1]])

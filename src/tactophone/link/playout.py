@@ -1,7 +1,7 @@
 """A clocked buffer for the profiles that render the sound itself: steady delay, two clocks reconciled, no click.
 
 Packets wait here, still coded, until their time. Asked for a block, it decodes what the block needs, bridges what is
-missing, and reads it at the speed that :mod:`~tactophone.link.pace` gives, by libsamplerate's sinc interpolator (20
+missing, and reads it at the speed that :mod:`~tactophone.link.playout_clock` gives, by libsamplerate's sinc interpolator (20
 samples of delay, 120 dB). Where sound cannot go on as it was (a place set anew, the end of a drought), the old fades
 out as the new fades in.
 """
@@ -15,9 +15,9 @@ import numpy as np
 
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.codec import Decoder, open_decoder
-from tactophone.link.pace import Pace
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, Timeline
 from tactophone.link.pcm import mirror
+from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.stats import Reception
 from tactophone.types import FloatArray
 
@@ -61,7 +61,7 @@ class Playout:
 
     def __init__(self, *, block_size: int, channels: int = 2) -> None:
         self.reception = Reception()
-        self.pace = Pace(block_size=block_size)
+        self.pace = PlayoutController(block_size=block_size)
         self.block_size, self._channels = block_size, channels
         self._arrived: deque[tuple[Packet, float]] = deque(maxlen=_MOST_QUEUED)
         self._waiting: dict[int, _Waiting] = {}

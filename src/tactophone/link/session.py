@@ -20,8 +20,8 @@ from typing import TypeAlias
 from tactophone.errors import PacketError
 from tactophone.link.handshake import Address, Agreement, Handshake, Handshakes, hello_random, is_hello
 from tactophone.link.identity import Identity, Peers
-from tactophone.link.report import Goodbye, is_goodbye
-from tactophone.link.seal import Seal, is_report
+from tactophone.link.rtcp import Goodbye, is_goodbye
+from tactophone.link.srtp import SrtpCrypto, is_report
 
 RESTLESS = 1.0
 """Seconds without a word from the peer until a caller calls again; reports come five times a second."""
@@ -67,14 +67,14 @@ class Disconnected:
 
 
 @dataclass(frozen=True, slots=True)
-class Arrived:
+class PacketReceived:
     """An authentic packet, opened: RTP, or RTCP where ``report`` is true."""
 
     packet: bytes
     report: bool
 
 
-Event: TypeAlias = Connected | Disconnected | Arrived
+Event: TypeAlias = Connected | Disconnected | PacketReceived
 
 
 class Session:
@@ -126,7 +126,7 @@ class Session:
         return []
 
     def send(self, packet: bytes) -> None:
-        """Seal a packet for the peer; dropped, when there is none."""
+        """SrtpCrypto a packet for the peer; dropped, when there is none."""
         if self._current:
             self._outgoing.append((self._current.seal.close(packet), self._current.address))
 
@@ -171,7 +171,7 @@ class Session:
         report = is_report(packet)
         if report and is_goodbye(packet):
             return self._end(f"{self._current.agreement.peer} hung up")
-        return [Arrived(packet, report)]
+        return [PacketReceived(packet, report)]
 
     def _shake(self, datagram: bytes, source: Address, now: float) -> list[Event]:
         if is_hello(datagram):
@@ -247,5 +247,5 @@ class _Line:
 
     def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
         self.handshake, self.agreement, self.address = handshake, agreement, address
-        self.seal = Seal(agreement.secrets)
+        self.seal = SrtpCrypto(agreement.secrets)
         self.begun = self.heard = now

@@ -23,7 +23,7 @@ here                      WebRTC (``RTCInboundRtpStreamStats``)
 from dataclasses import dataclass
 
 from tactophone.link.packet import CLOCK_RATE, ahead
-from tactophone.link.report import ReceiverReport, SenderReport
+from tactophone.link.rtcp import ReceiverReport, SenderReport
 
 
 @dataclass(slots=True)

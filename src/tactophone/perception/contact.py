@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactophone.perception.garbage import find_garbage
-from tactophone.perception.loudness import LoudnessRule
+from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.sensor_health.invalid_samples import find_garbage
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 STEP_RATE = 1000

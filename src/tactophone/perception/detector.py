@@ -11,12 +11,12 @@ import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import Decision, Probabilities
-from tactophone.perception.engine import open_engine
-from tactophone.perception.extractors import EXTRACTORS, FORGIVING, Extractor, level_of
-from tactophone.perception.garbage import GarbageFilter
-from tactophone.perception.model import Model, ModelCard
-from tactophone.perception.resample import LOWEST_RATE, Resampler
-from tactophone.perception.windows import Windower
+from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_of
+from tactophone.perception.features.resample import LOWEST_RATE, Resampler
+from tactophone.perception.features.windows import Windower
+from tactophone.perception.inference.engine import open_engine
+from tactophone.perception.model_file import Model, ModelCard
+from tactophone.perception.sensor_health.invalid_samples import GarbageFilter
 from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray, Prediction
 
 NOTHING_SURE: Probabilities = (1.0, 0.0, 0.0)
@@ -111,7 +111,7 @@ class WindowDetector:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
             )
-        if block.channels < self.card.channels and self.card.kind not in FORGIVING:
+        if block.channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
             raise ModelError(
                 f"sound with {block.channels} channel, but the model {self.card.name} wants {self.card.channels} "
                 "(contact and air); choose a one-channel model"

@@ -18,24 +18,25 @@ from typing import Self
 import numpy as np
 
 from tactophone.config import Settings
-from tactophone.link import Believed, Heard, News, ReceivingEnd, UdpSocket
-from tactophone.pipeline import Receiver
-from tactophone.runtime import budget, tuning
-from tactophone.runtime.budget import Neighbour
-from tactophone.runtime.desk import Desk
-from tactophone.runtime.guard import RESTARTED, STARTED_MUTED, Guard
-from tactophone.runtime.supervisor import Birth
+from tactophone.endpoints import OperatorEndpoint
+from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
+from tactophone.runtime import latency_budget as budget
+from tactophone.runtime import realtime_priority as tuning
+from tactophone.runtime.latency_budget import LocalPeer
+from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED, OutputGate
+from tactophone.runtime.requests import RequestHandler
+from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     SAMPLE_RATE,
     open_actuator,
+    open_pipeline_for,
     open_renderer,
     open_session,
-    open_walk_for,
     post,
     sensor_faults,
 )
 from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
-from tactophone.types import FloatArray, HapticCommand, Prediction, Tick, Touch
+from tactophone.types import FloatArray, HapticCommand, PipelineStep, Prediction, Touch
 
 HOUSEKEEPING = 0.02
 """Seconds between two looks at mailbox, devices and counters."""
@@ -64,21 +65,21 @@ class Operator:
         Name of the robot's run, where that is on this machine: whence the truth and the robot's part of the budget.
     """
 
-    def __init__(self, settings: Settings, birth: Birth, *, robot: str = "") -> None:
+    def __init__(self, settings: Settings, birth: ProcessInfo, *, robot: str = "") -> None:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
         self._settings, self._birth = settings, birth
         feel = settings.feel
-        self._guard = Guard(
+        self._guard = OutputGate(
             ceiling=feel.ceiling, output_level=feel.output_level, muted_because=_muted_because(settings, birth)
         )
         self._renderer = open_renderer(settings, self._pull)
         self._actuator = open_actuator(settings, self._render)
-        self._end = ReceivingEnd(open_session(settings, call=False))
+        self._end = ReceiveSession(open_session(settings, call=False))
         self._channels = 2
-        self._receiver = Receiver(self._end, open_walk_for(settings, channels=self._channels))
+        self._receiver = OperatorEndpoint(self._end, open_pipeline_for(settings, channels=self._channels))
         self._end.bandwidth = round(self._receiver.walk.judge.detector.bandwidth)
-        self._neighbour = Neighbour(robot)
+        self._neighbour = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = 0
         self._heard_at = time.monotonic()
@@ -87,7 +88,7 @@ class Operator:
         self._gauges: dict[str, float] = {}
         self._floor_dbfs = -math.inf
         self._warnings: tuple[Fault, ...] = ()
-        self._desk = Desk(self._guard, self._renderer, self._receiver)
+        self._desk = RequestHandler(self._guard, self._renderer, self._receiver)
         self._thread = threading.Thread(target=self._guarded, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
@@ -211,12 +212,12 @@ class Operator:
                 # Copied here, by the one thread that changes them, for the main thread to show.
                 looked_at, self._counters, self._gauges = now, dict(self._end.counters), dict(self._end.gauges)
 
-    def _take(self, news: News, *, received: float) -> None:
+    def _take(self, news: ReceiveEvent, *, received: float) -> None:
         match news:
-            case Heard(block, _, waited):
+            case DecodedAudio(block, _, waited):
                 self._note_arrival(block.end, received - waited, received)
                 self._match_channels(block.channels)
-            case Believed(prediction):
+            case PredictionReceived(prediction):
                 self._note_arrival(round(prediction.end * SAMPLE_RATE), received, received)
         tick = self._receiver.take(news)
         if tick is not None:
@@ -236,9 +237,9 @@ class Operator:
     def _match_channels(self, channels: int) -> None:
         """Have the walk for so many microphones; it changes once, when another robot calls."""
         if channels != self._channels:
-            self._receiver.walk, self._channels = open_walk_for(self._settings, channels=channels), channels
+            self._receiver.walk, self._channels = open_pipeline_for(self._settings, channels=channels), channels
 
-    def _feel(self, tick: Tick) -> None:
+    def _feel(self, tick: PipelineStep) -> None:
         """Hand a step's newest command to the oscillator, as the guard allows it."""
         end = self._position(tick.block.end)
         felt = tuple(self._bounded(command) for command in tick.commands)
@@ -271,7 +272,7 @@ class Operator:
             telemetry.mark(_RENDERED, submitted, now=time.monotonic())
 
 
-def run_operator(settings: Settings, birth: Birth, *, robot: str = "") -> None:
+def run_operator(settings: Settings, birth: ProcessInfo, *, robot: str = "") -> None:
     """Be the operator's side, in this process, until SIGTERM; SIGUSR1 is the emergency stop."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
@@ -292,7 +293,7 @@ def _floor(floor_dbfs: float, belief: Prediction) -> float:
     return belief.level_dbfs if math.isinf(floor_dbfs) else floor_dbfs + 0.01 * (belief.level_dbfs - floor_dbfs)
 
 
-def _muted_because(settings: Settings, birth: Birth) -> str:
+def _muted_because(settings: Settings, birth: ProcessInfo) -> str:
     if birth.restarts:
         return RESTARTED
     return STARTED_MUTED if settings.feel.muted else ""

@@ -15,17 +15,18 @@ from typing import Protocol, Self, runtime_checkable
 
 from tactophone.capture import LiveSource
 from tactophone.config import Settings
+from tactophone.endpoints import RobotEndpoint
 from tactophone.link import UdpSocket
-from tactophone.pipeline import Sender
-from tactophone.runtime import budget, tuning
-from tactophone.runtime.pacing import paced
-from tactophone.runtime.supervisor import Birth
+from tactophone.runtime import latency_budget as budget
+from tactophone.runtime import realtime_priority as tuning
+from tactophone.runtime.realtime_playback import paced
+from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     SAMPLE_RATE,
     OpenSource,
     open_device,
-    open_sending_end,
-    open_walk_for,
+    open_pipeline_for,
+    open_send_session,
     open_watch,
     post,
 )
@@ -65,7 +66,7 @@ class Robot:
     def __init__(
         self,
         settings: Settings,
-        birth: Birth,
+        birth: ProcessInfo,
         *,
         open_source: OpenSource = open_device,
     ) -> None:
@@ -74,9 +75,9 @@ class Robot:
         self._settings = settings
         self._resources = ExitStack()
         self._source = open_source(settings)
-        self._end = open_sending_end(settings, self._source.channels)
-        judge = open_walk_for(settings, channels=self._source.channels).judge if settings.link.judge else None
-        self._sender = Sender(self._end, judge)
+        self._end = open_send_session(settings, self._source.channels)
+        judge = open_pipeline_for(settings, channels=self._source.channels).judge if settings.link.judge else None
+        self._sender = RobotEndpoint(self._end, judge)
         self._watch = open_watch(settings, channels=self._source.channels)
         self._lock = threading.Lock()
         self._birth = birth
@@ -212,7 +213,7 @@ class Robot:
             self._warnings = (*self._warnings, Fault(code, words))
 
 
-def run_robot(settings: Settings, birth: Birth, *, open_source: OpenSource = open_device) -> None:
+def run_robot(settings: Settings, birth: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
     """Be the robot's side, in this process, until SIGTERM or the sound's end."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())

@@ -20,7 +20,7 @@ from typing import Self, TypeAlias
 
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
-from tactophone.runtime import tuning
+from tactophone.runtime import realtime_priority as tuning
 from tactophone.runtime.watchdog import LOOK_EVERY, PATIENCE, Patience, Watchdog
 from tactophone.telemetry import Watcher
 
@@ -35,7 +35,7 @@ END_TIMEOUT = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Birth:
+class ProcessInfo:
     """What a process is told when it begins: under which name others watch it, and how many went before it."""
 
     name: str
@@ -48,7 +48,7 @@ class Birth:
         return self.parent != 0 and os.getppid() != self.parent
 
 
-Main: TypeAlias = Callable[[Settings, Birth], None]
+Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
 """One side of the line: runs until SIGTERM, or until its sound ends. Must be importable by a new process."""
 
 
@@ -110,7 +110,7 @@ class Supervisor:
     def _begin(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._words, words = context.Pipe(duplex=False)
-        birth = Birth(self.name, self.restarts, os.getpid())
+        birth = ProcessInfo(self.name, self.restarts, os.getpid())
         self._process = context.Process(
             target=_run, args=(self._main, self._settings, birth, words), name=self.name, daemon=True
         )
@@ -182,7 +182,7 @@ class Supervisor:
             process.join()
 
 
-def _run(main: Main, settings: Settings, birth: Birth, words: Connection) -> None:
+def _run(main: Main, settings: Settings, birth: ProcessInfo, words: Connection) -> None:
     """Be the process: one line for an error that people understand, a trace for our own mistakes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard's interrupt is the parent's to handle
     try:

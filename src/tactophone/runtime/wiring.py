@@ -7,14 +7,15 @@ from typing import cast
 
 from tactophone.capture import jack_source, portaudio_source
 from tactophone.config import Settings
+from tactophone.endpoints import Pipeline
 from tactophone.errors import ConfigError
 from tactophone.haptics import (
-    SOUNDING,
+    PASSTHROUGH,
     Actuator,
+    GateProfile,
     Limits,
-    Opening,
     Oscillator,
-    Relay,
+    PassthroughRenderer,
     clocked_actuator,
     jack_actuator,
     open_profile,
@@ -27,19 +28,26 @@ from tactophone.link import (
     Endpoint,
     Identity,
     Peers,
-    ReceivingEnd,
+    ReceiveSession,
     RedundancyRule,
-    SendingEnd,
+    SendSession,
     Session,
     resolve,
 )
 from tactophone.link.codec import NARROW_BAND
 from tactophone.link.identity import DEFAULT_FOLDER
-from tactophone.perception import AnyJudge, GuardedJudge, default_model, guard, model_path, open_judge, read_model
-from tactophone.perception.calibration import Calibration
-from tactophone.perception.faults import FaultWatch
-from tactophone.perception.guarded import WORDS
-from tactophone.pipeline import Walk
+from tactophone.perception import (
+    AnyTouchDetector,
+    FallbackDetector,
+    default_model,
+    guard,
+    model_path,
+    open_detector,
+    read_model,
+)
+from tactophone.perception.sensor_health.calibration_file import Calibration
+from tactophone.perception.sensor_health.fallback import WORDS
+from tactophone.perception.sensor_health.faults import FaultWatch
 from tactophone.telemetry import Fault
 from tactophone.types import FloatArray, Source
 
@@ -77,14 +85,18 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
     return clocked_actuator(render, period=output.period)
 
 
-def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Oscillator | Relay:
+def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Oscillator | PassthroughRenderer:
     """Make what drives the finger: the oscillator, or a relay of the sound that ``pull`` gives."""
     feel = settings.feel
     limits = Limits(ceiling=feel.ceiling)
-    return Relay(SOUNDING[feel.profile](None), pull, limits) if feel.profile in SOUNDING else Oscillator(limits)
+    return (
+        PassthroughRenderer(PASSTHROUGH[feel.profile](None), pull, limits)
+        if feel.profile in PASSTHROUGH
+        else Oscillator(limits)
+    )
 
 
-def open_walk_for(settings: Settings, *, channels: int) -> Walk:
+def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     """Make what turns sound of so many channels into commands, by the model and profile that the settings name.
 
     Its judge is on its guard against faulty microphones, unless the settings say otherwise.
@@ -92,9 +104,9 @@ def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     feel, wanted = settings.feel, settings.judge
     model = wanted.model or default_model(channels)
     calibration = _calibration(wanted.calibration, channels)
-    plain = open_judge(model, sample_rate=SAMPLE_RATE)
+    plain = open_detector(model, sample_rate=SAMPLE_RATE)
     reference = calibration.reference if calibration else None
-    judge: AnyJudge = plain
+    judge: AnyTouchDetector = plain
     if wanted.watch:
         judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, model=model, reference=reference)
     if not math.isnan(wanted.threshold_dbfs):
@@ -102,13 +114,13 @@ def open_walk_for(settings: Settings, *, channels: int) -> Walk:
     elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
         # The calibrated level is an RMS; a gate that listens to a band alone has learnt its own threshold.
         judge.threshold_dbfs = calibration.threshold_dbfs
-    profile = Opening(feel.profile) if feel.profile in SOUNDING else open_profile(feel.profile)
-    return Walk(judge, profile, Limits(ceiling=feel.ceiling))
+    profile = GateProfile(feel.profile) if feel.profile in PASSTHROUGH else open_profile(feel.profile)
+    return Pipeline(judge, profile, Limits(ceiling=feel.ceiling))
 
 
-def sensor_faults(judge: AnyJudge) -> Iterator[Fault]:
+def sensor_faults(judge: AnyTouchDetector) -> Iterator[Fault]:
     """Say what is wrong with the microphones that a judge hears, and what it does about it."""
-    if isinstance(judge, GuardedJudge):
+    if isinstance(judge, FallbackDetector):
         for fault in judge.sensor_faults:
             yield Fault(fault.code, f"{fault} ({WORDS[judge.answer]})")
 
@@ -142,7 +154,7 @@ def open_session(settings: Settings, *, call: bool) -> Session:
     return Session(Identity.load(folder), peers, call=callee)
 
 
-def open_sending_end(settings: Settings, channels: int) -> SendingEnd:
+def open_send_session(settings: Settings, channels: int) -> SendSession:
     """Make the robot's end, with the codec and the redundancy that the settings ask for."""
     link = settings.link
     codec = Codec(
@@ -154,9 +166,9 @@ def open_sending_end(settings: Settings, channels: int) -> SendingEnd:
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
-    return SendingEnd(open_session(settings, call=True), codec, rule=rule, follow=not link.bandwidth)
+    return SendSession(open_session(settings, call=True), codec, rule=rule, follow=not link.bandwidth)
 
 
-def post(end: SendingEnd | ReceivingEnd, socket: DatagramSocket) -> None:
+def post(end: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
     """Send what an end has to send."""
     socket.send(cast(list[tuple[bytes, Endpoint]], end.outgoing()))

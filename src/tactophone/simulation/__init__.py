@@ -1,12 +1,12 @@
 """Surface, finger, room, network and operator: stand-ins that pass the real contracts."""
 
-from tactophone.simulation.catalogue import Thing, catalogue, find
-from tactophone.simulation.finger import Electronics, Finger
-from tactophone.simulation.motion import Move
-from tactophone.simulation.movement import TAKES, Script, Take, take_moves
-from tactophone.simulation.scene import Scene, five_stones, row, shuffled, single
-from tactophone.simulation.setup import Setup
-from tactophone.simulation.source import SimulatedFinger, Truth
+from tactophone.simulation.content.catalogue import TestObject, catalogue, find
+from tactophone.simulation.content.movement import TAKES, Script, Take, take_moves
+from tactophone.simulation.physics.finger import Electronics, Finger
+from tactophone.simulation.physics.motion import Move
+from tactophone.simulation.physics.scene import Scene, five_stones, row, shuffled, single
+from tactophone.simulation.physics.session_variation import SessionVariation
+from tactophone.simulation.physics.source import SimulatedFinger, Truth
 
 __all__ = [
     "TAKES",
@@ -15,10 +15,10 @@ __all__ = [
     "Move",
     "Scene",
     "Script",
-    "Setup",
+    "SessionVariation",
     "SimulatedFinger",
     "Take",
-    "Thing",
+    "TestObject",
     "Truth",
     "catalogue",
     "find",

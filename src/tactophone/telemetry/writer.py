@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactophone.telemetry import memory as layout
 from tactophone.telemetry.memory import TICK, Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, Request, State
-from tactophone.types import FloatArray, Tick
+from tactophone.types import FloatArray, PipelineStep
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -69,7 +69,7 @@ class Telemetry:
         """Set a gauge of `GAUGES`."""
         self._gauges[_GAUGE[name]] = value
 
-    def publish(self, tick: Tick, *, now: float, truth: int = -1) -> None:
+    def publish(self, tick: PipelineStep, *, now: float, truth: int = -1) -> None:
         """Write one step of the receiving side: its sound, its newest belief and its command.
 
         Parameters
@@ -145,7 +145,7 @@ def _stereo(samples: FloatArray) -> FloatArray:
     return samples if samples.shape[1] == 2 else np.repeat(samples[:, :1], 2, axis=1)
 
 
-def _fill(row: NDArray[np.void], tick: Tick) -> None:
+def _fill(row: NDArray[np.void], tick: PipelineStep) -> None:
     row["time"] = tick.block.end / tick.block.sample_rate
     row["concealed"] = tick.block.concealed
     if tick.predictions:

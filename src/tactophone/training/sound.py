@@ -10,7 +10,7 @@ import soundfile
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.link import Codec, round_trip
-from tactophone.perception.resample import Resampler
+from tactophone.perception.features.resample import Resampler
 from tactophone.types import FloatArray
 
 RATE = 2000

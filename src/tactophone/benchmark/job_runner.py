@@ -1,0 +1,144 @@
+"""Runs folds anywhere: in this process, on the machine's cores, or on a Ray cluster.
+
+A fold is a pure function of its method and its recordings, so it may run wherever both can be read; its result is
+kept by content. A worker that dies costs the fold it was at: that fold is run again, the others are not.
+"""
+
+import importlib.util
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from tactophone.benchmark.crossvalidation import Cache, Method, fold_key, predict_fold
+from tactophone.dataset import Fold
+from tactophone.errors import ConfigError
+from tactophone.evaluation.predictions import TakePredictions
+
+Place = Literal["here", "processes", "ray"]
+
+MOST_DEATHS = 3
+"""Times that workers may die before the run gives up: then it is the fold that kills them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One fold of one method."""
+
+    method: Method
+    fold: Fold
+
+    @property
+    def key(self) -> str:
+        """Names the result by all that it follows from."""
+        return fold_key(self.method, self.fold)
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    cache: Cache,
+    *,
+    place: Place = "here",
+    workers: int = 2,
+    report: Callable[[int, str], None] = lambda done, name: None,
+) -> int:
+    """Run the jobs whose results are not known yet, and keep what they give; return how many were run.
+
+    Parameters
+    ----------
+    jobs
+        In any order; each is independent of the others.
+    cache
+        Where results are kept.
+    place
+        ``ray`` joins the cluster that the environment names (``RAY_ADDRESS``), or starts one on this machine.
+    workers
+        Processes, for ``processes`` and a local Ray.
+    report
+        Called with the number of jobs done, and what was done.
+
+    Raises
+    ------
+    ConfigError
+        If Ray is wanted and not installed.
+    """
+    todo = {job.key: job for job in jobs}
+    todo = {key: job for key, job in todo.items() if not cache.holds(key)}
+    run = {"here": _here, "processes": _processes, "ray": _ray}[place]
+    for done, (job, judged) in enumerate(run(list(todo.values()), workers), 1):
+        cache.put(job.key, judged)
+        report(done, f"{job.method.name}, {job.fold.name}")
+    return len(todo)
+
+
+def _run(job: Job) -> list[TakePredictions]:
+    return predict_fold(job.method, job.fold)
+
+
+def _here(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
+    del workers
+    yield from ((job, _run(job)) for job in jobs)
+
+
+def _processes(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
+    left, deaths = list(jobs), 0
+    while left:
+        try:
+            for job, judged in _pool(left, workers):
+                left.remove(job)
+                yield job, judged
+        except BrokenProcessPool:
+            deaths += 1
+            if deaths >= MOST_DEATHS:
+                raise
+
+
+def _pool(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
+    # Spawned, not forked: torch and BLAS do not survive a fork once their threads run.
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_settle) as pool:
+        futures = {pool.submit(_run, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _settle() -> None:
+    """One thread a worker: there are as many workers as cores."""
+    if importlib.util.find_spec("torch"):
+        import torch  # only where it is installed, and only to hold it back
+
+        torch.set_num_threads(1)
+
+
+def _ray(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
+    ray = load_ray(workers)
+    # Ray runs a task again if its worker or its machine dies.
+    remote = ray.remote(num_cpus=1, max_retries=MOST_DEATHS)(_run)
+    running = {remote.remote(job): job for job in jobs}
+    while running:
+        (ready,), _ = ray.wait(list(running), num_returns=1)
+        yield running.pop(ready), ray.get(ready)
+
+
+def load_ray(workers: int) -> Any:
+    """Import Ray and join the cluster at ``RAY_ADDRESS``, or start one on this machine.
+
+    Raises
+    ------
+    ConfigError
+        If it is not installed.
+    """
+    if importlib.util.find_spec("ray") is None:
+        raise ConfigError("Ray is not installed: pip install 'tactophone[ray]', or leave --ray away")
+    import os
+
+    import ray
+
+    if not ray.is_initialized():
+        local = {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": workers, "include_dashboard": False}
+        ray.init(log_to_driver=False, logging_level="warning", **local)
+    return ray

@@ -1,0 +1,72 @@
+"""Level meters for a terminal of 80 columns: each microphone as a bar, with the contact threshold drawn in."""
+
+import math
+import time
+
+import numpy as np
+from rich.text import Text
+
+from tactophone.perception.sensor_health.faults import CHANNELS
+from tactophone.types import CONTACT, AudioBlock
+
+LOWEST_DBFS = -72.0
+WIDTH = 36
+EVERY = 0.1
+"""Seconds between two looks at the screen."""
+
+HOLD = 0.7
+"""By which a peak falls from one look to the next, of full scale's bar: it can still be read after a tap."""
+
+RED_DBFS, YELLOW_DBFS = -1.0, -6.0
+
+
+class Meters:
+    """Follows levels; `rows` draws them, with a mark at the threshold unless that is NaN."""
+
+    def __init__(self, channels: int, threshold_dbfs: float) -> None:
+        self._threshold_dbfs = threshold_dbfs
+        self._powers = np.zeros(channels)
+        self._peaks = np.zeros(channels)
+        self._next = 0.0
+
+    def push(self, block: AudioBlock) -> None:
+        """Take sound in; levels fall back over a tenth of a second."""
+        if not block.size:
+            return
+        power = np.square(block.samples, dtype=np.float64).mean(axis=0)
+        self._powers += (power - self._powers) * min(1.0, block.duration / EVERY)
+        self._peaks = np.maximum(self._peaks, np.abs(block.samples).max(axis=0))
+
+    def due(self) -> bool:
+        """Whether it is time to draw again."""
+        now = time.monotonic()
+        if now < self._next:
+            return False
+        self._next = now + EVERY
+        return True
+
+    def rows(self) -> list[Text]:
+        """Draw a row a channel, and let the peaks fall."""
+        drawn = [self._row(channel) for channel in range(len(self._powers))]
+        self._peaks *= HOLD
+        return drawn
+
+    def _row(self, channel: int) -> Text:
+        level_dbfs, peak_dbfs = _dbfs(math.sqrt(self._powers[channel])), _dbfs(self._peaks[channel])
+        style = "red" if peak_dbfs > RED_DBFS else "yellow" if peak_dbfs > YELLOW_DBFS else "green"
+        filled, mark = _place(level_dbfs), _place(self._threshold_dbfs)
+        row = Text(f" {CHANNELS[channel]:8}")
+        for place in range(WIDTH):
+            if channel == CONTACT and place == mark:
+                row.append("┃", "bold")
+            else:
+                row.append("█" if place < filled else "░", style if place < filled else "dim")
+        return row.append(f" {level_dbfs:5.0f} dBFS, peak {peak_dbfs:4.0f}", style)
+
+
+def _place(level_dbfs: float) -> int:
+    return round(WIDTH * min(1.0, max(0.0, 1 - level_dbfs / LOWEST_DBFS))) if math.isfinite(level_dbfs) else -1
+
+
+def _dbfs(amplitude: float) -> float:
+    return max(20 * math.log10(amplitude), LOWEST_DBFS) if amplitude > 0 else LOWEST_DBFS

@@ -1,0 +1,50 @@
+"""How a run went, at its end: what came over the line, and where the time went."""
+
+import argparse
+import math
+from dataclasses import asdict
+
+from rich.table import Table
+
+from tactophone.cli._support import terminal
+from tactophone.cli._support.console import Outcome
+from tactophone.telemetry import COUNTERS, STAGES, Snapshot
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add how long a run lasts, and how its end is told."""
+    parser.add_argument("--duration", type=float, default=0.0, metavar="S", help="seconds to run, over 0; 0: for ever")
+    parser.add_argument("--json", action="store_true", help="at the end, print all counts as JSON")
+
+
+def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
+    """Print it; the verb's exit code."""
+    if outcome.last is None:
+        return 1
+    if args.json:
+        last = outcome.last
+        told = {"counters": last.counters, "gauges": last.gauges, "state": asdict(last.state)}
+        terminal.print_json(told | {"restarts": outcome.restarts})
+        return 0
+    terminal.out().print(_counts(outcome.last))
+    if math.isfinite(outcome.last.gauges["latency_total"]):
+        terminal.out().print(_budget(outcome.last))
+    return 0
+
+
+def _counts(snapshot: Snapshot) -> Table:
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(justify="right")
+    table.add_column()
+    for name, words in COUNTERS.items():
+        if snapshot.counters[name]:
+            table.add_row(f"{snapshot.counters[name]}", words)
+    return table
+
+
+def _budget(snapshot: Snapshot) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for stage in (*STAGES, "total"):
+        table.add_column(stage, justify="right")
+    table.add_row(*(f"{1000 * snapshot.gauges[f'latency_{stage}']:.2f} ms" for stage in (*STAGES, "total")))
+    return table

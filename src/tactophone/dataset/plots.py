@@ -1,0 +1,94 @@
+"""A data set as a picture: how loud each surface's takes are, and a page of spectrograms."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import soundfile
+
+from tactophone.dataset import Dataset, Recording
+from tactophone.offline.plots import BLUE, GREY, VERMILION, load_pyplot
+from tactophone.types import Touch
+
+PANELS = 12
+LONGEST = 5.0
+"""Seconds of a recording that a small panel can show."""
+
+TOP = 4000.0
+"""Hz; what the link's usual setting lets through."""
+
+COLOURS = {Touch.ROUGH: VERMILION, Touch.SMOOTH: BLUE}
+
+
+def draw_dataset(path: Path, dataset: Dataset) -> None:
+    """Draw levels per take, and spectrograms of recordings drawn evenly from all; write a PNG.
+
+    Raises
+    ------
+    TactophoneError
+        If matplotlib is not installed.
+    """
+    pyplot = load_pyplot()
+    readable = [one for one in dataset.recordings if one.path.is_file() and one.path.stat().st_size]
+    shown = [
+        readable[place]
+        for place in np.unique(np.linspace(0, len(readable) - 1, min(PANELS, len(readable))).astype(int))
+    ]
+    rows = -(-len(shown) // 4)
+    height = 0.28 * len(dataset.surfaces) + 1.2
+    figure = pyplot.figure(figsize=(11, height + 1.9 * rows), layout="constrained", dpi=110)
+    upper, lower = figure.subfigures(2, 1, height_ratios=[height, 1.9 * rows])
+    _draw_levels(upper.subplots(), dataset, readable)
+    axes = np.atleast_1d(lower.subplots(rows, min(4, len(shown)), sharey=True, squeeze=False)).ravel()
+    for panel, recording in zip(axes, shown, strict=False):
+        _draw_spectrogram(panel, recording)
+    for panel in axes[len(shown) :]:
+        panel.set_axis_off()
+    lower.supylabel("contact (or only) channel, kHz", fontsize=8)
+    figure.savefig(path)
+    pyplot.close(figure)
+
+
+def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -> None:
+    place = {surface: row for row, surface in enumerate(reversed(dataset.surfaces))}
+    drawn: Counter[str] = Counter()
+    most = max(Counter(one.surface for one in recordings).values(), default=1)
+    for one in recordings:
+        low, middle, high = _levels(one)
+        colour = COLOURS.get(one.label, GREY) if one.label is not None else GREY
+        offset = 0.7 * ((drawn[one.surface] + 0.5) / most - 0.5)
+        drawn[one.surface] += 1
+        axes.plot([low, high], [place[one.surface] + offset] * 2, color=colour, alpha=0.35, linewidth=1.5)
+        axes.plot(middle, place[one.surface] + offset, "o", color=colour, markersize=3)
+    axes.set_yticks(range(len(place)), list(place), fontsize=7)
+    axes.set_xlabel("level of a quarter second in dBFS: median, and 10th to 90th percentile of each take", fontsize=8)
+    for label, colour in COLOURS.items():
+        axes.plot([], [], "o", color=colour, label=label.name.lower())
+    axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
+    axes.grid(axis="x", alpha=0.3)
+
+
+def _levels(recording: Recording) -> tuple[float, float, float]:
+    samples, rate = soundfile.read(recording.path, dtype="float32", always_2d=True)
+    size = max(1, rate // 4)
+    cells = samples[: max(len(samples) // size, 1) * size, 0]
+    power = np.square(cells[: len(cells) // size * size].reshape(-1, size), dtype=np.float64).mean(axis=1)
+    levels = 10 * np.log10(np.maximum(power, 1e-10)) if len(power) else np.array([-100.0])
+    low, middle, high = np.percentile(levels, [10, 50, 90])
+    return float(low), float(middle), float(high)
+
+
+def _draw_spectrogram(axes: Any, recording: Recording) -> None:
+    with soundfile.SoundFile(recording.path) as file:
+        rate = int(file.samplerate)
+        samples = file.read(int(LONGEST * rate), dtype="float32", always_2d=True)[:, 0]
+    size = 1 << int(np.log2(rate / 40))
+    axes.specgram(samples + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40)
+    axes.set_ylim(0, min(TOP, rate / 2))
+    axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
+    axes.set_title(f"{recording.surface} {recording.take}\n{recording.known('label')} {recording.scenario}", fontsize=7)
+    axes.tick_params(labelsize=6)
+    axes.set_xlabel("s", fontsize=7)

@@ -1,0 +1,113 @@
+"""Edges between smooth and rough under a finger that does not lift: joined from recordings of held-out surfaces.
+
+The simulator's finger lifts between stones, so that edges are made here: from the middle of a touch on one surface to
+the middle of a touch on another, cross-faded over as long as a fingertip takes to cross an edge.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import soundfile
+
+from tactophone.dataset import Recording, Segment
+from tactophone.dataset.motion_intervals import Stretch, cut_slides, write_slides
+from tactophone.types import FloatArray, Touch
+
+HALF = 0.6
+"""Seconds of each surface."""
+
+FADE = 0.02
+"""Seconds: 2 mm of contact at 10 cm/s."""
+
+LEAD = 0.2
+"""Seconds of silence before, so that memories begin empty."""
+
+_WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
+
+
+def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
+    """Join pairs of a smooth and a rough touch, in either order, and write them; needs both kinds.
+
+    Parameters
+    ----------
+    recordings
+        Held-out ones, of one rate and channel count, with segments or touched throughout.
+    folder
+        For the files, which are named by content and written once.
+    most
+        Edges at most.
+    seed
+        Of the pairing.
+    """
+    pools = {label: list(_touches(recordings, label)) for label in _WORDS}
+    if not all(pools.values()):
+        return []
+    rng = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    edges = []
+    for number in range(min(most, 2 * min(map(len, pools.values())))):
+        order = (Touch.SMOOTH, Touch.ROUGH) if number % 2 == 0 else (Touch.ROUGH, Touch.SMOOTH)
+        pair = [pools[label][int(rng.integers(len(pools[label])))] for label in order]
+        if pair[0][0].channels == pair[1][0].channels:
+            edges.append(_join(pair, order, folder))
+    return edges
+
+
+def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Recording, float]]:
+    for recording in recordings:
+        if recording.label is not label:
+            continue
+        whole = (Segment(0.0, soundfile.info(recording.path).duration, _WORDS[label]),)
+        for one in recording.segments or whole:
+            if one.contact and one.end - one.start >= HALF + 0.1:
+                yield recording, (one.start + one.end - HALF) / 2
+
+
+def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:
+    name = hashlib.sha256(repr([(str(one.path), start) for one, start in pair]).encode()).hexdigest()[:16]
+    path = folder / f"{name}.flac"
+    (first, rate), (second, other) = (_read(one.path, start) for one, start in pair)
+    if rate != other:
+        raise ValueError(f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {other} Hz: edges join equal rates")
+    if not path.is_file():
+        soundfile.write(path, _fade(first, second, rate), rate, subtype="PCM_16")
+    middle, end = LEAD + HALF - FADE / 2, LEAD + 2 * HALF - FADE
+    segments = (
+        Segment(0.0, LEAD, "none"),
+        Segment(LEAD, middle, _WORDS[order[0]]),
+        Segment(middle, end, _WORDS[order[1]]),
+    )
+    return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
+                     segments=segments, properties=MappingProxyType(_motion(pair)))  # fmt: skip
+
+
+def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
+    """Tell when the finger slides, if both recordings tell it."""
+    places = (LEAD, LEAD + HALF - FADE)
+    cuts = [cut_slides(one, start, start + HALF, place=place)
+            for (one, start), place in zip(pair, places, strict=True)]  # fmt: skip
+    if cuts[0] is None or cuts[1] is None:
+        return {}
+    # A slide that goes on over the edge is told as one.
+    last, first = cuts[0][-1:], cuts[1][:1]
+    if last and first and first[0].start <= last[0].end:
+        return {"slides": write_slides((*cuts[0][:-1], Stretch(last[0].start, first[0].end), *cuts[1][1:]))}
+    return {"slides": write_slides((*cuts[0], *cuts[1]))}
+
+
+def _read(path: Path, start: float) -> tuple[FloatArray, int]:
+    with soundfile.SoundFile(path) as file:
+        file.seek(round(start * file.samplerate))
+        return file.read(round(HALF * file.samplerate), dtype="float32", always_2d=True), file.samplerate
+
+
+def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
+    """Join with constant power, as the two sounds are unrelated."""
+    size = round(FADE * rate)
+    angle = np.linspace(0, np.pi / 2, size, dtype=np.float32)[:, None]
+    crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)
+    silence = np.zeros((round(LEAD * rate), first.shape[1]), np.float32)
+    return np.concatenate((silence, first[:-size], crossing, second[size:]))

@@ -1,0 +1,172 @@
+"""Sound leaves: blocks of any length become packets of one length, each with as much of the past as the line needs."""
+
+import secrets
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactophone.link.codec import Codec, open_encoder
+from tactophone.link.packet import CLOCK_RATE, LONGEST_EARLIER, LONGEST_OFFSET, Packet, Payload, PayloadType
+from tactophone.link.rtcp import SenderReport
+from tactophone.link.srtp import LARGEST_SEALED, OVERHEAD
+from tactophone.types import AudioBlock
+
+_ROOM = LARGEST_SEALED - OVERHEAD - 13
+"""Bytes for payloads in a packet: what the seal, the RTP header and redundancy's last header leave."""
+
+_EARLIER_HEADER = 4
+
+
+@dataclass(frozen=True, slots=True)
+class RedundancyRule:
+    """How many earlier payloads a packet carries: between ``least`` and ``most``, by the loss that is reported.
+
+    Any loss asks for one; a loss over ``heavy`` for two, as two in a row are then lost too often. When nothing was
+    lost for ``patience`` reports (ten seconds of them), one is taken off.
+    """
+
+    least: int = 0
+    most: int = 2
+    heavy: float = 0.03
+    patience: int = 50
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.least <= self.most <= 2:
+            raise ValueError(f"redundancy from {self.least} to {self.most}, but it lies between 0 and 2")
+
+
+class Redundancy:
+    """Follows a `RedundancyRule`; begins with one, and sheds it once the line has shown that it loses nothing.
+
+    Examples
+    --------
+    >>> redundancy = Redundancy(RedundancyRule())
+    >>> redundancy.hear(0.05)
+    >>> redundancy.depth
+    2
+    """
+
+    def __init__(self, rule: RedundancyRule) -> None:
+        self._rule = rule
+        self._clean = 0
+        self.depth = self._bounded(1)
+
+    def hear(self, fraction_lost: float) -> None:
+        """Take the loss of the newest report."""
+        if fraction_lost > 0:
+            self._clean = 0
+            self.depth = self._bounded(2 if fraction_lost > self._rule.heavy else max(1, self.depth))
+            return
+        self._clean += 1
+        if self._clean >= self._rule.patience:
+            self._clean = 0
+            self.depth = self._bounded(self.depth - 1)
+
+    def _bounded(self, depth: int) -> int:
+        return max(self._rule.least, min(depth, self._rule.most))
+
+
+class Packetizer:
+    """One stream of packets, not yet sealed.
+
+    Attributes
+    ----------
+    faults
+        ``samples that are no number``: NaN and infinities, sent as silence, because they would poison the codec.
+    """
+
+    def __init__(self, codec: Codec, *, ssrc: int, redundancy: Redundancy) -> None:
+        self.codec = codec
+        self.faults: Counter[str] = Counter()
+        self.packets = self.octets = 0
+        self._ssrc, self._redundancy = ssrc, redundancy
+        # Below 2**15, as RFC 3711 section 3.3.1 wants it: a lost first packet cannot then confuse the roll-over.
+        self._sequence = secrets.randbelow(1 << 15)
+        self._offset = secrets.randbits(32)
+        self._encoder = open_encoder(codec)
+        self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
+        self._filled = 0
+        self._next: int | None = None
+        self._marker = True
+        self._past: deque[Payload] = deque(maxlen=2)
+
+    @property
+    def origin(self) -> int:
+        """The timestamp on the wire of the source's first sample."""
+        return self._offset
+
+    @property
+    def latency(self) -> float:
+        """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
+        return self.codec.latency
+
+    def push(self, block: AudioBlock) -> list[Packet]:
+        """Take sound in; give the packets that it completes, oldest first."""
+        self._check(block)
+        if block.start != self._next:
+            self._filled, self._marker = 0, True
+        self._next = block.end
+        finite = np.isfinite(block.samples)
+        if not finite.all():
+            self.faults["samples that are no number"] += int((~finite).sum())
+        return list(self._cut(np.where(finite, block.samples, np.float32(0)), block.start))
+
+    def recode(self, codec: Codec) -> None:
+        """Go on with another setting of the codec, from the next packet on; channels and packet size stay."""
+        self.codec, self._encoder = codec, open_encoder(codec)
+
+    def flush(self) -> list[Packet]:
+        """Give what remains, filled up with silence."""
+        if not self._filled or self._next is None:
+            return []
+        rest = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
+        return list(self._cut(rest, self._next))
+
+    def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
+        """Make the stream's next packet of a payload whose time is ``position`` samples since the stream began."""
+        payload = Payload(kind, (self._offset + position) % (1 << 32), content)
+        packet = Packet(self._sequence, self._ssrc, payload, self._earlier(payload), self._marker)
+        self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
+        self.packets, self.octets = self.packets + 1, self.octets + len(content)
+        return packet
+
+    def report(self, now: float) -> SenderReport:
+        """Say how far the stream is; any clock will do that is also asked when the answer comes."""
+        timestamp = self._offset + (self._next or 0)
+        return SenderReport(self._ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
+
+    def _check(self, block: AudioBlock) -> None:
+        if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
+            raise ValueError(
+                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
+                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
+            )
+
+    def _cut(self, samples: np.ndarray, start: int) -> Iterator[Packet]:
+        taken = 0
+        while taken < len(samples):
+            step = min(self.codec.packet_size - self._filled, len(samples) - taken)
+            self._buffer[self._filled : self._filled + step] = samples[taken : taken + step]
+            self._filled, taken = self._filled + step, taken + step
+            if self._filled == self.codec.packet_size:
+                self._filled = 0
+                yield self._code(start + taken - self.codec.packet_size)
+
+    def _code(self, start: int) -> Packet:
+        packet = self.wrap(self.codec.kind, start, self._encoder.encode(self._buffer))
+        self._past.append(packet.payload)
+        return packet
+
+    def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
+        """Choose the newest past payloads that fit, oldest first."""
+        chosen: list[Payload] = []
+        room = _ROOM - len(payload.content)
+        for past in list(reversed(self._past))[: self._redundancy.depth]:
+            room -= _EARLIER_HEADER + len(past.content)
+            behind = (payload.timestamp - past.timestamp) % (1 << 32)
+            if room < 0 or len(past.content) > LONGEST_EARLIER or behind > LONGEST_OFFSET:
+                break
+            chosen.insert(0, past)
+        return tuple(chosen)

@@ -1,0 +1,176 @@
+"""RTCP: what each end tells the other of the stream (RFC 3550 section 6), sealed like everything else.
+
+Sent five times a second rather than every five seconds (RFC 4585 allows it), because redundancy follows it and because
+a peer that falls silent is known by it.
+"""
+
+import struct
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from tactophone.errors import PacketError
+
+_SENDER, _RECEIVER, _GOODBYE, _APPLICATION = 200, 201, 203, 204
+_HEAD = struct.Struct("!BBHI")
+_SENT = struct.Struct("!QIII")
+_BLOCK = struct.Struct("!IIIIII")
+_WISH = struct.Struct("!4sI")
+_NAME = b"TACT"
+_VERSION = 2
+
+NTP_ERA = 2_208_988_800
+"""Seconds between NTP's epoch of 1900 and Unix' of 1970 (RFC 868)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverReport:
+    """What one end heard of the other's stream.
+
+    Parameters
+    ----------
+    ssrc, of
+        Who reports, and of whose stream.
+    fraction_lost
+        Of the packets expected since the last report, from 0 to 1, before redundancy mended anything.
+    lost
+        Packets lost since the stream began.
+    highest
+        Extended highest sequence number heard.
+    jitter
+        Interarrival jitter in seconds.
+    last_report, since
+        When the peer sent its last `SenderReport` (middle 32 bits of its ``ntp``), and seconds since it came.
+    """
+
+    ssrc: int
+    of: int
+    fraction_lost: float
+    lost: int
+    highest: int
+    jitter: float
+    last_report: int = 0
+    since: float = 0.0
+
+    def __bytes__(self) -> bytes:
+        lost = round(self.fraction_lost * 256)
+        block = _BLOCK.pack(
+            self.of,
+            min(lost, 255) << 24 | max(0, min(self.lost, (1 << 23) - 1)),
+            self.highest % (1 << 32),
+            round(self.jitter * 48_000),
+            self.last_report,
+            round(self.since * 65_536) % (1 << 32),
+        )
+        return _head(_RECEIVER, 1, self.ssrc, block)
+
+
+@dataclass(frozen=True, slots=True)
+class SenderReport:
+    """When the sender was where in its stream; says as well that it lives while its source is silent.
+
+    Parameters
+    ----------
+    ntp
+        Its clock in seconds since 1970; or any other clock, as RFC 3550 section 6.4.1 allows.
+    timestamp
+        Of the sound at that time.
+    packets, octets
+        Sent since the stream began.
+    """
+
+    ssrc: int
+    ntp: float
+    timestamp: int
+    packets: int
+    octets: int
+
+    @property
+    def stamp(self) -> int:
+        """The middle 32 bits of its NTP time, which the other end returns."""
+        return _ntp(self.ntp) >> 16 & 0xFFFFFFFF
+
+    def __bytes__(self) -> bytes:
+        sent = _SENT.pack(_ntp(self.ntp), self.timestamp % (1 << 32), self.packets % (1 << 32), self.octets % (1 << 32))
+        return _head(_SENDER, 0, self.ssrc, sent)
+
+
+@dataclass(frozen=True, slots=True)
+class Goodbye:
+    """The peer hangs up."""
+
+    ssrc: int
+
+    def __bytes__(self) -> bytes:
+        return _head(_GOODBYE, 1, self.ssrc, b"")
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverRequest:
+    """The highest frequency in Hz that the operator's model makes use of (an APP packet, RFC 3550 section 6.7)."""
+
+    ssrc: int
+    bandwidth: int
+
+    def __bytes__(self) -> bytes:
+        return _head(_APPLICATION, 0, self.ssrc, _WISH.pack(_NAME, self.bandwidth))
+
+
+Report: TypeAlias = ReceiverReport | SenderReport | Goodbye | ReceiverRequest
+
+
+def parse_report(packet: bytes) -> Report:
+    """Read a report; `PacketError` when it is none of ours."""
+    if len(packet) < _HEAD.size:
+        raise PacketError(f"{len(packet)} bytes, but a report has at least {_HEAD.size}")
+    first, kind, words, ssrc = _HEAD.unpack_from(packet)
+    if first >> 6 != _VERSION or len(packet) != 4 * (words + 1):
+        raise PacketError(f"a report of {len(packet)} bytes that claims {4 * (words + 1)}, version {first >> 6}")
+    body = packet[_HEAD.size :]
+    match kind:
+        case 203:
+            return Goodbye(ssrc)
+        case 201 if len(body) == _BLOCK.size:
+            return _read_block(ssrc, body)
+        case 200 if len(body) == _SENT.size:
+            ntp, timestamp, packets, octets = _SENT.unpack(body)
+            return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
+        case 204 if len(body) == _WISH.size and body.startswith(_NAME):
+            return ReceiverRequest(ssrc, _WISH.unpack(body)[1])
+    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; ours are 200, 201, 203 and 204")
+
+
+def round_trip(report: ReceiverReport, *, now: float) -> float | None:
+    """Seconds there and back, by the peer's answer to our `SenderReport` (RFC 3550, 6.4.1); ``None`` before the first.
+
+    Examples
+    --------
+    >>> sent = SenderReport(1, ntp=1000.0, timestamp=0, packets=0, octets=0)
+    >>> answer = ReceiverReport(2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25)
+    >>> round_trip(answer, now=1000.5)
+    0.25
+    """
+    if not report.last_report:
+        return None
+    passed = ((_ntp(now) >> 16 & 0xFFFFFFFF) - report.last_report) % (1 << 32) / 65_536
+    return max(0.0, passed - report.since)
+
+
+def is_goodbye(packet: bytes) -> bool:
+    """Whether a report ends the stream."""
+    return len(packet) > 1 and packet[1] == _GOODBYE
+
+
+def _read_block(ssrc: int, body: bytes) -> ReceiverReport:
+    of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
+    return ReceiverReport(
+        ssrc, of, (losses >> 24) / 256, losses & 0xFFFFFF, highest, jitter / 48_000, last_report, since / 65_536
+    )
+
+
+def _head(kind: int, count: int, ssrc: int, body: bytes) -> bytes:
+    return _HEAD.pack(_VERSION << 6 | count, kind, (_HEAD.size + len(body)) // 4 - 1, ssrc) + body
+
+
+def _ntp(time: float) -> int:
+    """Seconds since 1970 as NTP's 32.32 fixed point."""
+    return int((time + NTP_ERA) * (1 << 32))

@@ -1,0 +1,1 @@
+"""Measurements of the running system: impulse latency, fail-safe timing, decision delay."""

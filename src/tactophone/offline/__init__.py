@@ -1,0 +1,1 @@
+"""Recordings through the pipeline: vibration, timeline and plots on disk. What `feel` runs."""

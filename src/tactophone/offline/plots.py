@@ -1,0 +1,169 @@
+"""Pictures; the one here is in the manner of the paper's Figs. 7 and 8: what was heard, believed, felt, and true.
+
+Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactophone.dataset import Segment
+from tactophone.errors import TactophoneError
+from tactophone.offline.peaks import PeakEnvelope
+from tactophone.telemetry.prediction_log import read_timeline
+from tactophone.types import Touch
+
+BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
+PURPLE = "#CC79A7"
+"""Okabe and Ito's, and a grey for what is absent."""
+
+TOUCH_COLOURS = {Touch.NONE: "#E4E4E4", Touch.SMOOTH: "#56B4E9", Touch.ROUGH: VERMILION}
+
+_WIDTH, _DPI = 11.0, 130
+
+
+def draw_recording(
+    path: Path,
+    *,
+    timeline: Path,
+    microphones: PeakEnvelope,
+    vibration: PeakEnvelope,
+    title: str = "",
+    truth: Sequence[Segment] = (),
+) -> None:
+    """Draw a recording as it was heard and felt, and write it as PNG.
+
+    Parameters
+    ----------
+    path
+        The picture to write.
+    timeline
+        The CSV file of the same run.
+    microphones, vibration
+        As the run gathered them.
+    title
+        Above the picture.
+    truth
+        What is known of the recording; a strip is drawn where there is something.
+
+    Raises
+    ------
+    TactophoneError
+        If matplotlib is not installed.
+    """
+    pyplot = load_pyplot()
+    lines = read_timeline(timeline)
+    _, low, _ = microphones.columns()
+    heights = [1.0] * low.shape[1] + [1.0, 1.0, 0.16] + ([0.16] if truth else [])
+    figure, axes = pyplot.subplots(
+        len(heights), 1, sharex=True, layout="constrained",
+        figsize=(_WIDTH, 1.25 + 1.1 * sum(heights)), height_ratios=heights,
+    )  # fmt: skip
+    _draw_microphones(axes[: low.shape[1]], microphones)
+    confidence, felt, belief = axes[low.shape[1] : low.shape[1] + 3]
+    _draw_confidence(confidence, lines)
+    _draw_vibration(felt, vibration, lines)
+    _draw_strip(belief, "felt as", _runs(lines))
+    if truth:
+        _draw_strip(axes[-1], "truth", [(one.start, one.end, one.label) for one in truth])
+    time, _, _ = vibration.columns()
+    axes[-1].set(xlabel="time (s)", xlim=(0, float(time[-1]) if len(time) else 1.0))
+    axes[0].set_title(title, loc="left", fontsize=10)
+    _legend(figure)
+    figure.savefig(path, dpi=_DPI)
+    pyplot.close(figure)
+
+
+def load_pyplot() -> Any:
+    """Import matplotlib's pyplot, styled as all our pictures are; `TactophoneError` if it is not installed."""
+    try:
+        import matplotlib as mpl  # slow to import, and only pictures need it
+    except ImportError as error:
+        raise TactophoneError("pictures need matplotlib: pip install 'tactophone[plot]'") from error
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update(
+        {
+            "font.size": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.labelcolor": "#333333",
+            "axes.edgecolor": "#999999",
+            "xtick.color": "#555555",
+            "ytick.color": "#555555",
+        }
+    )
+    return pyplot
+
+
+def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
+    time, low, high = envelope.columns()
+    names = ("contact", "air") if len(axes) == 2 else ("microphone",)
+    for channel, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        axis.fill_between(time, low[:, channel], high[:, channel], color=BLUE, linewidth=0.4)
+        # Each to its own scale, at least -40 dBFS: the air microphone is some 20 dB quieter than the contact one.
+        reach = max(0.01, float(np.abs([low[:, channel], high[:, channel]]).max()) * 1.05)
+        axis.set(ylim=(-reach, reach), ylabel=f"{name}\n(full scale)")
+
+
+def _draw_confidence(axis: Any, lines: dict[str, Any]) -> None:
+    touching = lines["contact"] > 0
+    share = np.divide(
+        lines["rough"], lines["smooth"] + lines["rough"],
+        out=np.full_like(lines["rough"], np.nan), where=lines["smooth"] + lines["rough"] > 0,
+    )  # fmt: skip
+    axis.step(lines["time"], share, where="post", color="#C9C9C9", linewidth=0.7)
+    axis.step(lines["time"], np.where(touching, share, np.nan), where="post", color=VERMILION, linewidth=1.1)
+    axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
+    axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
+
+
+def _draw_vibration(axis: Any, envelope: PeakEnvelope, lines: dict[str, Any]) -> None:
+    time, low, high = envelope.columns()
+    axis.fill_between(time, low[:, 0], high[:, 0], color=GREEN, linewidth=0.4)
+    axis.set(ylim=(-1.05, 1.05), yticks=(-1, 0, 1), ylabel="vibration\n(full drive)")
+    pitch = axis.twinx()
+    felt = np.where(lines["amplitude"] > 0, lines["frequency"], np.nan)
+    pitch.step(lines["time"], felt, where="post", color=ORANGE, linewidth=1.2)
+    pitch.set(ylim=(0, 150 if not np.nanmax(felt, initial=0) > 140 else None))
+    pitch.set_ylabel("frequency (Hz)", color="#A06E00")
+    pitch.spines["right"].set_visible(True)
+
+
+def _draw_strip(axis: Any, name: str, spans: Sequence[tuple[float, float, Touch | None]]) -> None:
+    for start, end, touch in spans:
+        if touch is not None and np.isfinite(end):
+            axis.axvspan(start, end, color=TOUCH_COLOURS[touch], linewidth=0)
+    axis.set(yticks=[], ylim=(0, 1))
+    axis.set_ylabel(name, rotation=0, ha="right", va="center")
+    for side in ("left", "bottom"):
+        axis.spines[side].set_visible(False)
+    axis.tick_params(bottom=False)
+
+
+def _runs(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
+    """Join lines of the same touch to spans."""
+    time, touch = lines["time"], lines["touch"]
+    if not len(time):
+        return []
+    edges = np.flatnonzero(np.diff(touch)) + 1
+    starts = np.concatenate(([0], edges))
+    ends = np.concatenate((time[edges], time[-1:]))
+    return [(float(time[at]), float(end), Touch(int(touch[at]))) for at, end in zip(starts, ends, strict=True)]
+
+
+def _legend(figure: Any) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    strips = [Patch(color=colour, label=touch.name.lower()) for touch, colour in TOUCH_COLOURS.items()]
+    handles = [
+        *strips,
+        Line2D([], [], color=VERMILION, label="roughness in contact"),
+        Line2D([], [], color="#C9C9C9", label="... out of contact"),
+        Line2D([], [], color=ORANGE, label="frequency felt"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)

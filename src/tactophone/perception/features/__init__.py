@@ -1,0 +1,1 @@
+"""Windows of sound to feature vectors."""

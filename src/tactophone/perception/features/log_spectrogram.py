@@ -1,0 +1,44 @@
+"""The time-frequency picture that a convolutional network looks at, as for tyre noise on road surfaces.
+
+A quarter of a second of the contact and air microphones as log band powers, band by band over time.
+"""
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tactophone.perception.features.bands import FLOOR, design_bands
+from tactophone.perception.model_file import ModelCard
+from tactophone.types import FloatArray
+
+SPAN, STRIDE = 512, 160
+"""Samples of each column of the picture, and from one to the next: 32 and 10 ms at 16 kHz."""
+
+
+class LogSpectrogramExtractor:
+    """Gives the picture of each window, flattened; features of kind ``scalogram``."""
+
+    def __init__(self, card: ModelCard) -> None:
+        self._taper = np.hanning(SPAN + 1)[:-1].astype(np.float32)
+        power = np.square(self._taper).sum() * SPAN / 2
+        self._banks = (design_bands(SPAN, card.sample_rate) / power).astype(np.float32)
+
+    def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
+        """Give log10 of the band powers, in the order channel, band, time."""
+        del contact
+        pieces = sliding_window_view(window, SPAN, axis=0)[::STRIDE]
+        spectra = np.fft.rfft(pieces * self._taper)
+        powers = (np.square(spectra.real) + np.square(spectra.imag)) @ self._banks
+        picture: FloatArray = np.log10(powers + FLOOR, dtype=np.float32)
+        return picture.transpose(1, 2, 0).reshape(-1)
+
+    def reset(self) -> None:
+        """Do nothing: each window speaks for itself."""
+
+
+def picture_columns(window_size: int) -> int:
+    """Columns of the picture of a window.
+
+    >>> picture_columns(4096)
+    23
+    """
+    return (window_size - SPAN) // STRIDE + 1

@@ -1,0 +1,108 @@
+"""What `tactophone calibrate` found out about a set-up, as a file that the other commands read."""
+
+import dataclasses
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from tactophone.errors import ConfigError
+from tactophone.perception.sensor_health.faults import Reference
+
+CLIPPED = 0.05
+"""Share of a half second that is a fault in a set-up whose gain was found good: more than a bang, a knob was turned."""
+
+_TABLE = "calibration"
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """A set-up that was found good: this finger, these microphones, this gain; one entry a channel where several.
+
+    Parameters
+    ----------
+    made, source
+        When, in ISO 8601, and from what.
+    sample_rate
+        In Hz.
+    false_alarms_per_minute
+        Chosen: touches felt in a minute of silence.
+    threshold_dbfs
+        Level of the contact microphone from which there is contact, as :class:`ContactGate` takes it.
+    window_dbfs
+        The same for a whole window of 256 ms, as in the paper: lower, as long levels vary less.
+    floor_dbfs, hum_dbfs
+        Level and hum in silence.
+    stroke_dbfs, peak_dbfs
+        Median level and highest peak while stroked.
+    """
+
+    made: str
+    source: str
+    sample_rate: int
+    false_alarms_per_minute: float
+    threshold_dbfs: float
+    window_dbfs: float
+    floor_dbfs: tuple[float, ...]
+    hum_dbfs: tuple[float, ...]
+    stroke_dbfs: tuple[float, ...]
+    peak_dbfs: tuple[float, ...]
+
+    @property
+    def channels(self) -> int:
+        """1 or 2; channel 0 is contact."""
+        return len(self.floor_dbfs)
+
+    @property
+    def reference(self) -> Reference:
+        """What sensor faults are held against."""
+        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, self._contrast_db)
+
+    @property
+    def _contrast_db(self) -> float:
+        levels = (self.floor_dbfs, self.stroke_dbfs)
+        return min(contact - air for contact, air in levels) if self.channels > 1 else 0.0
+
+    def write(self, path: Path) -> None:
+        """Write the file.
+
+        Raises
+        ------
+        ConfigError
+            If it cannot be written.
+        """
+        lines = [f"{name} = {_toml(value)}" for name, value in dataclasses.asdict(self).items()]
+        try:
+            path.write_text("\n".join((f"[{_TABLE}]", *lines, "")), encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}; give a folder that can be written to") from None
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """Read a file back.
+
+        Raises
+        ------
+        ConfigError
+            If it is missing, or not what :meth:`write` writes.
+        """
+        again = "make one with `tactophone calibrate`"
+        try:
+            entries = tomllib.loads(path.read_text(encoding="utf-8"))[_TABLE]
+            return cls(**{field.name: _fit(entries[field.name], field.type) for field in dataclasses.fields(cls)})
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror}; {again}") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+            raise ConfigError(f"{path}: no calibration file ({type(error).__name__}: {error}); {again}") from None
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _fit(value: Any, kind: Any) -> Any:
+    return kind(value) if kind in (str, int, float) else tuple(float(entry) for entry in value)

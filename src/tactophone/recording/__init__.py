@@ -1,0 +1,1 @@
+"""The guided recorder: the paper's protocol, a writer that loses nothing, and a check of each take."""

@@ -1,0 +1,1 @@
+"""Objects, movements and data sets for the simulated finger."""

@@ -1,0 +1,148 @@
+"""The catalogue of named objects: what they are made of, how they are held, and how rough they truly are."""
+
+import functools
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import resources
+from types import MappingProxyType
+from typing import Any
+
+from tactophone.errors import DatasetError
+from tactophone.simulation.physics.modes import Body, Mounting
+from tactophone.simulation.physics.roughness import Roughness, roughness
+from tactophone.simulation.physics.surface import SPACING, Grains, Pits, Ridges, Surface, height_profile
+from tactophone.simulation.physics.track import Material
+from tactophone.types import Touch
+
+PAPER = range(23)
+"""Numbers of the paper's objects: 20 for training, then those for testing."""
+
+TEST = frozenset({20, 21, 22})
+"""The authors' test objects; 20 is spare."""
+
+SCENARIOS = (Mounting.HELD, Mounting.TABLE, Mounting.BOX)
+"""The paper's acoustic scenarios, in which everything that can be moved may stand."""
+
+_UNITS = {"_um": 1e-6, "_mm": 1e-3, "_mm_s": 1e-3, "_gpa": 1e9}
+
+
+@dataclass(frozen=True, slots=True)
+class TestObject:
+    """An object of the catalogue.
+
+    Parameters
+    ----------
+    number, name
+        The number is that of the authors' files, up to 22.
+    surface, material
+        The statistics of its height, and what a tip meets there besides.
+    substance
+        What it is made of, in words.
+    label
+        A person's word: ``SMOOTH`` or ``ROUGH``.
+    body, mounting
+        How it is built and held.
+    length
+        Metres that a stroke may use.
+    mass
+        In kg.
+    """
+
+    number: int
+    name: str
+    surface: Surface
+    material: Material
+    substance: str
+    label: Touch
+    body: Body
+    mounting: Mounting
+    length: float
+    mass: float
+
+    @property
+    def roughness(self) -> Roughness:
+        """The truth about it: Ra and Rq of the profile that it is simulated with."""
+        return surface_roughness(self.surface)
+
+    @property
+    def movable(self) -> bool:
+        """Whether it can be held, laid on a table or put into a box."""
+        return self.mounting is not Mounting.FIXED
+
+
+@functools.cache
+def surface_roughness(surface: Surface) -> Roughness:
+    """Ra and Rq of a surface's profile."""
+    return roughness(height_profile(surface), SPACING)
+
+
+@functools.cache
+def catalogue() -> tuple[TestObject, ...]:
+    """All objects, by number."""
+    tables = _read()
+    return tuple(_thing(entry, tables["surfaces"]) for entry in tables["objects"])
+
+
+def find(name: str) -> TestObject:
+    """Find an object by its number or name.
+
+    >>> find("3").name, find("lava stone").label
+    ('polished marble', <Touch.ROUGH: 2>)
+    """
+    for thing in catalogue():
+        if name in (thing.name, str(thing.number)):
+            return thing
+    names = ", ".join(f"{thing.number} {thing.name}" for thing in catalogue())
+    raise DatasetError(f"{name!r} is no object of the catalogue; there are {names}")
+
+
+@functools.cache
+def surface(name: str) -> tuple[Surface, Material]:
+    """A surface of the catalogue by name, with what a tip meets there; some belong to no object, such as the mat."""
+    return _surface(name, _read()["surfaces"][name])
+
+
+@functools.cache
+def published_ra() -> Mapping[str, tuple[float, float]]:
+    """Range of Ra in m that a source gives, by surface, where one does."""
+    tables = _read()["surfaces"]
+    ranges = {name: table["published_ra_um"] for name, table in tables.items() if "published_ra_um" in table}
+    return MappingProxyType({name: (low * 1e-6, high * 1e-6) for name, (low, high) in ranges.items()})
+
+
+@functools.cache
+def _read() -> Mapping[str, Any]:
+    return tomllib.loads(resources.files("tactophone.simulation").joinpath("catalogue.toml").read_text("utf-8"))
+
+
+def _thing(entry: Mapping[str, Any], surfaces: Mapping[str, Any]) -> TestObject:
+    shape, material = _surface(entry["surface"], surfaces[entry["surface"]])
+    return TestObject(
+        number=entry["number"],
+        name=entry["name"],
+        surface=shape,
+        material=material,
+        substance=entry["material"],
+        label=Touch[entry["label"].upper()],
+        body=Body(entry["body"]),
+        mounting=Mounting(entry["mounting"]),
+        length=entry["length_mm"] * 1e-3,
+        mass=entry["mass"],
+    )
+
+
+def _surface(name: str, table: Mapping[str, Any]) -> tuple[Surface, Material]:
+    shape = _si({key: value for key, value in table.items() if not isinstance(value, str | list | dict)})
+    parts = {kind.__name__.lower(): kind for kind in (Grains, Pits, Ridges)}
+    features: dict[str, Any] = {key: parts[key](**_si(table[key])) for key in parts if key in table}
+    return Surface(name, **shape, **features), Material(**_si(table["material"]))
+
+
+def _si(table: Mapping[str, float]) -> dict[str, Any]:
+    """Turn ``height_um = 3`` into ``height = 3e-6``."""
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        suffix = next((unit for unit in sorted(_UNITS, key=len, reverse=True) if key.endswith(unit)), "")
+        found[key.removesuffix(suffix)] = value * _UNITS[suffix] if suffix else value
+    return found

@@ -1,0 +1,130 @@
+"""The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from tactophone.dataset import Recording
+from tactophone.simulation.content.movement import Script, Visit, explore, log_uniform
+from tactophone.simulation.content.render_store import RenderMetadata, read_metadata_of, tell, write_sound
+from tactophone.simulation.physics.scene import Scene, five_stones, shuffled
+from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
+from tactophone.simulation.physics.source import RATE, SimulatedFinger, Truth
+from tactophone.types import FloatArray, Touch
+
+VERSION = "1"
+"""Raise it when the same seed sounds different."""
+
+DAYS = (1, 2)
+
+SLIP_SHARE = 0.35
+"""Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section IV)."""
+
+_START = (-0.05, 0.035)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One exploration of all five stones, left to right; a day has one set-up and one order of stones a run."""
+
+    day: int
+    number: int
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """The file's name without its suffix."""
+        return f"day_{self.day}_run_{self.number}"
+
+    @property
+    def recipe(self) -> str:
+        """What the sound depends on."""
+        return f"competition {VERSION} {self.seed} {self.name}"
+
+    @property
+    def scene(self) -> Scene:
+        """The stones, in this run's order."""
+        return five_stones(self.order)
+
+    @property
+    def order(self) -> tuple[Touch, ...]:
+        """Smooth and rough, left to right."""
+        return shuffled(int(np.random.SeedSequence([self.seed, self.day, self.number]).generate_state(1)[0]))
+
+
+def render_run(run: Run) -> tuple[FloatArray, Truth]:
+    """Render a run of about half a minute: both microphones, motors and hall, and the truth."""
+    rng = np.random.default_rng([0xC0, run.seed, run.day, run.number])
+    script = Script(rng, x=_START[0], y=_START[1])
+    script.hover(rng.uniform(1, 2.5))
+    scene = run.scene
+    for placed in scene.placed:
+        visit = Visit(rng.uniform(2, 4), log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)),
+                      slips=rng.random() < SLIP_SHARE)  # fmt: skip
+        explore(script, placed, visit)
+    script.hover(1.0)
+    setup = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION)
+    finger = SimulatedFinger(scene, script.moves, setup=setup, seed=[0xC1, run.seed, run.day, run.number], place=_START)
+    return finger.render(round(script.time * RATE)).samples, finger.truth
+
+
+def make_run(folder: Path, run: Run, *, bits: int = 16) -> Run:
+    """Write a run's sound, and beside it its truth: ``start,end,stone,touch``, stones counted from 1, 6 the mat."""
+    path = folder / f"{run.name}.flac"
+    story = read_metadata_of(path)
+    if story is None or story.recipe != run.recipe:
+        samples, truth = render_run(run)
+        story = RenderMetadata(run.recipe, *tell(truth.thing, run.scene))
+        write_sound(path, samples, story, bits=bits)
+    _write_truth(folder / f"{run.name}.csv", story)
+    return run
+
+
+def run_recording(folder: Path, run: Run) -> Recording:
+    """What the manifest says of a run that has been made."""
+    story = read_metadata_of(folder / f"{run.name}.flac")
+    properties = {
+        "stones": " ".join(label.name.lower() for label in run.order),
+        "truth": f"{run.name}.csv",
+        "split": "competition",
+        "source": "simulated",
+    }
+    return Recording(
+        folder / f"{run.name}.flac",
+        "competition stones",
+        None,
+        ("contact", "air"),
+        take=f"run_{run.number}",
+        scenario="competition",
+        session=f"day {run.day}",
+        segments=story.segments if story else (),
+        properties=MappingProxyType(properties),
+    )
+
+
+def make_finals(folder: Path, runs: Sequence[Run], *, bits: int = 16) -> list[Path]:
+    """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and ``..._rough.wav``."""
+    written = []
+    for day in sorted({run.day for run in runs}):
+        takes = [render_run(run) for run in runs if run.day == day]
+        for label in (Touch.SMOOTH, Touch.ROUGH):
+            sound = np.concatenate([samples[truth.touch == label] for samples, truth in takes])
+            path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
+            write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)
+            written.append(path)
+    return written
+
+
+def _write_truth(path: Path, story: RenderMetadata) -> None:
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    with unfinished.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["start", "end", "stone", "touch"])
+        for segment, thing in zip(story.segments, story.things, strict=True):
+            writer.writerow([segment.start, segment.end, thing + 1 if thing >= 0 else "", segment.word])
+    os.replace(unfinished, path)

@@ -1,0 +1,1 @@
+"""Impaired networks, in virtual time and between real sockets."""

@@ -1,0 +1,1 @@
+"""Simulated people: an operator who explores stones, a participant who follows instructions."""

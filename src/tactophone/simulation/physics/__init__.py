@@ -1,0 +1,1 @@
+"""Surface, finger, contact, room and microphones."""

@@ -1,0 +1,82 @@
+"""What the contact's kernel is given, keeps and gives: values and records, laid out as machine code takes them."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+STATE = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            *("arm", "arm_speed", "pad", "pad_speed"),
+            *("link", "link_speed", "shear", "shear_speed"),
+            *("bristle", "load", "micro", "micro_noise", "friction_noise"),
+        )
+    ]
+)
+"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and two noise filters."""
+
+BODY = np.dtype(
+    [
+        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "micro_speed", "hiss")),
+        ("modes", np.int64),
+    ]
+)
+"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness and micro-slips,
+and how many modes it has."""
+
+OVERSAMPLING = 2
+"""Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""
+
+
+class Motion(NamedTuple):
+    """What the hand does in a block, per sample: position along the track (m), speed (m/s), press (N), what is under
+    the finger, and the height in m at which that stands."""
+
+    position: Array
+    speed: Array
+    press: Array
+    body: NDArray[np.int64]
+    height: Array
+
+
+class Ground(NamedTuple):
+    """All that can be touched: tracks ``(bodies, SIZE)`` of a power of two, their spacing, and records of the bodies.
+
+    ``modes`` has a row for each body and, last, one for the finger itself, of which ``flexure`` modes are in use.
+    """
+
+    light: NDArray[np.float32]
+    heavy: NDArray[np.float32]
+    friction: NDArray[np.float32]
+    spacing: float
+    bodies: NDArray[np.void]
+    modes: NDArray[np.void]
+    flexure: int
+
+
+class Ringing(NamedTuple):
+    """Displacements (m) and speeds of all modes, laid out as ``Ground.modes``."""
+
+    displacement: Array
+    speed: Array
+
+
+class Pace(NamedTuple):
+    """Seconds a step, and the coefficients of the one-pole low-passes of micro-roughness and friction noise."""
+
+    step: float
+    micro: float
+    friction: float
+
+
+class ContactState(NamedTuple):
+    """What a block gives, per sample: force at the piezo and at the contact (N), pressure from finger and body (Pa)."""
+
+    strain: Array
+    force: Array
+    finger: Array
+    body: Array

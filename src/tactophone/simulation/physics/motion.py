@@ -1,0 +1,163 @@
+"""Where the hand goes: moves given now and then become a smooth path, and the path a place on what lies below it.
+
+A *move* is a wish: at this time, be here and press this hard. Pointers report about a hundred a second; an arm is
+smoother than that, so a three-pole low-pass stands between wish and path. The finger is over whatever's footprint holds
+it, or over the ground between them; edges are rounded.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.simulation.physics.compiled import compiled
+from tactophone.simulation.physics.contact_state import Array, Motion
+
+LIFT = -0.5
+"""Newtons pressed while hovering: less than nothing, so that the finger rises."""
+
+_PATH_CORNER = 14.0
+"""Hz; a hand's voluntary movement ends near 10 Hz (Brooks, "Telerobotic response requirements", IEEE SMC 1990)."""
+
+_PRESS_CORNER = 9.0
+"""Hz; of force control."""
+
+HAND = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            *("x", "y", "x_speed", "y_speed", "x_wish", "y_wish", "x_eased", "y_eased"),
+            *("press", "press_rate", "press_wish", "press_eased"),
+            *("along", "x_direction", "y_direction", "sign"),
+        )
+    ]
+)
+"""The hand's state: place and speed, wish and eased wish, press likewise, and the place along the track."""
+
+
+class Move(NamedTuple):
+    """At ``time`` (s since the stream began), be at ``x, y`` (m) and press with ``force`` (N; negative lifts)."""
+
+    time: float
+    x: float
+    y: float
+    force: float
+
+
+class Field(NamedTuple):
+    """Footprints ``(things, 4)``: left, bottom, width, depth; their height over the ground and edge rounding, in m."""
+
+    footprints: Array
+    height: float
+    rounding: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Path:
+    """Where the finger was, per sample: ``x, y`` in m, and the motion over the tracks below it."""
+
+    x: Array
+    y: Array
+    motion: Motion
+
+
+class Hand:
+    """Follows moves; gives the same path at any block size."""
+
+    def __init__(self, field: Field, *, x: float, y: float, rate: int) -> None:
+        self._field, self._rate = field, rate
+        self._moves: deque[tuple[float, ...]] = deque()
+        self._position = 0
+        self._state = np.zeros(1, HAND)
+        for axis, place in (("x", x), ("y", y)):
+            for name in (axis, f"{axis}_wish", f"{axis}_eased"):
+                self._state[name] = place
+        for name in ("press", "press_wish", "press_eased"):
+            self._state[name] = LIFT
+        self._state["x_direction"] = self._state["sign"] = 1.0
+
+    def wish(self, moves: Iterable[Move]) -> None:
+        """Queue moves, oldest first; one whose time has passed takes effect at the next sample."""
+        self._moves.extend((float(round(move.time * self._rate)), *move[1:]) for move in moves)
+
+    def follow(self, size: int) -> Path:
+        """Go on for ``size`` samples."""
+        moves = self._due(size)
+        x, y, along, speed, press, height = (np.empty(size) for _ in range(6))
+        motion = Motion(along, speed, press, np.empty(size, np.int64), height)
+        _follow(moves, self._position, self._field, self._state, x, y, motion, float(self._rate))
+        self._position += size
+        return Path(x, y, motion)
+
+    def _due(self, size: int) -> NDArray[np.float64]:
+        due = []
+        while self._moves and self._moves[0][0] < self._position + size:
+            due.append(self._moves.popleft())
+        return np.array(due, dtype=np.float64).reshape(-1, 4)
+
+
+@compiled
+def _follow(
+    moves: Array, position: int, field: Field, state: NDArray[np.void], x: Array, y: Array, motion: Motion, rate: float
+) -> None:
+    s = state[0]
+    step = 1.0 / rate
+    taken = 0
+    for i in range(x.size):
+        while taken < len(moves) and moves[taken, 0] <= position + i:
+            s.x_wish, s.y_wish, s.press_wish = moves[taken, 1], moves[taken, 2], moves[taken, 3]
+            taken += 1
+        _approach(s, step)
+        speed = _advance(s, step)
+        x[i], y[i] = s.x, s.y
+        motion.position[i], motion.speed[i], motion.press[i] = s.along, s.sign * speed, s.press
+        motion.body[i], motion.height[i] = _below(s.x, s.y, field)
+
+
+@compiled
+def _approach(s: Any, step: float) -> None:
+    """One pole, then a critically damped pair, towards the wish."""
+    omega = 2 * np.pi * _PATH_CORNER
+    s.x_eased += 2.0 * omega * step * (s.x_wish - s.x_eased)
+    s.y_eased += 2.0 * omega * step * (s.y_wish - s.y_eased)
+    s.x_speed += step * (omega * omega * (s.x_eased - s.x) - 2 * omega * s.x_speed)
+    s.y_speed += step * (omega * omega * (s.y_eased - s.y) - 2 * omega * s.y_speed)
+    s.x += step * s.x_speed
+    s.y += step * s.y_speed
+    omega = 2 * np.pi * _PRESS_CORNER
+    s.press_eased += 2.0 * omega * step * (s.press_wish - s.press_eased)
+    s.press_rate += step * (omega * omega * (s.press_eased - s.press) - 2 * omega * s.press_rate)
+    s.press += step * s.press_rate
+
+
+@compiled
+def _advance(s: Any, step: float) -> float:
+    """Move along the track by the way gone; a reversal of direction goes back over the same ground. Gives the speed."""
+    speed = np.sqrt(s.x_speed * s.x_speed + s.y_speed * s.y_speed)
+    if speed > 1e-4:
+        x, y = s.x_speed / speed, s.y_speed / speed
+        if x * s.x_direction + y * s.y_direction < -0.2:
+            s.sign = -s.sign
+            s.x_direction, s.y_direction = x, y
+        else:
+            s.x_direction += 200 * step * (x - s.x_direction)
+            s.y_direction += 200 * step * (y - s.y_direction)
+    s.along += s.sign * speed * step
+    return speed
+
+
+@compiled
+def _below(x: float, y: float, field: Field) -> tuple[int, float]:
+    """What is under the finger, and how high it stands; the ground comes after the last footprint."""
+    for k in range(len(field.footprints)):
+        left, bottom, width, depth = field.footprints[k]
+        inside = min(x - left, left + width - x, y - bottom, bottom + depth - y)
+        if inside >= field.rounding:
+            return k, 0.0
+        if inside > 0.0:
+            fall = 1.0 - inside / field.rounding
+            return k, -field.height * (1.0 - np.sqrt(1.0 - fall * fall))
+    return len(field.footprints), -field.height

@@ -1,0 +1,53 @@
+"""One recording session's set-up: this finger, these microphones, this room; no two are quite alike."""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from tactophone.simulation.physics.finger import Electronics, Finger
+
+
+@dataclass(frozen=True, slots=True)
+class SessionVariation:
+    """What stays the same through a session.
+
+    Parameters
+    ----------
+    finger, electronics
+        Mechanics and microphones.
+    seed
+        Draws how the objects ring and the phase of the hum.
+    """
+
+    finger: Finger = field(default_factory=Finger)
+    electronics: Electronics = field(default_factory=Electronics)
+    seed: int = 0
+
+    @classmethod
+    def draw(cls, seed: int, electronics: Electronics | None = None) -> Self:
+        """Draw a session: gains within a decibel or so, silicone and microphone places within a tenth or two."""
+        rng = np.random.default_rng([0x5E75, seed])
+        finger, wired = Finger(), electronics or Electronics()
+        closeness = rng.uniform(0.85, 1.2)
+        return cls(
+            finger=finger._replace(
+                pad_stiffness=finger.pad_stiffness * rng.uniform(0.9, 1.1),
+                shear_stiffness=finger.shear_stiffness * rng.uniform(0.9, 1.1),
+                normal_strain=finger.normal_strain * rng.uniform(0.8, 1.2),
+                shear_strain=finger.shear_strain * rng.uniform(0.75, 1.25),
+                pad_radiation=finger.pad_radiation * closeness,
+                shear_radiation=finger.shear_radiation * closeness,
+            ),
+            electronics=wired._replace(
+                contact_gain=wired.contact_gain * 10 ** (rng.normal(0, 1.0) / 20),
+                air_gain=wired.air_gain * 10 ** (rng.normal(0, 1.0) / 20),
+                contact_hum_dbfs=wired.contact_hum_dbfs + rng.normal(0, 0.5),
+                room_dbfs=wired.room_dbfs + rng.normal(0, 2.5),
+            ),
+            seed=seed,
+        )
+
+
+COMPETITION = Electronics(room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0)
+"""A hall full of people, and a robot that runs."""

@@ -1,0 +1,1 @@
+"""Feature-based detectors: feature tracks, training sets, linear classifiers and baselines."""

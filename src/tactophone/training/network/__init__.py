@@ -1,0 +1,1 @@
+"""The paper's network: recipe, training loop, export and import."""

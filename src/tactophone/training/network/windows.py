@@ -1,0 +1,122 @@
+"""Windows without windows: one signal, and where in it each window starts.
+
+The authors' code copies every window of 512 samples at a hop of one, 34 GB for their 80 minutes of sound. Here a
+window is an index into the signal that all of them share; loudness at every start comes from one running sum.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tactophone.errors import DatasetError
+from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.training.network.recipe import Labelling
+from tactophone.types import FloatArray, Touch
+
+SIZE = 512
+"""Samples a window: 256 ms at 2 kHz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """The windows that are trained on, as starts in the signal.
+
+    Parameters
+    ----------
+    signal
+        All recordings end to end at 2 kHz, float32, shape ``(samples, channels)``.
+    starts
+        First sample of each window at a hop of one; no window reaches over a recording's end.
+    labels
+        A ``Touch`` for each start.
+    """
+
+    signal: FloatArray
+    starts: NDArray[np.int32]
+    labels: NDArray[np.int8]
+
+    def __len__(self) -> int:
+        return len(self.starts)
+
+    def __str__(self) -> str:
+        shares = (f"{np.mean(self.labels == touch):.0%} {touch.name.lower()}" for touch in Touch)
+        return f"{len(self)} windows, {', '.join(shares)}"
+
+    def take(self, which: NDArray[np.intp]) -> FloatArray:
+        """Copy some windows out: float32, shape ``(windows, 512, channels)``."""
+        views = sliding_window_view(self.signal, SIZE, axis=0)
+        return np.ascontiguousarray(views[self.starts[which]].transpose(0, 2, 1))
+
+
+def cut(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
+    """Find the windows of recordings that a labelling keeps.
+
+    Parameters
+    ----------
+    signals
+        A recording each, float32, shape ``(samples, channels)``, at 2 kHz.
+    labels
+        ``SMOOTH`` or ``ROUGH`` for each.
+    rule
+        Which windows are contact.
+
+    Raises
+    ------
+    DatasetError
+        If no window of a label is loud enough to count as contact.
+    """
+    loudness = [_loudness(signal[:, 0], rule.loudness) for signal in signals]
+    thresholds = {touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)}
+    starts, given, offset = [], [], 0
+    for signal, touch, loud in zip(signals, labels, loudness, strict=True):
+        contact = loud > thresholds[touch]
+        kept = np.flatnonzero(contact | (rule.quiet_rough or touch is not Touch.ROUGH))
+        starts.append((kept + offset).astype(np.int32))
+        given.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
+        offset += len(signal)
+    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(given))
+    _require_contact(windows, labels, thresholds)
+    return windows
+
+
+def _loudness(contact: FloatArray, kind: LoudnessRule) -> FloatArray:
+    """Loudness of the window at each start, from one running sum in double precision."""
+    power = np.square(contact, dtype=np.float64) if kind == "rms" else np.abs(contact, dtype=np.float64)
+    total = np.concatenate([[0.0], np.cumsum(power)])
+    mean: NDArray[np.float64] = np.maximum(total[SIZE:] - total[:-SIZE], 0) / SIZE
+    return np.asarray(np.sqrt(mean) if kind == "rms" else mean, np.float32)
+
+
+def _threshold(touch: Touch, loudness: Sequence[FloatArray], labels: Sequence[Touch], rule: Labelling) -> float:
+    if not rule.relative:
+        return rule.threshold
+    of_label = np.concatenate([loud for loud, label in zip(loudness, labels, strict=True) if label is touch])
+    mean = np.sqrt(np.mean(np.square(of_label))) if rule.loudness == "rms" else np.mean(of_label)
+    return float(rule.threshold * mean)
+
+
+def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict[Touch, float]) -> None:
+    for touch in sorted(set(labels)):
+        if not np.any(windows.labels == touch):
+            level = 20 * np.log10(thresholds[touch])
+            raise DatasetError(
+                f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, where contact is "
+                "taken to begin; record louder, or take a threshold relative to the recordings (--following authors)"
+            )
+
+
+def grid(windows: Windows, *, hop: int, seed: int, epoch: int) -> tuple[NDArray[np.intp], np.random.Generator]:
+    """Lay an epoch's grid of starts at a random phase; give its windows, and the generator that shuffles them."""
+    rng = np.random.default_rng((seed, epoch))
+    return np.flatnonzero(windows.starts % hop == rng.integers(hop)), rng
+
+
+def batches(windows: Windows, *, hop: int, size: int, seed: int, epoch: int) -> Iterator[NDArray[np.intp]]:
+    """Shuffle an epoch's windows and deal them out; the same seed deals the same."""
+    which, rng = grid(windows, hop=hop, seed=seed, epoch=epoch)
+    rng.shuffle(which)
+    for first in range(0, len(which), size):
+        yield which[first : first + size]

@@ -1,0 +1,51 @@
+"""Several processes that train one network, as ``torchrun`` starts them: each takes its part of every batch.
+
+The loss is a weighted mean over the whole batch, so each process divides its sum by the weight of *all*, and the
+gradients add up to those of a single process: equal but for the order of summation.
+"""
+
+import os
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+
+@dataclass(frozen=True, slots=True)
+class WorkerGroup:
+    """Which of how many processes this one is."""
+
+    rank: int = 0
+    size: int = 1
+
+    @property
+    def leads(self) -> bool:
+        """Whether this process writes files and talks."""
+        return self.rank == 0
+
+    def part(self, count: int) -> slice:
+        """Give this process's part of a batch of so many windows.
+
+        >>> [WorkerGroup(rank, 3).part(10) for rank in range(3)]
+        [slice(0, 3, None), slice(3, 6, None), slice(6, 10, None)]
+        """
+        return slice(self.rank * count // self.size, (self.rank + 1) * count // self.size)
+
+    def add_up(self, network: nn.Module, loss: torch.Tensor) -> float:
+        """Add up gradients and loss over all processes; give the loss."""
+        total = loss.detach().clone()
+        if self.size > 1:
+            torch.distributed.all_reduce(total)
+            for parameter in network.parameters():
+                torch.distributed.all_reduce(parameter.grad)
+        return float(total)
+
+
+def init_distributed() -> WorkerGroup:
+    """Join the processes that ``torchrun`` started; alone, if it did not."""
+    size = int(os.environ.get("WORLD_SIZE", "1"))
+    if size == 1:
+        return WorkerGroup()
+    if not torch.distributed.is_initialized():
+        torch.distributed.init_process_group("gloo")
+    return WorkerGroup(torch.distributed.get_rank(), size)

@@ -1,0 +1,41 @@
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from tactophone.benchmark.height_regression import HIGHEST, LOWEST, HeightMethod, compare_heights, height_correlation
+from tactophone.dataset import Recording
+from tactophone.evaluation.predictions import TakePredictions
+from tactophone.training.features.feature_tracks import FeatureSpec
+from tactophone.types import Touch
+from tests.surfaces import surfaces
+
+
+def told(name: str, ra_um: float, heights: list[float]) -> TakePredictions:
+    """A take_predictions that holds heights, as log10 of micrometres."""
+    place = (np.array(heights) - LOWEST) / (HIGHEST - LOWEST)
+    recording = Recording(
+        Path(f"{name}.wav"), name, Touch.ROUGH, properties=MappingProxyType({"ra_um": f"{ra_um}"})
+    )  # fmt: skip
+    shares = np.stack((0 * place, 1 - place, place), axis=1).astype(np.float32)
+    return TakePredictions(recording, np.arange(len(place), dtype=float), shares, np.ones(len(place), bool))
+
+
+def test_errors_are_decades_over_surfaces() -> None:
+    found = compare_heights([told("glass", 0.1, [-1.0, -1.0]), told("slate", 1, [0.3, 0.1]), told("lava", 10, [0.4])])
+    assert found.error_decades == pytest.approx(np.sqrt((0 + 0.2**2 + 0.6**2) / 3), abs=1e-5)
+    assert found.spread_decades == pytest.approx(np.sqrt(2 / 3))
+    assert found.correlation == pytest.approx(1)
+    assert found.surfaces[2][1:] == pytest.approx((1, 10**0.2), rel=1e-5)
+
+
+def test_two_surfaces_have_no_rank_correlation() -> None:
+    assert np.isnan(height_correlation([told("glass", 0.1, [-1.0]), told("lava", 10, [1.0])]))
+
+
+def test_heights_are_learnt_from_sound(tmp_path: Path) -> None:
+    recordings = surfaces(tmp_path, each=4).recordings
+    judge = HeightMethod(FeatureSpec("texture", 2)).fit(recordings[:6])
+    found = compare_heights(map(judge, recordings[6:]))
+    assert found.error_decades < found.spread_decades

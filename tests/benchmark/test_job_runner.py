@@ -1,0 +1,74 @@
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactophone.benchmark import job_runner as farm
+from tactophone.benchmark.crossvalidation import Cache, cross_validate
+from tactophone.benchmark.job_runner import Job, run_jobs
+from tactophone.dataset import Recording, open_dataset, split
+from tactophone.errors import ConfigError
+from tactophone.evaluation.predictions import Judge, TakePredictions
+from tests.dataset.folders import audiofolder
+
+
+@dataclass(frozen=True)
+class Constant:
+    """Says the same of everything; where ``deadly`` names a file that is not there, it makes it and dies."""
+
+    deadly: Path | None = None
+    name: str = "constant"
+
+    @property
+    def identity(self) -> str:
+        return "constant"
+
+    def fit(self, recordings: Sequence[Recording]) -> Judge:
+        if self.deadly and not self.deadly.exists():
+            self.deadly.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        share = np.array([[0.0, 0.25, 0.75]], np.float32)
+        return lambda recording: TakePredictions(recording, np.array([1.0]), share, np.array([True]))
+
+
+def jobs(folder: Path, method: Constant) -> list[Job]:
+    return [Job(method, fold) for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")]
+
+
+def test_results_are_kept_and_a_second_run_runs_nothing(tmp_path: Path) -> None:
+    wanted, cache = jobs(tmp_path, Constant()), Cache(tmp_path / "cache")
+    told: list[int] = []
+    assert run_jobs(wanted, cache, report=lambda done, name: told.append(done)) == 4
+    assert told == [1, 2, 3, 4]
+    assert run_jobs(wanted, cache) == 0
+    judged = cross_validate(Constant(), [job.fold for job in wanted], cache=cache)
+    assert len(judged) == 8
+
+
+@pytest.mark.realtime
+def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path) -> None:
+    wanted, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    assert run_jobs(wanted, cache, place="processes", workers=2) == 4
+    assert (tmp_path / "dead").exists()
+    assert all(cache.get(job.key, job.fold) for job in wanted)
+
+
+@pytest.mark.realtime
+def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> None:
+    ray = pytest.importorskip("ray")
+    wanted, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    try:
+        assert run_jobs(wanted, cache, place="ray", workers=1) == 4
+    finally:
+        ray.shutdown()
+    assert all(cache.get(job.key, job.fold) for job in wanted)
+
+
+def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match=r"tactophone\[ray\]"):
+        farm.load_ray(1)

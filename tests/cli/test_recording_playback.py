@@ -1,0 +1,58 @@
+"""Replaying a recording on the page."""
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.capture import FileSource
+from tactophone.cli._support import recording_playback as replay
+from tactophone.dataset import Segment
+from tactophone.pipeline import open_pipeline
+from tactophone.telemetry import Telemetry, Watcher
+from tactophone.types import Touch
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "stroke.wav"
+    sound = np.random.default_rng(0).uniform(-0.5, 0.5, (13_230, 2))
+    soundfile.write(path, sound, 44_100, "PCM_24")
+    return path
+
+
+def test_it_shows_sound_belief_vibration_and_truth_in_the_sound_s_own_time(recording: Path) -> None:
+    source = FileSource(recording)
+    walk = open_pipeline(sample_rate=source.sample_rate, channels=2)
+    take = replay.Take(source, walk, (Segment(0.1, 0.2, "rough"),))
+    with Telemetry("test-replay") as telemetry:
+        replay.replay(take, telemetry)
+        seen = Watcher("test-replay").snapshot()
+    assert (seen.sound_end, seen.vibration_end) == (13_230, 14_400)
+    assert (seen.state.role, seen.state.source, seen.state.sample_rate) == ("replay", "stroke.wav", 44_100)
+    truth = dict.fromkeys(seen.ticks["truth"].tolist())
+    assert list(truth) == [-1, Touch.ROUGH]
+    assert np.abs(seen.vibration).max() > 0
+
+
+def test_feel_serves_a_page_until_interrupted(recording: Path) -> None:
+    command = [sys.executable, "-m", "tactophone", "feel", str(recording), "--out", str(recording.parent)]
+    with subprocess.Popen(
+        [*command, "--json", "--dashboard"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr
+        address = next(line for line in process.stderr if line.startswith("page: ")).split()[1]
+        with urllib.request.urlopen(address) as page:
+            assert b"Tactophone" in page.read()
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert json.loads(told)[0]["recording"] == str(recording)

@@ -1,0 +1,55 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.cli import main
+from tactophone.dataset import Recording, write_metadata
+from tactophone.perception import read_model
+from tactophone.types import Touch
+from tests.models import write_tiny_model
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rough is loud and low, smooth is less so, both with noise."""
+    root, rng = tmp_path_factory.mktemp("validation"), np.random.default_rng(0)
+    recordings = []
+    for number in range(6):
+        label = Touch.ROUGH if number % 2 else Touch.SMOOTH
+        phase = 2 * np.pi * 300 * np.arange(3 * 48_000) / 48_000
+        sound = (0.4 if label is Touch.ROUGH else 0.2) * np.sin(phase) + rng.normal(0, 0.05, len(phase))
+        path = root / f"{number}.wav"
+        soundfile.write(path, np.stack([sound, 0.1 * sound], axis=1), 48_000)
+        recordings.append(Recording(path, f"stone {number}", label, ("contact", "air")))
+    write_metadata(root, recordings)
+    return root
+
+
+def test_tuning_writes_the_rule_into_the_file_and_a_picture_beside_it(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
+    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--json"]
+    assert main([*command, "--false-positives", "1"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    card = read_model(out).card
+    assert card.decision.rough_on == told["chosen"]["rough_on"]
+    assert card.scores["operating point"]["dataset"] == data.name
+    assert (tmp_path / "tuned.trade-off.png").is_file()
+    assert read_model(model).card.decision.rough_on == 0.5
+
+
+def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    before = model.read_bytes()
+    assert main(["set-threshold", str(model), "--data", str(data), "--false-positives", "1", "--dry-run"]) == 0
+    assert model.read_bytes() == before
+
+
+@pytest.mark.parametrize("goal", [["--false-bumps", "often"], ["--false-positives", "2"]])
+def test_a_goal_that_is_none_is_named(goal: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["set-threshold", "paper", "--data", "nowhere", *goal]) == 1
+    assert "such as" in capsys.readouterr().err

@@ -1,0 +1,43 @@
+"""What a page may ask for."""
+
+import json
+
+import pytest
+
+from tactophone.dashboard.requests import wish
+from tactophone.telemetry import Request, State
+
+STATE = State(ceiling=0.4, local_ceiling=0.5, profiles=("paper", "plain"))
+
+
+@pytest.mark.parametrize(
+    ("asked", "granted"),
+    [
+        ({"action": "mute"}, Request("mute")),
+        ({"action": "stop"}, Request("stop")),
+        ({"action": "ceiling", "value": 0.4}, Request("ceiling", 0.4)),
+        ({"action": "ceiling", "value": 0}, Request("ceiling", 0.0)),
+        ({"action": "output_level", "value": 1}, Request("output_level", 1.0)),
+        ({"action": "threshold_dbfs", "value": -47.5}, Request("threshold_dbfs", -47.5)),
+        ({"action": "profile", "text": "plain"}, Request("profile", text="plain")),
+    ],
+)
+def test_what_is_in_range_is_passed_on(asked: dict[str, object], granted: Request) -> None:
+    assert wish(json.dumps(asked), STATE) == granted
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("", "[]", "1", "null", "mute", '{"value": 1}', '{"action": []}', '{"action": "format"}'),
+        *('{"action": "output_level", "value": NaN}', '{"action": "output_level", "value": 1.01}'),
+        *('{"action": "output_level", "value": true}', '{"action": "threshold_dbfs", "value": 3}'),
+        *('{"action": "profile", "text": "nonesuch"}', '{"action": "profile", "text": []}'),
+    ],
+)
+def test_anything_else_is_refused_in_words(text: str) -> None:
+    assert isinstance(wish(text, STATE), str)
+
+
+def test_a_page_never_raises_the_ceiling_not_even_to_the_local_one() -> None:
+    assert "raise it at the machine" in str(wish('{"action": "ceiling", "value": 0.45}', STATE))

@@ -1,0 +1,56 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.dataset import check, open_dataset, split
+from tactophone.dataset.converters import convert, set_split, write_card
+from tactophone.errors import DatasetError
+from tests.dataset.folders import audiofolder, authors
+
+
+def test_the_authors_layout_becomes_ours_without_a_change_of_sound(tmp_path: Path) -> None:
+    source = open_dataset(authors(tmp_path / "theirs"))
+    convert(source, tmp_path / "ours")
+    made = open_dataset(tmp_path / "ours")
+    assert check(made) == ()
+    assert [(one.surface, one.label, one.take, one.known("split")) for one in made.recordings] == [
+        (one.surface, one.label, one.take, one.known("split")) for one in source.recordings
+    ]
+    before, after = (soundfile.read(one.recordings[0].path)[0] for one in (source, made))
+    np.testing.assert_array_equal(before, after)
+    assert {one.path.suffix for one in made.recordings} == {".flac"}
+
+
+def test_nothing_is_written_over_another_data_set(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    with pytest.raises(DatasetError, match="a new folder"):
+        convert(dataset, tmp_path)
+
+
+def test_a_file_that_cannot_be_converted_is_named_and_leaves_no_half(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path / "a"))
+    dataset.recordings[0].path.write_text("no sound")
+    with pytest.raises(DatasetError, match="00_0"):
+        convert(dataset, tmp_path / "b")
+    assert not list((tmp_path / "b").rglob("*.flac"))
+
+
+def test_a_split_is_written_and_read_as_given(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    set_split(dataset, {"stone 00": "test", "stone 01": "test", "stone 02": "train", "stone 03": "train"})
+    (fold,) = split(open_dataset(tmp_path), "given")
+    assert {one.surface for one in fold.test} == {"stone 00", "stone 01"}
+
+
+def test_a_split_wants_a_manifest_of_ours(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="dataset import"):
+        set_split(open_dataset(authors(tmp_path)), {})
+
+
+def test_the_card_tells_what_there_is(tmp_path: Path) -> None:
+    card = write_card(open_dataset(audiofolder(tmp_path))).read_text()
+    assert card.startswith("---\n")
+    assert "8 recordings of 4 surfaces, 0.1 minutes, at 4000 Hz. Channels: contact and air." in card
+    assert "| stone 00 | rough | not stated | hand, table | 2 |" in card

@@ -1,0 +1,34 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.evaluation.transitions import FADE, HALF, LEAD, join_edges
+from tactophone.types import Touch
+from tests.surfaces import RATE, surfaces
+
+
+def test_edges_join_a_smooth_and_a_rough_touch_in_either_order(tmp_path: Path) -> None:
+    edges = join_edges(surfaces(tmp_path).recordings, tmp_path / "edges")
+    orders = {tuple(segment.label for segment in edge.segments) for edge in edges}
+    assert orders == {(Touch.NONE, Touch.SMOOTH, Touch.ROUGH), (Touch.NONE, Touch.ROUGH, Touch.SMOOTH)}
+    sound, rate = soundfile.read(edges[0].path)
+    assert (rate, sound.shape[1]) == (RATE, 2)
+    assert len(sound) / rate == pytest.approx(LEAD + 2 * HALF - FADE, abs=1e-3)
+    assert edges[0].segments[-1].end == pytest.approx(len(sound) / rate, abs=1e-3)
+
+
+def test_there_is_no_silence_at_an_edge(tmp_path: Path) -> None:
+    for edge in join_edges(surfaces(tmp_path).recordings, tmp_path / "edges"):
+        sound, rate = soundfile.read(edge.path)
+        middle = round(edge.segments[1].end * rate)
+        near = sound[middle - rate // 50 : middle + rate // 50, 0]
+        assert np.square(near).mean() > 0.1 * np.square(sound[rate // 4 :, 0]).mean() / 10
+
+
+def test_one_kind_has_no_edges_and_the_same_seed_has_the_same(tmp_path: Path) -> None:
+    recordings = surfaces(tmp_path).recordings
+    assert join_edges(recordings[::2], tmp_path / "edges") == []
+    again = [join_edges(recordings, tmp_path / "edges") for _ in range(2)]
+    assert [one.path for one in again[0]] == [one.path for one in again[1]]

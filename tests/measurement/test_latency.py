@@ -1,0 +1,18 @@
+import numpy as np
+import pytest
+
+from tactophone import config
+from tactophone.config import Settings
+from tactophone.devices import DummyServer
+from tactophone.measurement.latency import Graph, measure
+from tactophone.telemetry import STAGES
+
+
+@pytest.mark.realtime
+def test_clicks_cross_the_running_chain(jack_server: DummyServer) -> None:
+    settings = config.change(Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"])
+    measured = measure(settings, Graph(jack_server.name), clicks=12)
+    assert measured.missed <= 1
+    assert np.median(measured.end_to_end) < 0.012
+    assert measured.disagreement < 0.001
+    assert set(measured.stages) == set(STAGES)

@@ -1,0 +1,44 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.capture import FileSource
+from tactophone.dataset import Segment
+from tactophone.offline.plots import draw_recording
+from tactophone.offline.process_recording import Outputs, feel
+from tactophone.pipeline import open_pipeline
+from tests.models import write_tiny_model
+from tests.sounds import noise
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize("duration", [0.01, 1.0])
+def test_a_picture_of_any_recording(tmp_path: Path, channels: int, duration: float) -> None:
+    soundfile.write(tmp_path / "a.wav", noise(duration=duration, channels=channels), 48_000)
+    model = str(write_tiny_model(tmp_path / "tiny.onnx", channels=channels))
+    outputs = Outputs.beside(tmp_path, "a")
+    source = FileSource(tmp_path / "a.wav")
+    _, feeling = feel(source, open_pipeline(model, sample_rate=48_000, channels=channels), outputs)
+    truth = [Segment(0.0, duration / 2, "rough"), Segment(duration / 2, duration, "none")] if channels == 2 else []
+    picture = tmp_path / "a.png"
+    draw_recording(
+        picture,
+        timeline=outputs.timeline,
+        microphones=feeling.microphones,
+        vibration=feeling.vibration,
+        title="a.wav",
+        truth=truth,
+    )
+    pixels = _pixels(picture)
+    assert pixels.shape[1] == 1430
+    assert len(np.unique(pixels.reshape(-1, pixels.shape[2]), axis=0)) > 20
+
+
+def _pixels(path: Path) -> np.ndarray:
+    from matplotlib import image
+
+    return image.imread(path)

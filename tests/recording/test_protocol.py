@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from tactophone.recording.protocol import PROTOCOL, Key, Protocol, Stage
+from tactophone.types import AudioBlock
+
+RATE = 1000
+
+
+def protocol(**options: object) -> Protocol:
+    return Protocol(PROTOCOL, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options})
+
+
+def hear(machine: Protocol, seconds: float, size: int = 100) -> int:
+    """Push sound; give how many samples were taken."""
+    return sum(
+        machine.push(AudioBlock(np.zeros((min(size, round(seconds * RATE) - start), 2), np.float32), RATE)).size
+        for start in range(0, round(seconds * RATE), size)
+    )
+
+
+def test_the_paper_has_seven_takes() -> None:
+    assert [take.name for take in PROTOCOL] == [
+        "long_light", "long_medium", "long_loud", "short_light", "short_medium", "short_loud", "wiggle",
+    ]  # fmt: skip
+    assert all(take.instruction for take in PROTOCOL)
+
+
+@pytest.mark.parametrize("size", [1, 17, 480, 5000])
+def test_a_take_is_counted_down_recorded_to_the_sample_and_judged(size: int) -> None:
+    machine = protocol()
+    assert hear(machine, 1.0, size) == 0
+    machine.press(Key.GO)
+    assert machine.stage is Stage.COUNTDOWN
+    assert hear(machine, 3.0, size) == 2 * RATE or size == 5000
+    assert machine.stage is Stage.JUDGED
+    machine.press(Key.GO)
+    assert (machine.stage, machine.take.name, machine.number) == (Stage.READY, "long_medium", 2)
+
+
+def test_all_takes_lead_to_the_end() -> None:
+    machine = protocol()
+    for _ in PROTOCOL:
+        machine.press(Key.GO)
+        assert hear(machine, 2.6) == 2 * RATE
+        machine.press(Key.GO)
+    assert machine.stage is Stage.DONE
+    machine.press(Key.GO)
+    assert machine.stage is Stage.DONE
+
+
+def test_pausing_keeps_what_there_is_and_notes_where() -> None:
+    machine = protocol()
+    machine.press(Key.GO)
+    taken = hear(machine, 1.5)
+    machine.press(Key.GO)
+    assert machine.stage is Stage.PAUSED
+    assert hear(machine, 5.0) == 0
+    machine.press(Key.GO)
+    assert taken + hear(machine, 5.0) == 2 * RATE
+    assert machine.pauses == (1.0,)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 4.0])
+def test_a_retake_begins_the_same_take_anew(seconds: float) -> None:
+    machine = protocol()
+    machine.press(Key.GO)
+    hear(machine, seconds)
+    machine.press(Key.RETAKE)
+    assert (machine.stage, machine.take.name) == (Stage.READY, "long_light")
+    machine.press(Key.GO)
+    assert hear(machine, 4.0) == 2 * RATE
+
+
+def test_keys_that_make_no_sense_do_nothing() -> None:
+    machine = protocol()
+    machine.press(Key.RETAKE)
+    assert machine.stage is Stage.READY
+    machine.press(Key.GO)
+    machine.press(Key.GO)
+    assert machine.stage is Stage.COUNTDOWN
+
+
+def test_what_is_done_is_not_asked_for_again() -> None:
+    assert protocol(done=("long_light", "wiggle")).take.name == "long_medium"
+    everything = protocol(done=[take.name for take in PROTOCOL])
+    assert everything.stage is Stage.DONE
+
+
+def test_remaining_time_is_told() -> None:
+    machine = protocol()
+    machine.press(Key.GO)
+    assert machine.remaining == 0.5
+    hear(machine, 1.0)
+    assert machine.remaining == pytest.approx(1.5)

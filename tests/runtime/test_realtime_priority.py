@@ -1,0 +1,36 @@
+import gc
+import os
+import threading
+
+import pytest
+
+from tactophone.runtime import realtime_priority as tuning
+
+
+def test_settling_hides_everything_from_the_collector() -> None:
+    tuning.settle()
+    try:
+        assert gc.get_freeze_count() > 1000
+    finally:
+        gc.unfreeze()
+
+
+def test_a_refused_priority_is_one_sentence_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert "limits.d" in tuning.prioritize_thread(50)
+
+
+def test_only_the_calling_thread_is_prioritized() -> None:
+    warnings: list[str] = []
+    thread = threading.Thread(target=lambda: warnings.append(tuning.prioritize_thread(1)))
+    thread.start()
+    thread.join()
+    assert warnings[0] == "" or "no right" in warnings[0]
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+def test_no_priority_asks_for_nothing() -> None:
+    assert tuning.prioritize_thread(0) == ""

@@ -1,0 +1,49 @@
+import pytest
+
+from tactophone.errors import DatasetError
+from tactophone.simulation.content.catalogue import (
+    PAPER,
+    TEST,
+    catalogue,
+    find,
+    published_ra,
+    surface,
+    surface_roughness,
+)
+from tactophone.types import Touch
+
+AUTHORS_ROUGH = {0, 1, 8, 11, 13, 15, 17, 19, 20, 22}
+
+
+def test_the_papers_objects_have_the_authors_labels() -> None:
+    labels = {thing.number: thing.label for thing in catalogue() if thing.number in PAPER}
+    assert {number for number, label in labels.items() if label is Touch.ROUGH} == AUTHORS_ROUGH
+    assert len(labels) == 23
+
+
+def test_test_objects_share_no_surface_with_the_others() -> None:
+    tested = {thing.surface.name for thing in catalogue() if thing.number in TEST}
+    trained = {thing.surface.name for thing in catalogue() if thing.number not in TEST}
+    assert not tested & trained
+
+
+def test_rough_objects_are_rougher_than_every_smooth_one() -> None:
+    rough = [thing.roughness.ra for thing in catalogue() if thing.label is Touch.ROUGH]
+    smooth = [thing.roughness.ra for thing in catalogue() if thing.label is Touch.SMOOTH]
+    assert min(rough) > max(smooth)
+
+
+@pytest.mark.parametrize("name", sorted(published_ra()))
+def test_ra_lies_where_the_source_has_it(name: str) -> None:
+    low, high = published_ra()[name]
+    assert low <= surface_roughness(surface(name)[0]).ra <= high
+
+
+def test_every_profile_has_a_seed_of_its_own() -> None:
+    seeds = {thing.surface.name: thing.surface.seed for thing in catalogue()}
+    assert len(set(seeds.values())) == len(seeds)
+
+
+def test_an_unknown_object_is_answered_with_the_known() -> None:
+    with pytest.raises(DatasetError, match="0 lava stone, 1 sandstone"):
+        find("cheese")

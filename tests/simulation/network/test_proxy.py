@@ -1,0 +1,81 @@
+"""The proxy between real sockets."""
+
+import time
+from typing import cast
+
+import numpy as np
+import pytest
+
+from tactophone.link import (
+    Codec,
+    DecodedAudio,
+    Endpoint,
+    Identity,
+    Peers,
+    ReceiveSession,
+    SendSession,
+    Session,
+    UdpSocket,
+)
+from tactophone.simulation.network.impairments import NetworkProfile, network
+from tactophone.simulation.network.proxy import ImpairmentProxy
+from tactophone.types import AudioBlock
+
+
+@pytest.mark.realtime
+def test_datagrams_pass_both_ways_and_some_are_lost() -> None:
+    with (
+        UdpSocket("127.0.0.1") as operator,
+        UdpSocket("127.0.0.1") as robot,
+        ImpairmentProxy(operator.address, NetworkProfile(loss=0.5, delay=0.001), seed=3) as proxy,
+    ):
+        robot.send([(bytes([k]), proxy.address) for k in range(100)])
+        received = []
+        while batch := operator.receive(0.3):
+            received += batch
+        assert 20 < len(received) < 80
+        operator.send([(datagram, source) for datagram, source in received])
+        back = []
+        while batch := robot.receive(0.3):
+            back += batch
+        assert 0 < len(back) < len(received)
+        assert {source for _, source in back} == {proxy.address}
+
+
+@pytest.mark.realtime
+def test_a_call_over_real_sockets_and_a_bad_line_survives_a_restart() -> None:
+    ours, theirs = Identity.create("robot"), Identity.create("operator")
+    operator = ReceiveSession(Session(theirs, Peers({ours.fingerprint: "robot"})))
+    with (
+        UdpSocket("127.0.0.1") as operators,
+        UdpSocket("127.0.0.1") as robots,
+        ImpairmentProxy(operators.address, network("wifi,loss=0.05"), seed=1) as proxy,
+    ):
+        for start in range(1, 3):
+            session = Session(ours, Peers({theirs.fingerprint: "operator"}), call=proxy.address)
+            robot = SendSession(session, Codec("opus", packet_size=240))
+            assert call(robot, robots, operator, operators, seconds=1.5) > 150
+            assert operator.counters["handshakes"] == start
+
+
+def call(
+    robot: SendSession,
+    robots: UdpSocket,
+    operator: ReceiveSession,
+    operators: UdpSocket,
+    *,
+    seconds: float,
+) -> int:
+    """Send silence for a while; returns how many packets were heard."""
+    heard, begun = 0, time.monotonic()
+    for step in range(round(seconds / 0.005)):
+        now = time.monotonic()
+        robot.push(AudioBlock(np.zeros((240, 2), np.float32), 48_000, step * 240))
+        robot.receive(robots.receive(0), now=now)
+        robot.poll(now)
+        robots.send(cast(list[tuple[bytes, Endpoint]], robot.outgoing()))
+        news = operator.receive(operators.receive(0), now=now) + operator.poll(now)
+        heard += sum(isinstance(one, DecodedAudio) for one in news)
+        operators.send(cast(list[tuple[bytes, Endpoint]], operator.outgoing()))
+        time.sleep(max(0.0, begun + 0.005 * (step + 1) - time.monotonic()))
+    return heard

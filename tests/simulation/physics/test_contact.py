@@ -1,0 +1,64 @@
+"""Physics of the contact, through the finger that steps it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tactophone.simulation import Electronics, Finger, SessionVariation, SimulatedFinger, TestObject, find, single
+from tactophone.types import AIR, CONTACT
+
+PLACE = (0.04, 0.035)
+QUIET = Electronics(
+    contact_hum_dbfs=-200, contact_noise_dbfs=-200, contact_rumble_dbfs=-200, air_noise_dbfs=-200, room_dbfs=-200,
+    motor_air_dbfs=-200, motor_contact_dbfs=-200,
+)  # fmt: skip
+
+
+def slide(thing: TestObject, *, force: float = 1.0, speed: float = 0.08, finger: Finger = Finger()) -> np.ndarray:  # noqa: B008
+    """Both channels of a second's steady sliding."""
+    source = SimulatedFinger(single(replace(thing, length=0.3)), setup=SessionVariation(finger, QUIET), place=PLACE)
+    source.move(*PLACE, force)
+    for k in range(200):
+        source.move(PLACE[0] + speed * k / 100, PLACE[1], force, time=0.3 + k / 100)
+    source.render(24_000)
+    return source.render(48_000).samples
+
+
+def rms(samples: np.ndarray) -> np.ndarray:
+    return samples.std(axis=0)
+
+
+def test_faster_is_louder() -> None:
+    assert np.all(rms(slide(find("3"), speed=0.12)) > rms(slide(find("3"), speed=0.03)))
+
+
+def test_harder_is_louder() -> None:
+    assert rms(slide(find("3"), force=3.0))[CONTACT] > 1.5 * rms(slide(find("3"), force=0.5))[CONTACT]
+
+
+def test_rough_is_louder_in_air_for_as_much_in_contact() -> None:
+    rough, smooth = rms(slide(find("0"))), rms(slide(find("3")))
+    assert rough[AIR] / rough[CONTACT] > smooth[AIR] / smooth[CONTACT]
+
+
+def test_friction_is_felt_but_hardly_heard() -> None:
+    """Without the piezo's sense of shear the air is the same, and the contact microphone hears less."""
+    deaf = slide(find("3"), finger=Finger()._replace(shear_strain=0.0))
+    whole = slide(find("3"))
+    np.testing.assert_array_equal(deaf[:, AIR], whole[:, AIR])
+    assert rms(deaf)[CONTACT] < 0.8 * rms(whole)[CONTACT]
+
+
+def test_a_resting_finger_falls_silent() -> None:
+    source = SimulatedFinger(single(find("0")), setup=SessionVariation(electronics=QUIET), place=PLACE)
+    source.move(*PLACE, 1.0)
+    source.render(48_000)
+    assert np.abs(source.render(4800).samples).max() < 1e-2
+    assert source.truth.force.mean() == pytest.approx(1.0, rel=0.02)
+
+
+def test_hovering_there_is_nothing() -> None:
+    source = SimulatedFinger(single(find("0")), setup=SessionVariation(electronics=QUIET), place=PLACE)
+    source.render(9600)
+    assert not source.truth.force.any()
