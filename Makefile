@@ -1,28 +1,33 @@
-# Two commands do everything:  `make demo` runs the main job, `make test` passes all checks and tests.
+# `make demo` runs the main job; `make check` is for every edit (90 s); `make test` is all that CI checks (6 minutes).
 VENV   ?= .venv
 PYTHON ?= python3
 BIN     = $(VENV)/bin
 READY   = $(VENV)/.ready
+CODE    = src tests benchmarks examples scripts/retired_words scripts/docs_hooks.py
+# Two workers on two cores: libraries that start a thread per core would only compete with each other.
+PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
-.PHONY: demo test lint types imports unit realtime model clean
+.PHONY: demo check test lint types imports words fast unit package realtime coverage docs lock model clean
 
-# RECORDING=finger.wav sends that in place of the simulated finger's sound.
-demo: $(READY)  ## feel a smooth and a rough stone, with no hardware: prints where picture and sound are
+# RECORDING=finger.wav sends that instead of the simulated finger's sound.
+demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
 	$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
 
-test: lint types imports unit realtime  ## everything CI checks
+check: lint types words fast  ## lint, types, retired words and the fast tests
 
-$(READY): pyproject.toml scripts/system-packages
+test: lint types imports words unit package realtime  ## everything that CI checks
+
+$(READY): pyproject.toml constraints.txt scripts/system-packages
 	scripts/system-packages
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet torch==2.13.0  # before the rest, so that nothing asks for a larger build
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet torch==2.13.0  # not in constraints.txt: its build, and so its hash, differs by machine
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement constraints.txt
+	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	touch $@
 
 lint: $(READY)
-	$(BIN)/ruff check src tests benchmarks
-	$(BIN)/ruff format --check src tests benchmarks
+	$(BIN)/ruff check $(CODE)
+	$(BIN)/ruff format --check $(CODE)
 
 types: $(READY)
 	$(BIN)/mypy
@@ -30,33 +35,51 @@ types: $(READY)
 imports: $(READY)
 	$(BIN)/lint-imports
 
-# Two workers on two cores: libraries that start a thread a core themselves would only get in each other's way.
-unit: $(READY)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m 'not realtime'
+words: $(READY)
+	$(BIN)/python scripts/retired_words
 
-# Real servers and processes, one after another: they would disturb each other's timing. A shared machine may stand
-# still in the middle of one, so each may be tried again; whatever needed that is named at the end.
+fast: $(READY)
+	$(PYTEST) -n 2 -m 'not realtime and not slow and not package' tests
+
+unit: $(READY)
+	$(PYTEST) -n 2 --dist worksteal -m 'not realtime and not package'
+
+# Installs the wheel without extras in a fresh environment, and runs every verb there.
+package: $(READY)
+	$(PYTEST) -m package tests
+
+# Real servers and processes, one after another, as they would disturb each other's timing. A shared machine may stall in
+# the middle of one, so each may be repeated; the summary names those that were.
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime --reruns 2 --reruns-delay 1 -rR tests
 
-# Makes the models inside the package anew, from simulated sound alone: docs/training.md. About half an hour.
-# RECORDINGS, if it is there, holds real recordings: those that can hear one air microphone are scored on them too.
-RECORDINGS ?= ../shared/recordings
-STONES = build/stones
-MODELS = src/tactophone/perception/models
-TRAIN  = $(BIN)/python -m tactophone train $(STONES) --where split=train --opus 96
-WAYS   = ours impulses level rules median-frequency surface scalogram-cnn logistic boosting
-SCORE  = $(BIN)/python -m tactophone evaluate
+coverage: $(READY)
+	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered
+
+docs: $(READY)  ## the documentation site, in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+# Resolves constraints.txt anew from pyproject.toml, with the newest versions it allows.
+lock:
+	scripts/lock
+
+# Trains the shipped models again, from simulated sound alone (docs/guide/training.md); about 15 minutes.
+# With TACTOPHONE_RECORDINGS set to a folder of real recordings, the one-channel models are scored on those too.
+DATASET = build/stones
+MODELS  = src/tactophone/perception/models
+RECIPES = $(shell $(BIN)/python -c "from tactophone.training.recipes import SHIPPED; print(*SHIPPED)")
+TRAIN   = $(BIN)/python -m tactophone train $(DATASET) --filter split=train --opus-bitrate 96 --precision bfloat16
+SCORE   = $(BIN)/python -m tactophone evaluate
 model: $(READY)
-	$(BIN)/python -m tactophone simulate dataset $(STONES) --seconds 10
-	$(TRAIN) --precision bfloat16 --out $(MODELS)/paper.onnx
-	$(TRAIN) --precision bfloat16 --out $(MODELS)/paper-mono.onnx --variant one-channel
-	for way in $(WAYS); do $(TRAIN) --recipe $$way --out $(MODELS)/$$way.onnx || exit; done
-	for model in paper paper-mono $(WAYS); do \
-	  $(SCORE) $$model --data $(STONES) --where split=test --note "simulated, held out" || exit; \
+	$(BIN)/python -m tactophone simulate dataset $(DATASET) --seconds 10
+	for recipe in $(RECIPES); do $(TRAIN) --recipe $$recipe --out $(MODELS)/$$recipe.onnx || exit; done
+	$(TRAIN) --variant one-channel --out $(MODELS)/paper-mono.onnx
+	for model in $(RECIPES) paper-mono; do \
+	  $(SCORE) $$model --data $(DATASET) --filter split=test --note "simulated, held out" || exit; \
 	done
-	test ! -d "$(RECORDINGS)/lmt" || for model in paper-mono $(filter-out scalogram-cnn,$(WAYS)); do \
-	  $(SCORE) $$model --data "$(RECORDINGS)/lmt" --where tier=core --note "real, lmt core (air microphone)" || exit; \
+	test ! -d "$(TACTOPHONE_RECORDINGS)/lmt" || for model in $(filter-out paper,$(RECIPES)) paper-mono; do \
+	  $(SCORE) $$model --data "$(TACTOPHONE_RECORDINGS)/lmt" --filter tier=core \
+	    --note "real, lmt core (air microphone)" || exit; \
 	done
 
 clean:

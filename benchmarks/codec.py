@@ -1,15 +1,15 @@
-"""What each codec setting costs and keeps: ``python benchmarks/codec.py``. Takes half a minute.
+"""Bitrate, delay, quality and cost of the codec settings: ``python benchmarks/codec.py``. Takes half a minute.
 
-Two independent noises like touch (flat to 1 kHz, then 12 dB/octave down, the air microphone 20 dB under contact). The
-signal-to-noise ratio is of the quieter channel, below 1 kHz (what the paper's detector hears) and from 1 to 7.6 kHz.
+The input is two independent noises with the spectrum of touch (flat to 1 kHz, then -12 dB per octave; air 20 dB below
+contact). The signal-to-noise ratio is that of the quieter channel, below 1 kHz (the band of the paper's detector) and
+from 1 to 7.6 kHz.
 """
 
 import time
 
 import numpy as np
 
-from tactophone.link import Codec, round_trip
-from tactophone.link.codec import open_decoder, open_encoder
+from tactophone.link import Codec, open_decoder, open_encoder, round_trip
 from tactophone.link.receive_session import DATAGRAM_OVERHEAD
 from tactophone.link.srtp import OVERHEAD
 from tactophone.types import FloatArray
@@ -41,13 +41,13 @@ def band(sound: FloatArray, low: float, high: float) -> FloatArray:
     return np.fft.irfft(spectrum, len(sound), axis=0).astype(np.float32)
 
 
-def quality_db(sound: FloatArray, heard: FloatArray, low: float, high: float) -> float:
-    error = band(heard - sound, low, high)
+def quality_db(sound: FloatArray, decoded: FloatArray, low: float, high: float) -> float:
+    error = band(decoded - sound, low, high)
     return float(min(20 * np.log10(band(sound, low, high).std(axis=0) / error.std(axis=0))))
 
 
 def cost(codec: Codec, sound: FloatArray) -> tuple[float, float, int]:
-    """Median microseconds to code and to decode a packet in a hot loop, and its bytes."""
+    """Median microseconds to encode and to decode a packet in a loop without pauses, and its bytes."""
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
     coding, decoding = [], []
     for start in range(0, len(sound) - codec.packet_size, codec.packet_size):
@@ -61,14 +61,14 @@ def cost(codec: Codec, sound: FloatArray) -> tuple[float, float, int]:
 
 
 def row(codec: Codec, sound: FloatArray) -> str:
-    heard = round_trip(sound, codec)
+    decoded = round_trip(sound, codec)
     coding, decoding, octets = cost(codec, sound)
     packets = RATE / codec.packet_size
     wire = 8e-3 * packets * (octets + RTP_HEADER + OVERHEAD + DATAGRAM_OVERHEAD)
     setting = "" if codec.name == "pcm16" else f"{codec.bandwidth / 1000:g} kHz, {codec.bitrate_bps / 1000:g} kbit/s"
     return (
         f"| {codec.name} | {1e3 * codec.packet_size / RATE:.2f} | {setting} | {1e3 * codec.latency:.2f} | {wire:.0f} "
-        f"| {quality_db(sound, heard, 0, 1_000):.1f} | {quality_db(sound, heard, 1_000, 7_600):.1f} "
+        f"| {quality_db(sound, decoded, 0, 1_000):.1f} | {quality_db(sound, decoded, 1_000, 7_600):.1f} "
         f"| {coding:.0f} / {decoding:.0f} |"
     )
 

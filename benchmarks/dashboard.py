@@ -1,8 +1,8 @@
-"""What a page costs the sound: latency with the page closed, open in a browser, and open in a browser that has stalled.
+"""Effect of the dashboard on latency: page closed, open in a browser, and open in a stalled browser.
 
-One run of ``tactophone loopback`` (simulated finger, Opus 2.5 ms, sealed, judged, rendered to nothing); the three
-states take turns, so that whatever else the machine does falls on all alike. Latency is from a packet's capture to
-the first rendering that heard it, by the marks in telemetry. Needs Debian's chromium and chromium-driver.
+One run of ``tactophone loopback`` (simulated finger, Opus 2.5 ms, encrypted, no actuator). The three states alternate,
+so that other load on the machine affects all equally. Latency is the time from a packet's capture to the first
+rendering that uses it, by the marks in telemetry. Needs Debian's chromium and chromium-driver.
 """
 
 import itertools
@@ -28,7 +28,7 @@ TURN = 8.0
 """Seconds; telemetry keeps the marks of the last ten."""
 
 SETTLE = 2.0
-"""Seconds after a change that are not counted: starting or stopping a page is not the state of having one."""
+"""Seconds after a change that are not counted, while a page starts or stops."""
 
 DRAWN = (
     "const done = arguments[0], times = []; const note = (t) => { times.push(t);"
@@ -38,9 +38,9 @@ DRAWN = (
 
 @contextmanager
 def loopback() -> Iterator[str]:
-    """Run the telephone; gives the page's address."""
+    """Run both sides; yield the page's address."""
     command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
-    command += ["--packet", "0.0025", "--name", NAME, "--dashboard"]
+    command += ["--packet-duration", "0.0025", "--name", NAME, "--dashboard"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr
         yield next(line for line in process.stderr if line.startswith("page: ")).split()[1]
@@ -49,7 +49,7 @@ def loopback() -> Iterator[str]:
 
 @contextmanager
 def chromium() -> Iterator[tuple[webdriver.Chrome, psutil.Process]]:
-    """Start a browser without a window; gives it and the process that all of its processes come from."""
+    """Start a headless browser; yield it and the parent of all its processes."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or "chromium"
     for flag in ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "window-size=1280,900"):
@@ -64,7 +64,7 @@ def chromium() -> Iterator[tuple[webdriver.Chrome, psutil.Process]]:
 
 @contextmanager
 def stalled(root: psutil.Process) -> Iterator[None]:
-    """Stop every process of the browser meanwhile."""
+    """Suspend every process of the browser."""
     processes = root.children(recursive=True)
     for process in processes:
         process.suspend()
@@ -76,7 +76,7 @@ def stalled(root: psutil.Process) -> Iterator[None]:
 
 
 def delays(since: float) -> np.ndarray:
-    """Seconds from capture to rendering, of what was rendered since a moment."""
+    """Return the seconds from capture to rendering, of everything rendered since a moment."""
     captured = Watcher(f"{NAME}-robot").marks("captured")
     rendered = Watcher(NAME).marks("rendered")
     rendered = rendered[rendered["time"] >= since]
@@ -88,8 +88,8 @@ def delays(since: float) -> np.ndarray:
     return found[(found > 0) & (found < 1)]
 
 
-def look(state: str, browser: webdriver.Chrome, root: psutil.Process, address: str) -> np.ndarray:
-    """Put the page into a state for a turn; gives the delays meanwhile."""
+def measure(state: str, browser: webdriver.Chrome, root: psutil.Process, address: str) -> np.ndarray:
+    """Put the page into a state for a turn; return the delays measured."""
     browser.get("about:blank" if state == "closed" else address)
     time.sleep(SETTLE)
     with stalled(root) if state == "stalled" else nullcontext():
@@ -103,10 +103,10 @@ def main() -> None:
     with loopback() as address, chromium() as (browser, root):
         time.sleep(3)
         for _, state in itertools.product(range(TURNS), STATES):
-            found[state].append(look(state, browser, root, address))
+            found[state].append(measure(state, browser, root, address))
         browser.get(address)
         time.sleep(SETTLE)
-        pictures = np.diff(browser.execute_async_script(DRAWN))
+        frames = np.diff(browser.execute_async_script(DRAWN))
     print("| page | packets | p50 ms | p95 ms | p99 ms | p50, closed = 1 | goal |")
     print("|---|---:|---:|---:|---:|---:|---|")
     closed = np.median(np.concatenate(found["closed"]))
@@ -115,8 +115,8 @@ def main() -> None:
         p50, p95, p99 = np.percentile(all_delays, [50, 95, 99])
         row = f"| {state} | {len(all_delays)} | {p50:.2f} | {p95:.2f} | {p99:.2f} | {p50 / 1e3 / closed:.2f}"
         print(f"{row} | {'' if state == 'closed' else '0.95 to 1.05'} |")
-    rate, apart = 1000 / np.median(pictures), np.percentile(pictures, 95)
-    print(f"\nThe open page draws {rate:.0f} pictures a second (goal: 60), {apart:.0f} ms apart at p95.")
+    rate, apart = 1000 / np.median(frames), np.percentile(frames, 95)
+    print(f"\nThe open page draws {rate:.0f} frames a second (goal: 60), {apart:.0f} ms apart at p95.")
 
 
 if __name__ == "__main__":

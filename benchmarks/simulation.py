@@ -1,4 +1,4 @@
-"""How fast the simulated finger is: offline, live, and at start.
+"""Speed of the simulated finger: offline, live, and at start.
 
 python benchmarks/simulation.py
 """
@@ -18,11 +18,11 @@ OFFLINE, LIVE = 30.0, 20.0
 
 BLOCK = 128
 
-_START = "from tactophone.simulation.content.demonstration import demonstration as d; d().render(128)"
+_START = "from tactophone.simulation import demonstration; demonstration().render(128)"
 
 
 def offline(name: str) -> float:
-    """How many times faster than real time a take of an object renders, on one core (processor time)."""
+    """Speed of rendering a take of an object, as a multiple of real time on one core (processor time)."""
     scene = single(find(name))
     moves = take_moves(TAKES[1], scene.placed[0], duration=OFFLINE, rng=np.random.default_rng(1))
     finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
@@ -33,7 +33,7 @@ def offline(name: str) -> float:
 
 
 def live() -> tuple[float, float]:
-    """Share of a core that five stones in blocks of 128 take, and the 99th percentile of a block's time in ms."""
+    """Share of a core for five stones in blocks of 128, and p99 of the time for a block in ms."""
     finger = SimulatedFinger(five_stones(shuffled(1)), place=(0.04, 0.035))
     finger.render(BLOCK)
     times, began = [], time.process_time()
@@ -46,19 +46,19 @@ def live() -> tuple[float, float]:
 
 
 def start(cache: str) -> float:
-    """Seconds until a new process has its first block."""
+    """Seconds until a new process has rendered its first block."""
     began = time.perf_counter()
     subprocess.run([sys.executable, "-c", _START], check=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
     return time.perf_counter() - began
 
 
 def main() -> None:
-    print("| what | goal | figure |\n|---|--:|--:|")
+    print("| quantity | goal | measured |\n|---|--:|--:|")
     for name in ("lava stone", "screen", "smooth competition stone"):
         print(f"| offline, one core: {name} | >= 20 x real time | {offline(name):.0f} x |")
     share, slowest = live()
     print(f"| live, five stones, blocks of {BLOCK} | <= 15 % of a core | {share:.1%} |")
-    print(f"| ... a block's time, 99th percentile | {1000 * BLOCK / 48_000:.2f} ms is real time | {slowest:.2f} ms |")
+    print(f"| ... time for a block, p99 | {1000 * BLOCK / 48_000:.2f} ms is real time | {slowest:.2f} ms |")
     with tempfile.TemporaryDirectory() as cache:
         print(f"| first block of a new process, nothing compiled | once | {start(cache):.1f} s |")
         print(f"| ... any time after | no compiling | {start(cache):.1f} s |")

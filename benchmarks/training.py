@@ -1,10 +1,10 @@
-"""Training on views beside the authors' way, which copies every window: memory, speed, and time to an equal score.
+"""Training on views and with the authors' code, which copies every window: memory, speed, and time to an equal score.
 
 Run ``python benchmarks/training.py [--data DIR]``; without ``--data`` a small set is made with the simulated finger.
-Each part runs in a process of its own, on one thread, so that peak memory and processor time are its own. The
-authors' way is written here anew, after their notebook: every window at a hop of one is cut in a Python loop, stacked,
-masked by loudness, joined, and dealt in batches of 6000; it fits no machine at hand at full size, so it runs on a
-share of the set and its memory is scaled up.
+Each part runs in a process of its own, on one thread, so that peak memory and processor time are its own. The authors'
+code is written here anew, after their notebook: every window at a hop of one is cut in a Python loop, stacked, masked
+by loudness, joined, and shuffled into batches of 6000. At full size it needs over 90 GB, so it runs on a share
+of the set and its memory is scaled up.
 """
 
 import argparse
@@ -30,25 +30,24 @@ from tactophone import Touch
 from tactophone.dataset import Fold, open_dataset, split
 from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predictions import TakePredictions, scores_of
-from tactophone.perception.features.spectrum import magnitudes
+from tactophone.perception import magnitudes
+from tactophone.training import NetworkSettings, network_settings, read_signals
 from tactophone.training.network.model import PaperNetwork
-from tactophone.training.network.recipe import Recipe, paper
 from tactophone.training.network.trainer import Run
-from tactophone.training.network.windows import SIZE, Windows, cut
-from tactophone.training.sound import read_signals
+from tactophone.training.network.windows import SIZE, Windows, find_windows
 
-RECIPE = paper("general")
-EXACT = replace(RECIPE, hop=1, batch_size=6000, least_steps=0)
-FAST = replace(RECIPE, precision="bfloat16", learning_rate=5e-4)
+SETTINGS = network_settings("general")
+EXACT = replace(SETTINGS, hop=1, batch_size=6000, least_steps=0)
+FAST = replace(SETTINGS, precision="bfloat16", learning_rate=5e-4)
 
 FULL_SIZE = 20 * 7 * 30 * 2000
 """Samples of the paper's training set at 2 kHz: 20 objects, 7 takes of 30 s."""
 
 SHARE = 0.03
-"""Of the full set, which the authors' way is given for its memory: 1 GB of windows."""
+"""Of the full set, for the memory of the authors' code: 1 GB of windows."""
 
 PATIENCE = 80.0
-"""Seconds of processor time that the authors' way is given to reach its level."""
+"""Seconds of processor time for the authors' code to reach its score."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,49 +55,49 @@ class HeldOut:
     """Features and truth of every update of a fold's test recordings."""
 
     features: list[np.ndarray]
-    judged: list[TakePredictions]
+    takes: list[TakePredictions]
 
     def score(self, network: nn.Module) -> float:
         """Balanced accuracy, of two classes, over the paper's threshold."""
         with torch.inference_mode():
-            rows = [network(torch.from_numpy(one)).exp().numpy() for one in self.features]
-        judged = [replace(one, probabilities=row) for one, row in zip(self.judged, rows, strict=True)]
-        return measure(scores_of(judged, "two-class"))["balanced_accuracy"]
+            rows = [network(torch.from_numpy(features)).exp().numpy() for features in self.features]
+        takes = [replace(take, probabilities=row) for take, row in zip(self.takes, rows, strict=True)]
+        return measure(scores_of(takes, "two-class"))["balanced_accuracy"]
 
 
 def held_out(fold: Fold) -> HeldOut:
-    features, judged = [], []
+    features, takes = [], []
     for recording, signal in zip(fold.test, read_signals(fold.test, channels=2), strict=True):
         starts = np.arange(0, len(signal) - SIZE, 64)
         windows = np.stack([signal[start : start + SIZE] for start in starts])
         features.append(magnitudes(windows))
-        contact = np.square(windows[:, :, 0]).mean(axis=1) > RECIPE.labelling.threshold**2
-        judged.append(TakePredictions(recording, starts / 2000, np.empty((0, 3), np.float32), contact))
-    return HeldOut(features, judged)
+        contact = np.square(windows[:, :, 0]).mean(axis=1) > SETTINGS.labelling.threshold**2
+        takes.append(TakePredictions(recording, starts / 2000, np.empty((0, 3), np.float32), contact))
+    return HeldOut(features, takes)
 
 
 def windows_of(fold: Fold) -> Windows:
-    return cut(
-        read_signals(fold.train, channels=2), [one.label or Touch.NONE for one in fold.train], rule=RECIPE.labelling
+    return find_windows(
+        read_signals(fold.train, channels=2), [take.label or Touch.NONE for take in fold.train], rule=SETTINGS.labelling
     )
 
 
 def materialise(signals: Sequence[np.ndarray], labels: Sequence[Touch]) -> tuple[torch.Tensor, torch.Tensor]:
     """Cut, stack, mask and join every window, as the authors' notebook does."""
-    parts, answers = [], []
+    parts, targets = [], []
     for touch in (Touch.SMOOTH, Touch.ROUGH):
-        of_label = [one for one, label in zip(signals, labels, strict=True) if label is touch]
+        of_label = [signal for signal, label in zip(signals, labels, strict=True) if label is touch]
         windows = torch.stack(
-            [torch.from_numpy(one[n : n + SIZE].T) for one in of_label for n in range(len(one) - SIZE)]
+            [torch.from_numpy(signal[n : n + SIZE].T) for signal in of_label for n in range(len(signal) - SIZE)]
         )
-        loud = windows[:, 0].square().mean(dim=1).sqrt() > RECIPE.labelling.threshold
+        loud = windows[:, 0].square().mean(dim=1).sqrt() > SETTINGS.labelling.threshold
         parts += [windows[loud], windows[~loud]]
-        answers += [torch.full((int(loud.sum()),), int(touch)), torch.zeros(int((~loud).sum()), dtype=torch.long)]
-    return torch.cat(parts), torch.cat(answers)
+        targets += [torch.full((int(loud.sum()),), int(touch)), torch.zeros(int((~loud).sum()), dtype=torch.long)]
+    return torch.cat(parts), torch.cat(targets)
 
 
-def their_steps(windows: torch.Tensor, labels: torch.Tensor, network: nn.Module) -> Iterator[int]:
-    """Train as the authors do; give the windows of each batch."""
+def reference_steps(windows: torch.Tensor, labels: torch.Tensor, network: nn.Module) -> Iterator[int]:
+    """Train as the authors do; yield the number of windows of each batch."""
     torch.set_float32_matmul_precision("highest")
     optimiser = torch.optim.Adam(network.parameters(), lr=EXACT.learning_rate)
     weights = torch.tensor(EXACT.class_weights)
@@ -119,35 +118,37 @@ def tile(windows: Windows, size: int) -> Windows:
     return Windows(np.tile(windows.signal, (times, 1)), starts, np.tile(windows.labels, times))
 
 
-def run_steps(windows: Windows, recipe: Recipe, seconds: float) -> dict[str, float]:
-    """Train for a while; give windows a second of processor time, the first batch left out."""
+def run_steps(windows: Windows, settings: NetworkSettings, seconds: float) -> dict[str, float]:
+    """Train for a while; return windows per second of processor time, without the first batch."""
     began, first = 0.0, 0
-    for progress in Run(windows, recipe):
+    for progress in Run(windows, settings):
         began, first = began or time.process_time(), first or progress.steps
         spent = time.process_time() - began
         if spent > seconds and progress.steps > first + 1:
-            return {"rate": (progress.steps - first) * recipe.batch_size / spent}
+            return {"rate": (progress.steps - first) * settings.batch_size / spent}
     raise AssertionError("the run was too short")
 
 
-def part_ours_full(fold: Fold) -> dict[str, float]:
+def part_views_full(fold: Fold) -> dict[str, float]:
     return run_steps(tile(windows_of(fold), FULL_SIZE), EXACT, 8)
 
 
-def part_ours_fast(fold: Fold) -> dict[str, float]:
+def part_views_fast(fold: Fold) -> dict[str, float]:
     return run_steps(tile(windows_of(fold), FULL_SIZE), FAST, 6)
 
 
-def part_theirs_share(fold: Fold) -> dict[str, float]:
+def part_copies_share(fold: Fold) -> dict[str, float]:
     signals = read_signals(fold.train, channels=2)
     before = psutil.Process().memory_info().rss
-    wanted = int(SHARE * FULL_SIZE / len(signals))
-    windows, labels = materialise([one[:wanted] for one in signals], [one.label or Touch.NONE for one in fold.train])
+    size = int(SHARE * FULL_SIZE / len(signals))
+    windows, labels = materialise(
+        [signal[:size] for signal in signals], [take.label or Touch.NONE for take in fold.train]
+    )
     peak = peak_bytes() - before
-    steps, began, seen = their_steps(windows, labels, PaperNetwork()), 0.0, 0
-    for number, size in enumerate(steps):
+    steps, began, seen = reference_steps(windows, labels, PaperNetwork()), 0.0, 0
+    for number, count in enumerate(steps):
         began = began or time.process_time()
-        seen += size * bool(number)
+        seen += count * bool(number)
         if number and time.process_time() - began > 6:
             break
     # Stored alone, a window takes 4 kB; stacking, masking and joining hold copies at once.
@@ -158,7 +159,7 @@ def part_theirs_share(fold: Fold) -> dict[str, float]:
     }
 
 
-def part_ours_score(fold: Fold) -> dict[str, Any]:
+def part_views_score(fold: Fold) -> dict[str, Any]:
     windows, test = windows_of(fold), held_out(fold)
     run, spent, curve = Run(windows, FAST), 0.0, []
     began = time.process_time()
@@ -172,15 +173,15 @@ def part_ours_score(fold: Fold) -> dict[str, Any]:
     return {"curve": curve}
 
 
-def part_theirs_score(fold: Fold) -> dict[str, Any]:
+def part_copies_score(fold: Fold) -> dict[str, Any]:
     signals = read_signals(fold.train, channels=2)
     # Half of each recording: all of it would not fit beside the copies.
-    halves = [one[: len(one) // 2] for one in signals]
-    windows, labels = materialise(halves, [one.label or Touch.NONE for one in fold.train])
+    halves = [signal[: len(signal) // 2] for signal in signals]
+    windows, labels = materialise(halves, [take.label or Touch.NONE for take in fold.train])
     test, network, spent, curve = held_out(fold), PaperNetwork(), 0.0, []
     torch.manual_seed(0)
     began = time.process_time()
-    for number, _ in enumerate(their_steps(windows, labels, network)):
+    for number, _ in enumerate(reference_steps(windows, labels, network)):
         if number % 10 == 9:
             spent += time.process_time() - began
             curve.append((spent, test.score(network)))
@@ -191,11 +192,11 @@ def part_theirs_score(fold: Fold) -> dict[str, Any]:
 
 
 PARTS: dict[str, Callable[[Fold], dict[str, Any]]] = {
-    "ours_full": part_ours_full,
-    "ours_fast": part_ours_fast,
-    "theirs_share": part_theirs_share,
-    "ours_score": part_ours_score,
-    "theirs_score": part_theirs_score,
+    "views_full": part_views_full,
+    "views_fast": part_views_fast,
+    "copies_share": part_copies_share,
+    "views_score": part_views_score,
+    "copies_score": part_copies_score,
 }
 
 
@@ -206,8 +207,8 @@ def peak_bytes() -> int:
 
 def run_part(name: str, data: Path) -> dict[str, Any]:
     command = [sys.executable, __file__, "--part", name, "--data", str(data)]
-    answer: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
-    return answer
+    result: dict[str, Any] = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)
+    return result
 
 
 def make_set(folder: Path) -> Path:
@@ -217,10 +218,10 @@ def make_set(folder: Path) -> Path:
 
 
 def table(data: Path) -> None:
-    """Print each row as soon as it is known: on a busy machine the last one takes a while."""
+    """Print each row as soon as it is measured: on a busy machine the last one takes a while."""
     print("| what | goal | materialised | on views | ratio |")
     print("|---|---|--:|--:|--:|", flush=True)
-    share, full, fast = (run_part(name, data) for name in ("theirs_share", "ours_full", "ours_fast"))
+    share, full, fast = (run_part(name, data) for name in ("copies_share", "views_full", "views_fast"))
     print(
         f"| peak memory at the paper's full size, hop 1 | <= 1.5 GB | {share['full_peak'] / 1e9:.0f} GB (scaled from "
         f"{SHARE:.0%}; windows alone {share['stored'] / 1e9:.0f} GB) | {full['peak'] / 1e9:.2f} GB | |"
@@ -231,20 +232,20 @@ def table(data: Path) -> None:
     )
     ratio = fast["rate"] / share["rate"]
     print(f"| the same, batches of 1000, bfloat16 | | | {fast['rate']:.0f} | {ratio:.1f} |", flush=True)
-    theirs, ours = (run_part(name, data)["curve"] for name in ("theirs_score", "ours_score"))
-    # Few surfaces make a restless score: wanted of both is the level that the authors' way keeps to at last.
-    wanted = float(np.median([score for _, score in theirs[len(theirs) // 2 :]]))
-    slow, quick = time_to(wanted, theirs), time_to(wanted, ours)
+    copies, views = (run_part(name, data)["curve"] for name in ("copies_score", "views_score"))
+    # Few surfaces make a noisy score: the level to reach is the median over the second half of the authors' curve.
+    level = float(np.median([score for _, score in copies[len(copies) // 2 :]]))
+    slow, quick = time_to(level, copies), time_to(level, views)
     print(
-        f"| processor time to a held-out balanced accuracy of {wanted:.3f} | >= 8 times less | {slow:.0f} s | "
+        f"| processor time to a held-out balanced accuracy of {level:.3f} | >= 8 times less | {slow:.0f} s | "
         f"{quick:.1f} s | {slow / quick:.1f} |"
     )
 
 
-def time_to(wanted: float, curve: Sequence[tuple[float, float]]) -> float:
-    """Time at which the median of three scores in a row reaches what is wanted; infinite if it never does."""
+def time_to(level: float, curve: Sequence[tuple[float, float]]) -> float:
+    """Time at which the median of three scores in a row reaches a level; infinite if it never does."""
     scores = [score for _, score in curve]
-    return next((curve[n][0] for n in range(2, len(curve)) if np.median(scores[n - 2 : n + 1]) >= wanted), float("inf"))
+    return next((curve[n][0] for n in range(2, len(curve)) if np.median(scores[n - 2 : n + 1]) >= level), float("inf"))
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""What all tests share: where the real recordings are, if anywhere."""
+"""Fixtures for all tests."""
 
 import contextlib
 import os
@@ -11,18 +11,23 @@ import pytest
 from tactophone.devices import DummyServer
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Start slow tests first, so that two workers end together."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 @pytest.fixture(scope="session")
 def recordings() -> Path:
-    """The folder of real recordings; a test that needs it is skipped, with a word, where there is none."""
-    folder = Path(os.environ.get("TACTOPHONE_RECORDINGS", "../shared/recordings"))
-    if not folder.is_dir():
-        pytest.skip("no real recordings here: set TACTOPHONE_RECORDINGS to their folder")
-    return folder
+    """The folder of real recordings; a test that needs it is skipped where there is none."""
+    folder = os.environ.get("TACTOPHONE_RECORDINGS", "")
+    if not folder or not Path(folder).is_dir():
+        pytest.skip("no real recordings: set TACTOPHONE_RECORDINGS to their folder")
+    return Path(folder)
 
 
 @pytest.fixture(autouse=True)
 def _subnormal_numbers() -> Iterator[None]:
-    """Take back what training asks of the processor (flush subnormals to zero): other tests search those numbers."""
+    """Undo a processor mode set by training (flush subnormals to zero), as other tests use such numbers."""
     yield
     if torch := sys.modules.get("torch"):
         torch.set_flush_denormal(False)

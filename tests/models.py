@@ -1,4 +1,4 @@
-"""Models so small that a test knows what they will say."""
+"""Models so small that their output is known beforehand."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -8,8 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from tactophone.perception import Gate, ModelCard
-from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES
+from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
 
 CARD = ModelCard(
     name="tiny",
@@ -22,13 +21,13 @@ CARD = ModelCard(
 )
 BINS = 257
 ROUGH_BIN = 51
-"""The tiny network calls rough what is loud from here on: over 200 Hz."""
+"""From this bin on, over 200 Hz, level counts as rough for the tiny network."""
 
 
 def write_tiny_model(path: Path, *, gain: float = 1.0, **changes: object) -> Path:
     """Write a linear network that compares the sound over and under 200 Hz; changes go into its card.
 
-    With a gain of infinity or NaN its answers are no probabilities.
+    With a gain of infinity or NaN its outputs are not probabilities.
     """
     card = replace(CARD, **changes)
     weights = np.zeros((BINS * card.channels, 3), np.float32)

@@ -1,4 +1,4 @@
-"""Sounds that tests are made of, and the ugly blocks in which they arrive."""
+"""Test sounds, and odd block sizes."""
 
 from collections.abc import Iterator
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from tactophone.types import AudioBlock, FloatArray
 
-UGLY_SIZES = (1, 17, 480, 509)
+ODD_SIZES = (1, 17, 480, 509)
 
 
 def tone(frequency: float, *, amplitude: float = 0.5, duration: float = 1.0, sample_rate: int = 48_000) -> FloatArray:

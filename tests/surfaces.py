@@ -1,4 +1,4 @@
-"""Surfaces so plainly smooth or rough that any detector worth its name can tell them, in a second each."""
+"""Synthetic surfaces, one second each, so smooth or so rough that every working detector classifies them."""
 
 from pathlib import Path
 

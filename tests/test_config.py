@@ -9,9 +9,9 @@ from tactophone.errors import ConfigError
 
 def test_defaults_yield_to_the_file_and_that_to_set(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
-    path.write_text('[link]\nport = 5000\npeer = "operator.local"\n[feel]\nceiling = 1\n')
+    path.write_text('[link]\nport = 5000\npeer = "operator.local"\n[rendering]\nceiling = 1\n')
     settings = config.change(config.read(path), ["link.port=6000"])
-    assert (settings.link.port, settings.link.peer, settings.feel.ceiling) == (6000, "operator.local", 1.0)
+    assert (settings.link.port, settings.link.peer, settings.rendering.ceiling) == (6000, "operator.local", 1.0)
     assert settings.capture == Settings().capture
 
 
@@ -24,11 +24,11 @@ def test_defaults_yield_to_the_file_and_that_to_set(tmp_path: Path) -> None:
         ("link.packet_duration=5", r"5, but it is 0.0005 to 0.02 s"),
         ("link.codec=mp3", "one of opus, pcm16"),
         ("link.port=true", "whole number"),
-        ("feel.muted=1", "switch"),
-        ("feel.ceiling=nan", "0 to 1 of full drive"),
+        ("rendering.muted=1", "switch"),
+        ("rendering.ceiling=nan", "0 to 1 of full drive"),
     ],
 )
-def test_a_wrong_setting_says_what_was_found_and_wanted(assignment: str, message: str) -> None:
+def test_a_wrong_setting_says_what_was_found_and_expected(assignment: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         config.change(Settings(), [assignment])
 

@@ -1,16 +1,19 @@
+import ast
 from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
 
 import pytest
 
-from tactophone.endpoints import OperatorEndpoint, Pipeline, RobotEndpoint, open_pipeline
+import tactophone
+from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.haptics import Limits
 from tactophone.link import Codec
-from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
-from tactophone.simulation.network.virtual_link import VirtualLine, paired_ends
+from tactophone.pipeline import Pipeline, open_pipeline
+from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import HapticCommand, PipelineStep, Touch
 from tests.models import write_tiny_model
-from tests.sounds import blocks, strokes
+from tests.sounds import blocks, noise, strokes
 
 RATE = 48_000
 
@@ -20,61 +23,62 @@ def model(tmp_path: Path) -> str:
     return str(write_tiny_model(tmp_path / "tiny.onnx"))
 
 
-def walk_of(model: str) -> Pipeline:
+def pipeline_of(model: str) -> Pipeline:
     return open_pipeline(model, sample_rate=RATE, channels=1)
 
 
-def journey(model: str, *, lost: Iterator[bool] | None = None, judge: bool = False) -> list[tuple[float, PipelineStep]]:
-    """Strokes from the robot's fingertip to the operator's, in virtual time; each tick with when it came."""
-    robot, operator = paired_ends(Codec("pcm16", channels=1, packet_size=120))
-    line = VirtualLine(robot, operator)
-    sender = RobotEndpoint(robot, walk_of(model).judge if judge else None)
-    receiver = OperatorEndpoint(operator, walk_of(model))
-    begun = now = line.connect(0.0)
-    line.there = ImpairedLine(NetworkProfile(), lost=lost)
-    ticks = []
+def journey(
+    model: str, *, lost: Iterator[bool] | None = None, send_predictions: bool = False
+) -> list[tuple[float, PipelineStep]]:
+    """Strokes from the robot's fingertip to the operator's, in virtual time; each step with the time of its arrival."""
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    sender = RobotEndpoint(robot, pipeline_of(model).detector if send_predictions else None)
+    link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
+    begun = now = link.connect(0.0)
+    link.to_operator = ImpairedLink(NetworkProfile(), lost=lost)
+    steps = []
     for block in blocks(strokes(), 120):
         now = begun + block.end / RATE
         sender.push(block)
-        ticks += [(now - begun, tick) for news in line.carry(now) if (tick := receiver.take(news))]
-    return ticks
+        steps += [(now - begun, step) for _, step in link.carry(now) if step]
+    return steps
 
 
-def felt(ticks: list[tuple[float, PipelineStep]]) -> list[tuple[float, HapticCommand]]:
-    return [(when, command) for when, tick in ticks for command in tick.commands]
+def commands_of(steps: list[tuple[float, PipelineStep]]) -> list[tuple[float, HapticCommand]]:
+    return [(when, command) for when, step in steps for command in step.commands]
 
 
-def touch_at(ticks: list[tuple[float, PipelineStep]], time: float) -> Touch:
-    return [belief.touch for when, tick in ticks for belief in tick.predictions if when <= time][-1]
+def touch_at(steps: list[tuple[float, PipelineStep]], time: float) -> Touch:
+    return [prediction.touch for when, step in steps for prediction in step.predictions if when <= time][-1]
 
 
-@pytest.mark.parametrize("judge", [False, True], ids=["sound", "belief"])
-def test_a_stroke_is_felt_at_the_other_end(model: str, judge: bool) -> None:
-    ticks = journey(model, judge=judge)
-    assert [touch_at(ticks, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_a_stroke_is_rendered_at_the_other_end(model: str, send_predictions: bool) -> None:
+    steps = journey(model, send_predictions=send_predictions)
+    assert [touch_at(steps, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
         Touch.NONE,
         Touch.ROUGH,
         Touch.NONE,
         Touch.SMOOTH,
     ]
-    first = next(when for when, command in felt(ticks) if command.amplitude > 0)
+    first = next(when for when, command in commands_of(steps) if command.amplitude > 0)
     assert first == pytest.approx(0.503, abs=0.006)
 
 
-def test_without_loss_the_line_changes_nothing(model: str) -> None:
-    walk = walk_of(model)
-    direct = [command for block in blocks(strokes(), 120) for command in walk.push(block).commands]
-    over_the_line = [command for _, command in felt(journey(model))]
-    # The line rounds the sound to 16 bits, and may keep a last packet.
-    assert len(direct) - len(over_the_line) in range(3)
-    for one, other in zip(direct, over_the_line, strict=False):
-        assert (one.amplitude, one.frequency) == pytest.approx((other.amplitude, other.frequency), abs=0.2)
+def test_without_loss_the_link_changes_nothing(model: str) -> None:
+    pipeline = pipeline_of(model)
+    direct = [command for block in blocks(strokes(), 120) for command in pipeline.push(block).commands]
+    over_the_link = [command for _, command in commands_of(journey(model))]
+    # The link rounds the sound to 16 bits, and may keep a last packet.
+    assert len(direct) - len(over_the_link) in range(3)
+    for here, there in zip(direct, over_the_link, strict=False):
+        assert (here.amplitude, here.frequency) == pytest.approx((there.amplitude, there.frequency), abs=0.2)
 
 
 @pytest.mark.parametrize("every", [20, 5])
-def test_loss_does_not_change_what_is_felt(model: str, every: int) -> None:
-    ticks = journey(model, lost=cycle([False] * (every - 1) + [True]))
-    assert [touch_at(ticks, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
+def test_loss_does_not_change_the_touch(model: str, every: int) -> None:
+    steps = journey(model, lost=cycle([False] * (every - 1) + [True]))
+    assert [touch_at(steps, time) for time in (0.4, 0.95, 1.3, 1.9)] == [
         Touch.NONE,
         Touch.ROUGH,
         Touch.NONE,
@@ -82,22 +86,63 @@ def test_loss_does_not_change_what_is_felt(model: str, every: int) -> None:
     ]
 
 
-@pytest.mark.parametrize("judge", [False, True], ids=["sound", "belief"])
-def test_what_comes_too_late_is_not_felt_but_remembered(model: str, judge: bool) -> None:
-    robot, operator = paired_ends(Codec("pcm16", channels=1, packet_size=120))
-    line, receiver = VirtualLine(robot, operator), OperatorEndpoint(operator, walk_of(model))
-    sender = RobotEndpoint(robot, walk_of(model).judge if judge else None)
-    begun = line.connect(0.0)
+@pytest.mark.parametrize("send_predictions", [False, True], ids=["sound", "prediction"])
+def test_late_sound_is_not_rendered_but_still_detected(model: str, send_predictions: bool) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    link = VirtualLink(robot, OperatorEndpoint(operator, pipeline_of(model)))
+    sender = RobotEndpoint(robot, pipeline_of(model).detector if send_predictions else None)
+    begun = link.connect(0.0)
     stalled: list[PipelineStep] = []
     after: list[PipelineStep] = []
     for block in blocks(strokes(), 120):
         sender.push(block)
         if 0.7 < block.time < 0.9:
-            continue  # the line holds everything back for 200 ms
-        ticks = [tick for news in line.carry(begun + block.end / RATE) if (tick := receiver.take(news))]
-        (after if block.time >= 0.9 else stalled).extend(ticks)
-    old = [tick for tick in after if tick.block.time < 0.83]
+            continue  # the link holds everything back for 200 ms
+        steps = [step for _, step in link.carry(begun + block.end / RATE) if step]
+        (after if block.time >= 0.9 else stalled).extend(steps)
+    old = [step for step in after if step.block.time < 0.83]
     assert old
-    assert not any(tick.commands for tick in old)
-    now = [belief for tick in after if 0.9 < tick.block.time < 0.92 for belief in tick.predictions]
-    assert {belief.touch for belief in now} == {Touch.ROUGH}
+    assert not any(step.commands for step in old)
+    now = [prediction for step in after if 0.9 < step.block.time < 0.92 for prediction in step.predictions]
+    assert {prediction.touch for prediction in now} == {Touch.ROUGH}
+
+
+def test_a_robot_with_other_microphones_gets_its_own_pipeline_under_the_same_ceiling(model: str) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+    opened: list[int] = []
+
+    def reopen(channels: int) -> Pipeline:
+        opened.append(channels)
+        return pipeline_of(model)
+
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), channels=2, reopen=reopen)
+    endpoint.pipeline.limits = Limits(ceiling=0.1)
+    link = VirtualLink(robot, endpoint)
+    begun = link.connect(0.0)
+    for block in blocks(noise(duration=0.1, channels=1), 120):
+        robot.push(block)
+        link.carry(begun + block.end / RATE)
+    assert opened == [1]
+    assert endpoint.pipeline.limits.ceiling == 0.1
+
+
+def calls(tree: ast.AST) -> Iterator[str]:
+    """Methods called, as ``object.method``, such as ``self._endpoint.receive``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            yield ast.unparse(node.func)
+
+
+def test_the_operator_has_no_loop_of_its_own() -> None:
+    """There is no second path: outside the endpoints, nothing feeds a session's sound to a pipeline."""
+    source = Path(tactophone.__file__).parent
+    operator = set(calls(ast.parse((source / "runtime" / "operator.py").read_text())))
+    assert {"self._endpoint.receive", "self._endpoint.poll"} <= operator
+    assert not {call for call in operator if call.rpartition(".")[2] in ("push", "command_for", "flush")}
+    assert {call for call in operator if call.endswith((".receive", ".poll"))} == {
+        "self._socket.receive",
+        "self._endpoint.receive",
+        "self._endpoint.poll",
+    }
+    for path in (source / "runtime").glob("*.py"):
+        assert not [call for call in calls(ast.parse(path.read_text())) if call.endswith(".command_for")], path

@@ -1,4 +1,4 @@
-"""Runs the tutorial's commands as they stand in docs/tutorial.md, one after another, in an empty folder."""
+"""Runs the tutorial's commands as they stand in docs/guide/tutorial.md, one after another, in an empty folder."""
 
 import re
 import shlex
@@ -9,7 +9,7 @@ import pytest
 from tactophone.cli import main
 from tactophone.perception import read_model
 
-TUTORIAL = Path(__file__).parent.parent / "docs" / "tutorial.md"
+TUTORIAL = Path(__file__).parent.parent / "docs" / "guide" / "tutorial.md"
 
 
 def commands() -> list[tuple[list[str], int]]:
@@ -24,16 +24,15 @@ def commands() -> list[tuple[list[str], int]]:
     return found
 
 
-# Minutes of work that would slow its neighbours: with the others that run by themselves.
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_the_tutorial_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert len(commands()) > 12
     for command, promised in commands():
         assert main(command) == promised, command
     assert not (tmp_path / "never.toml").exists()
-    made = ("calibration.toml", "recordings.png", "stones.onnx", "adapted.trade-off.png", "felt/wiggle.haptic.wav")
+    made = ("calibration.toml", "recordings.png", "stones.onnx", "finetuned.trade-off.png", "felt/wiggle.haptic.wav")
     assert all((tmp_path / name).is_file() for name in made)
-    card = read_model(tmp_path / "adapted.onnx").card
-    assert card.training["adapted"]["new"] == ["brick", "glazed tile", "sawn plank", "whiteboard"]
+    card = read_model(tmp_path / "finetuned.onnx").card
+    assert card.training["finetuned"]["new"] == ["brick", "glazed tile", "sawn plank", "whiteboard"]
     assert "operating point" in card.scores

@@ -1,7 +1,7 @@
 """All settings as frozen dataclasses, read from TOML and checked.
 
-Defaults yield to the TOML file, and that to ``--set section.name=value``. Each setting carries its unit, its range
-and the words that ``--help`` and ``tactophone settings`` show, so that there is one place to look.
+A TOML file overrides the defaults, and ``--set section.name=value`` overrides the file. Each setting carries its unit,
+its range and the words that ``--help`` and ``tactophone settings`` show, so that they stand in one place.
 """
 
 import dataclasses
@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactophone.errors import ConfigError
+from tactophone.types import DEFAULT_CEILING
 
 _ANY = (-math.inf, math.inf)
 
@@ -24,7 +25,7 @@ def _setting(default: Any, words: str, *, unit: str = "", span: tuple[float, flo
 
 
 def _choice(default: Any, words: str, choices: tuple[Any, ...]) -> Any:
-    """Declare one of a few values."""
+    """Declare a setting with a fixed set of values."""
     return field(default=default, metadata={"words": words, "choices": choices})
 
 
@@ -35,58 +36,74 @@ class Capture:
     source: str = _choice(
         "jack", "microphones, a recording, or the simulated finger", ("jack", "portaudio", "file", "finger")
     )
-    device: str = _setting("", "PortAudio device (name or number), file to play, or finger scene; empty: the default")
+    device: str = _setting(
+        "", "PortAudio device (name or number), recording to play, or seed of the simulated finger; empty: the default"
+    )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
-    block_size: int = _setting(128, "sound handed on at once by files and the finger", unit="samples", span=(1, 4096))
-    loop: bool = _setting(True, "begin a recording anew when it ends")
+    block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
+    loop: bool = _setting(True, "repeat a recording when it ends")
 
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """How sound crosses the network."""
+    """The network link between robot and operator."""
 
     peer: str = _setting("", "host of the other side; the robot calls the operator")
-    host: str = _setting("0.0.0.0", "address that the operator's side listens at")
+    host: str = _setting("0.0.0.0", "address at which the operator's side listens")
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
-    identity: str = _setting("", "folder with this side's key and its trusted peers; empty: ~/.config/tactophone")
+    identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
     codec: str = _choice("opus", "pcm16 for a local network, opus for the rest", ("opus", "pcm16"))
     packet_duration: float = _setting(0.005, "sound in a packet", unit="s", span=(0.0005, 0.02))
     bandwidth: float = _setting(
         0.0,
-        "highest frequency that must arrive; 0: what the operator's model uses",
+        "highest frequency to transmit; 0: as the operator's model needs",
         unit="Hz",
         span=(0, 20_000),
     )
     bitrate_bps: int = _setting(
-        0, "of Opus, both channels; 0: as bandwidth and packet need", unit="bit/s", span=(0, 510_000)
+        0, "of Opus, both channels together; 0: by bandwidth and packet duration", unit="bit/s", span=(0, 510_000)
     )
-    redundancy: int = _setting(-1, "earlier packets carried in each; -1: as the loss needs", span=(-1, 2))
-    judge: bool = _setting(False, "judge on the robot's side and send only the belief")
+    redundancy: int = _setting(-1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2))
+    send_predictions: bool = _setting(False, "run the detector on the robot and send only its predictions")
 
 
 @dataclass(frozen=True, slots=True)
-class Judge:
-    """What turns sound into belief."""
+class Detector:
+    """What classifies the sound."""
 
-    model: str = _setting("", "name of a shipped model, or a model file; empty: the default for the channels at hand")
-    calibration: str = _setting("", "what `tactophone calibrate` wrote: threshold and sensor faults; empty: none")
-    watch: bool = _setting(True, "name faults of the microphones and answer them safely; off for test signals")
+    model: str = _setting(
+        "", "name of a shipped model, or path of a model file; empty: the default for the number of microphones"
+    )
+    calibration: str = _setting(
+        "", "file written by `tactophone calibrate`: contact threshold and microphone check; empty: none"
+    )
+    check_microphones: bool = _setting(
+        True, "detect faulty microphones and fall back safely; switch off for synthetic test signals"
+    )
     threshold_dbfs: float = _setting(
-        math.nan, "contact gate; nan: the calibration's, or the model's own", unit="dBFS", span=(-120, 0)
+        math.nan,
+        "level of the contact gate; nan: from the calibration, or the model's own",
+        unit="dBFS",
+        span=(-120, 0),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Feel:
-    """What turns belief into vibration, and how much of it is allowed."""
+class Rendering:
+    """How predictions become vibration, and how strong it may be."""
 
     profile: str = _setting(
-        "paper", "how belief becomes vibration: paper, perceptual, erm, lra; or the sound itself: direct, pitch"
+        "paper", "rendering profile: paper, perceptual, erm, lra; or the sound itself: direct, pitch"
     )
-    ceiling: float = _setting(0.5, "no input and no page can pass this", unit="of full drive", span=(0, 1))
-    output_level: float = _setting(1.0, "volume under the ceiling", unit="of the profile's", span=(0, 1))
-    muted: bool = _setting(False, "start muted, until somebody arms")
+    ceiling: float = _setting(
+        DEFAULT_CEILING,
+        "greatest amplitude; a profile that asks for more is scaled down as a whole",
+        unit="of full drive",
+        span=(0, 1),
+    )
+    output_level: float = _setting(1.0, "volume below the ceiling", unit="of the profile's amplitude", span=(0, 1))
+    muted: bool = _setting(False, "start muted, until armed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,24 +111,27 @@ class Output:
     """Where the vibration goes."""
 
     actuator: str = _choice(
-        "jack", "the device that drives the voice coil, a WAV file, or nothing", ("jack", "portaudio", "file", "none")
+        "jack", "device that drives the actuator, a WAV file, or nothing", ("jack", "portaudio", "file", "none")
     )
     device: str = _setting("", "PortAudio device (name or number), or the WAV file to write; empty: the default")
     port: str = _setting("system:playback_1", "JACK port of the actuator's amplifier")
-    period: int = _setting(128, "sound rendered at once by file and none", unit="samples", span=(16, 4096))
+    period: int = _setting(128, "period of the actuators file and none", unit="samples", span=(16, 4096))
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """How the processes behave towards the machine."""
+    """Processes, priorities and the watchdog."""
 
-    name: str = _setting("", "under which others watch and stop this run; empty: the verb")
+    name: str = _setting("", "name of this run for `stop`, `mute` and `arm`; empty: the verb")
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
-    lock_memory: bool = _setting(False, "keep the process in memory (mlockall)")
-    watchdog: bool = _setting(True, "end a stalled process, and begin a new one that stays muted")
+    lock_memory: bool = _setting(False, "lock the process in memory (mlockall)")
+    watchdog: bool = _setting(True, "kill a stalled process and start a new one, muted")
     stall_timeout: float = _setting(
-        0.05, "without a callback while vibrating, after which a process counts as stalled", unit="s", span=(0.01, 1)
+        0.05,
+        "time without a callback, while vibrating, after which a process counts as stalled",
+        unit="s",
+        span=(0.01, 1),
     )
 
 
@@ -127,8 +147,8 @@ class Settings:
 
     capture: Capture = Capture()
     link: Link = Link()
-    judge: Judge = Judge()
-    feel: Feel = Feel()
+    detector: Detector = Detector()
+    rendering: Rendering = Rendering()
     output: Output = Output()
     process: Process = Process()
 
@@ -145,7 +165,7 @@ class Entry:
 
 
 def entries() -> Iterator[Entry]:
-    """Give all settings in the order of the file."""
+    """Return all settings in the order of the file."""
     for section in dataclasses.fields(Settings):
         for entry in dataclasses.fields(type(getattr(Settings(), section.name))):
             meta = entry.metadata
@@ -161,7 +181,7 @@ def read(path: Path) -> Settings:
     Raises
     ------
     ConfigError
-        When the file cannot be read, or holds what is not a setting or out of range.
+        When the file cannot be read, or holds an unknown setting or a value out of range.
     """
     try:
         tables = tomllib.loads(path.read_text())
@@ -181,7 +201,7 @@ def read(path: Path) -> Settings:
 
 
 def change(settings: Settings, assignments: Iterable[str]) -> Settings:
-    """Apply ``section.name=value`` texts; a value that is not TOML is taken as the text it is."""
+    """Apply ``section.name=value`` assignments; a value that is not TOML is taken as plain text."""
     defaults = {entry.name: entry.default for entry in entries()}
     for assignment in assignments:
         name, equals, text = assignment.partition("=")
@@ -195,7 +215,7 @@ def change(settings: Settings, assignments: Iterable[str]) -> Settings:
 
 
 def replace(settings: Settings, name: str, value: Any, *, where: str) -> Settings:
-    """Set one setting by its dotted name, checked; ``where`` says who asks, for the error."""
+    """Change the setting of a dotted name, checked; ``where`` is its origin, for the error message."""
     section, _, key = name.partition(".")
     known = {entry.name: entry for entry in entries()}
     if name not in known:
@@ -216,9 +236,9 @@ def _checked(declared: "dataclasses.Field[Any]", value: Any, found: str) -> Any:
     if choices and value not in choices:
         raise ConfigError(f"{found}, but it is one of {', '.join(choices)}")
     low, high = declared.metadata.get("span", _ANY)
-    # NaN lies in no range; where a default has it, it stands for "as the model says".
-    meant = kind is float and math.isnan(value) and math.isnan(declared.default)  # type: ignore[arg-type]
-    if kind in (int, float) and not low <= value <= high and not meant:
+    # NaN is in no range; as a default it means "from the model", and is then allowed.
+    unset = kind is float and math.isnan(value) and math.isnan(declared.default)  # type: ignore[arg-type]
+    if kind in (int, float) and not low <= value <= high and not unset:
         raise ConfigError(f"{found}, but it is {_range((low, high), declared.metadata['unit']).removeprefix(', ')}")
     return value
 

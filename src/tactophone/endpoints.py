@@ -1,90 +1,132 @@
-"""The order of the stages, and nothing else: no thread, clock or device.
+"""The two ends of the live system in the order of their stages, with no thread, clock or device.
 
 ::
 
-    robot     sound ─▶ RobotEndpoint ─▶ datagrams              (with a judge: sound ─▶ belief ─▶ datagrams)
-    operator  datagrams ─▶ OperatorEndpoint ─▶ sound in order ─▶ Pipeline ─▶ PipelineStep
-    Pipeline      sound ─▶ TouchDetector: detector, contact gate ─▶ belief ─▶ profile ─▶ limits ─▶ command
+    robot     sound ─▶ RobotEndpoint ─▶ datagrams       (with a detector: sound ─▶ predictions ─▶ datagrams)
+    operator  datagrams ─▶ OperatorEndpoint: sound in order ─▶ Pipeline ─▶ PipelineStep
 
-`feel`, the live system, the simulations and the benchmarks all run these; there is no second path.
+The live system, the simulations, the tests and the benchmarks all run these two classes; there is no second path
+(`tests/test_endpoints.py` checks it).
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from typing import TypeAlias
 
 import numpy as np
 
-from tactophone.link import Connected, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, SendSession
-from tactophone.link.send_session import Datagrams
+from tactophone.link import (
+    Address,
+    Connected,
+    Datagrams,
+    DecodedAudio,
+    PredictionReceived,
+    ReceiveEvent,
+    ReceiveSession,
+    SendSession,
+)
 from tactophone.perception import AnyTouchDetector
-from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.types import AudioBlock, PipelineStep, Prediction
+from tactophone.pipeline import Pipeline
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep
 
-__all__ = ["OperatorEndpoint", "Pipeline", "RobotEndpoint", "open_pipeline"]
-
-WIRE_RATE = 48_000
-"""Samples a second of what crosses the line."""
+EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
+"""What the session received, and the step that it led to: none for a connection made or lost."""
 
 
 class RobotEndpoint:
-    """The robot's walk: sound in; itself, or the belief of it alone, goes out through ``end``.
+    """The robot's side: takes sound, and sends it or its predictions through a session.
 
     Parameters
     ----------
-    end
-        Of the line; whoever owns the socket also feeds it what arrives, lets it poll, and fetches its datagrams.
-    judge
-        Judges here, for lines that cannot carry sound; ``None`` sends the sound.
+    session
+        Whoever owns the socket also passes what arrives to the session, polls it and fetches its datagrams.
+    detector
+        Makes the predictions here, for links too narrow for sound; ``None`` sends the sound.
     """
 
-    def __init__(self, end: SendSession, judge: AnyTouchDetector | None = None) -> None:
-        self.end, self.judge = end, judge
+    def __init__(self, session: SendSession, detector: AnyTouchDetector | None = None) -> None:
+        self.session, self.detector = session, detector
 
     def push(self, block: AudioBlock) -> PipelineStep:
-        """Take sound in and send what is to be sent of it; give what was believed here."""
-        if self.judge is None:
-            self.end.push(block)
+        """Send a block, or the predictions that it completes; returns the step with those predictions."""
+        if self.detector is None:
+            self.session.push(block)
             return PipelineStep(block, (), ())
-        beliefs = tuple(self.judge.push(block))
-        for belief in beliefs:
-            self.end.tell(belief)
-        return PipelineStep(block, beliefs, ())
+        predictions = tuple(self.detector.push(block))
+        for prediction in predictions:
+            self.session.send_prediction(prediction)
+        return PipelineStep(block, predictions, ())
 
 
 class OperatorEndpoint:
-    """The operator's walk: datagrams in, ticks out, judged on arrival.
+    """The operator's side: takes datagrams and returns pipeline steps, computed on arrival.
 
-    What is too old to be felt still goes through the detector, whose next window wants it, but no belief and no command
-    comes of it.
+    Sound too old to be rendered still goes through the detector, whose next window needs it, but its step holds no
+    predictions and no commands.
+
+    Parameters
+    ----------
+    session
+        Opens the datagrams and puts the sound in order.
+    pipeline
+        For sound of ``channels`` channels.
+    reopen
+        Opens the pipeline for another number of channels, when a robot with other microphones connects.
     """
 
-    def __init__(self, end: ReceiveSession, walk: Pipeline) -> None:
-        self.end, self.walk = end, walk
+    def __init__(
+        self,
+        session: ReceiveSession,
+        pipeline: Pipeline,
+        *,
+        channels: int = 2,
+        reopen: Callable[[int], Pipeline] | None = None,
+    ) -> None:
+        self.session, self.pipeline = session, pipeline
+        self._channels, self._reopen = channels, reopen
 
-    def receive(self, datagrams: Datagrams, *, now: float) -> list[PipelineStep]:
-        """Take all that has come by ``now``; give what it leads to, oldest first."""
-        return self._ticks(self.end.receive(datagrams, now=now))
+    @property
+    def peer(self) -> str | None:
+        """Name of the connected robot; ``None`` while there is none."""
+        return self.session.peer
 
-    def poll(self, now: float) -> list[PipelineStep]:
-        """Let time pass; call it when nothing came for a packet's length, and twenty times a second at least."""
-        return self._ticks(self.end.poll(now))
+    def receive(self, datagrams: Datagrams, *, now: float) -> Iterator[EventStep]:
+        """Take everything that arrived by ``now`` (s); returns events with their steps, oldest first.
 
-    def _ticks(self, news: Iterable[ReceiveEvent]) -> list[PipelineStep]:
-        return [tick for one in news if (tick := self.take(one))]
+        The datagrams are opened and decoded at once. Each step is computed when the iterator comes to it, so that the
+        command of one block need not wait for the next block; iterate to the end.
+        """
+        return self._steps(self.session.receive(datagrams, now=now))
 
-    def take(self, news: ReceiveEvent) -> PipelineStep | None:
-        """Pipeline on with one thing that the line's end has given, for who fetches it himself; ``None`` when no sound."""
-        match news:
+    def poll(self, now: float) -> Iterator[EventStep]:
+        """Let time pass; call it when nothing arrived for a packet's length, and at least twenty times a second."""
+        return self._steps(self.session.poll(now))
+
+    def outgoing(self) -> list[tuple[bytes, Address]]:
+        """Return the datagrams to send, each with its address."""
+        return self.session.outgoing()
+
+    def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
+        return ((event, self._step(event)) for event in events)
+
+    def _step(self, event: ReceiveEvent) -> PipelineStep | None:
+        match event:
             case DecodedAudio(block, stale):
-                tick = self.walk.push(block)
-                return PipelineStep(block, (), ()) if stale else tick
-            case PredictionReceived(belief, stale):
-                felt = () if stale else (self.walk.feel(belief),)
-                return PipelineStep(_silent_block(belief), (belief,), felt)
+                self._match_channels(block.channels)
+                step = self.pipeline.push(block)
+                return PipelineStep(block, (), ()) if stale else step
+            case PredictionReceived(prediction, stale):
+                commands = () if stale else (self.pipeline.command_for(prediction),)
+                # The sound stayed on the robot: an empty block at the end of the window stands for it.
+                end = round(prediction.end * LIVE_SAMPLE_RATE)
+                block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
+                return PipelineStep(block, (prediction,), commands)
             case Connected():
-                self.walk.reset()
+                self.pipeline.reset()
         return None
 
-
-def _silent_block(belief: Prediction) -> AudioBlock:
-    """Stand for sound that stayed with the robot: nothing, at the belief's time."""
-    return AudioBlock(np.zeros((0, 1), np.float32), WIRE_RATE, round(belief.end * WIRE_RATE))
+    def _match_channels(self, channels: int) -> None:
+        if channels == self._channels or self._reopen is None:
+            return
+        before, self.pipeline, self._channels = self.pipeline, self._reopen(channels), channels
+        # A ceiling lowered or a profile chosen during the run holds for the next robot too.
+        self.pipeline.limits, self.pipeline.profile = before.limits, before.profile

@@ -5,18 +5,18 @@
     TactophoneError
     ├── ConfigError    a setting that is unknown, malformed or out of range
     ├── DeviceError    a sound device that is missing, wrong or lost
-    ├── PacketError    bytes from the network that are not what they claim
-    ├── ModelError     a model file that cannot be read or does not fit
+    ├── PacketError    bytes from the network that are malformed
+    ├── ModelError     a model file that cannot be read or does not fit the sound
     └── DatasetError   a recording, label or manifest that cannot be used
 
-Our own mistake raises. The world's mistake (loss, lateness, bad bytes, underflow) is counted and shown. A
-caller's slip, such as a negative size, stays :class:`ValueError`. Every message says what was found, what was
-wanted, where, and the next step.
+A mistake in the code or by the user raises; a disturbance from outside (loss, delay, bad bytes, underflow) is counted
+and shown. An invalid argument, such as a negative size, stays :class:`ValueError`. Every message says what was found,
+what was expected, where, and the next step.
 """
 
 
 class TactophoneError(Exception):
-    """Anything Tactophone raises on purpose; the command line prints it in one line and exits with 1."""
+    """Base of all errors raised on purpose; the command line prints it in one line and exits with 1."""
 
 
 class ConfigError(TactophoneError):
@@ -28,12 +28,12 @@ class DeviceError(TactophoneError):
 
 
 class PacketError(TactophoneError):
-    """Bytes from the network are not what they claim to be."""
+    """Bytes from the network are malformed."""
 
 
 class ModelError(TactophoneError):
-    """A model file cannot be read, is not ours, or does not fit the sound at hand."""
+    """A model file cannot be read, is not a Tactophone model, or does not fit the sound."""
 
 
 class DatasetError(TactophoneError):
-    """A recording, label or manifest cannot be used as it stands."""
+    """A recording, label or manifest cannot be used."""

@@ -1,70 +1,106 @@
-"""The operator's half of the walk, from sound to command, which needs no line: what `feel` runs, and so does the rest.
+"""Sound to haptic command: the stages of the operator's side that need no network.
 
 ::
 
-    sound ─▶ TouchDetector: detector, contact gate ─▶ belief ─▶ profile ─▶ limits ─▶ command
+    sound ─▶ TouchDetector ─▶ prediction ─▶ profile ─▶ limits ─▶ command
 
-It is a module of its own so that feeling a file needs nothing of what sealing a line does.
+`tactophone feel`, the live system, the simulations and the benchmarks all run this class. It stands apart from
+`tactophone.endpoints` so that processing a recording needs none of the network's libraries.
 """
 
 from collections import Counter
 from dataclasses import replace
 
-from tactophone.haptics import Limits, open_profile
+from tactophone.haptics import Limits, open_profile, peak_amplitude
 from tactophone.perception import AnyTouchDetector, default_model, open_detector
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
 
 
 class Pipeline:
-    """Sound to what is felt: an `AudioBlock` in, a `PipelineStep` out.
+    """Sound in, haptic commands out: an `AudioBlock` leads to a `PipelineStep`.
 
     Parameters
     ----------
-    judge
-        Makes beliefs of the sound.
-    profile, limits
-        Make a command of a belief; others may be assigned at any time.
+    detector
+        Makes predictions from sound.
+    profile
+        Maps a prediction to a vibration; another may be assigned at any time.
+    limits
+        Bounds of every command; others may be assigned at any time, also from another thread. Where the ceiling is
+        below the profile's greatest amplitude, the whole profile is scaled down to it, so that the contrast between
+        smooth and rough stays the same in dB.
 
     Examples
     --------
     ::
 
-        walk = open_pipeline(sample_rate=48_000, channels=2)
+        pipeline = open_pipeline(sample_rate=48_000, channels=2)
         for block in source:
-            tick = walk.push(block)
-            if tick.command:
-                oscillator.submit(tick.command)
+            step = pipeline.push(block)
+            if step.command:
+                oscillator.submit(step.command)
     """
 
-    def __init__(self, judge: AnyTouchDetector, profile: Profile, limits: Limits | None = None) -> None:
-        self.judge: AnyTouchDetector = judge
-        self.profile, self.limits = profile, limits or Limits()
+    def __init__(self, detector: AnyTouchDetector, profile: Profile, limits: Limits | None = None) -> None:
+        self.detector: AnyTouchDetector = detector
+        self.limits = limits or Limits()
+        self.profile = profile
+
+    @property
+    def profile(self) -> Profile:
+        """The rendering profile."""
+        return self._profile_and_peak[0]
+
+    @profile.setter
+    def profile(self, profile: Profile) -> None:
+        # One assignment, so that a network thread never combines a new profile with the peak of the old one.
+        self._profile_and_peak = profile, peak_amplitude(profile)
+
+    @property
+    def detector_name(self) -> str:
+        """Name of the model."""
+        return self.detector.detector.name
+
+    @property
+    def bandwidth(self) -> float:
+        """The highest frequency, in Hz, that the model uses."""
+        return self.detector.detector.bandwidth
+
+    @property
+    def threshold_dbfs(self) -> float:
+        """Level of the contact channel above which there is contact; may be assigned at any time."""
+        return self.detector.threshold_dbfs
+
+    @threshold_dbfs.setter
+    def threshold_dbfs(self, level_dbfs: float) -> None:
+        self.detector.threshold_dbfs = level_dbfs
 
     @property
     def faults(self) -> Counter[str]:
-        """How often there was silence for want of a belief, by cause: ``sound`` or ``model`` was garbage."""
-        return self.judge.detector.faults
+        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
+        return self.detector.detector.faults
 
     def push(self, block: AudioBlock) -> PipelineStep:
-        """Take sound in; give what it leads to."""
-        return self._tick(block, self.judge.push(block))
+        """Process a block of sound; returns its predictions and commands."""
+        return self._step(block, self.detector.push(block))
 
     def flush(self, block: AudioBlock) -> PipelineStep:
-        """Give what the end of the stream still completes; ``block`` is its last one."""
-        return self._tick(replace(block, samples=block.samples[:0], start=block.end), self.judge.flush())
+        """Return what the end of the stream still completes; ``block`` is the last one pushed."""
+        return self._step(replace(block, samples=block.samples[:0], start=block.end), self.detector.flush())
 
     def reset(self) -> None:
-        """Become as new; fault counts stay."""
-        self.judge.reset()
+        """Return to the initial state; fault counts stay."""
+        self.detector.reset()
 
-    def feel(self, prediction: Prediction) -> HapticCommand:
-        """Give the command that a belief asks for, as limited; its time is when the belief came about."""
-        wish = self.profile.command(prediction)
-        time = prediction.end + self.judge.latency
-        return self.limits.bound(HapticCommand(wish.amplitude, wish.frequency, time))
+    def command_for(self, prediction: Prediction) -> HapticCommand:
+        """Return the command for a prediction, as limited; its time is when the prediction was made."""
+        (profile, peak), limits = self._profile_and_peak, self.limits
+        command = profile.command(prediction)
+        amplitude = command.amplitude * limits.scale_for(peak)
+        return limits.bound(HapticCommand(amplitude, command.frequency, prediction.end + self.detector.latency))
 
-    def _tick(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
-        return PipelineStep(block, tuple(predictions), tuple(map(self.feel, predictions)))
+    def _step(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
+        return PipelineStep(block, tuple(predictions), tuple(map(self.command_for, predictions)))
 
 
 def open_pipeline(
@@ -76,21 +112,29 @@ def open_pipeline(
     limits: Limits | None = None,
     fast_contact: bool = True,
 ) -> Pipeline:
-    """Make a walk for sound of a rate and channel count.
+    """Open a pipeline for sound of a given rate and channel count.
 
     Parameters
     ----------
     model
-        Name of a shipped model, or a model file; empty: the default for so many channels.
+        Name of a shipped model, or path of a model file; empty: the default for so many channels.
+    sample_rate
+        Of the sound to come, in Hz; 2000 or more.
+    channels
+        1 (contact) or 2 (contact, air).
     profile
         Name of a rendering profile.
+    limits
+        Bounds of the commands; by default a ceiling of half of full drive.
     fast_contact
-        Whether contact is told within milliseconds (`perception.contact`); if not, by the window, as in the paper.
+        Detect contact within milliseconds (`tactophone.perception.contact`); if false, by the window, as in the paper.
 
     Raises
     ------
-    ModelError, ConfigError
-        If there is no such model or profile, or the model cannot judge such sound.
+    ModelError
+        If there is no such model, or it does not fit the sound.
+    ConfigError
+        If there is no such profile.
     """
-    judge = open_detector(model or default_model(channels), sample_rate=sample_rate, fast_contact=fast_contact)
-    return Pipeline(judge, open_profile(profile), limits)
+    detector = open_detector(model or default_model(channels), sample_rate=sample_rate, fast_contact=fast_contact)
+    return Pipeline(detector, open_profile(profile), limits)

@@ -1,6 +1,6 @@
-"""What crosses the doors between rooms: sound, belief, command, and the contracts of those who pass them on.
+"""The values that cross the doors between rooms (sound, prediction, command), and the contracts of the stages.
 
-Everything here is a frozen value. Arrays inside are shared, never copied: who receives one does not write to it.
+Values are frozen. Arrays inside them are shared, never copied: a receiver does not write to them.
 """
 
 import enum
@@ -8,12 +8,18 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self, TypeAlias, runtime_checkable
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float32]
+
+LIVE_SAMPLE_RATE = 48_000
+"""Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
+
+DEFAULT_CEILING = 0.5
+"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
 
 CONTACT = 0
 """Channel of the contact microphone, the piezo on the finger pad."""
@@ -32,7 +38,7 @@ class Touch(enum.IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AudioBlock:
-    """A stretch of sound as it arrived; of fixed size, it is a window.
+    """Consecutive samples of sound as they arrived.
 
     Parameters
     ----------
@@ -43,7 +49,7 @@ class AudioBlock:
     start
         Index of the first sample since the stream began, at ``sample_rate``.
     concealed
-        True when the sound was lost on the way and this is a guess at it.
+        True when the sound was lost on the network and these samples replace it.
 
     Examples
     --------
@@ -92,22 +98,22 @@ class AudioBlock:
 
 @dataclass(frozen=True, slots=True)
 class Prediction:
-    """What the detector believes of one window.
+    """What the detector computed from one window.
 
     Parameters
     ----------
     probabilities
         Of ``Touch.NONE, Touch.SMOOTH, Touch.ROUGH``; they sum to 1.
     touch
-        The decision, after the contact gate and whatever hysteresis the model asks for.
+        The decision, after the contact gate and the hysteresis of the model, if it has any.
     roughness
-        From 0 (smooth) to 1 (rough); of no meaning while ``touch`` is ``NONE``.
+        From 0 (smooth) to 1 (rough); meaningless while ``touch`` is ``NONE``.
     level_dbfs
         Level of the contact channel over the window, by the model's loudness rule.
     start, end
         The window's bounds, in seconds since the stream began.
     faulty
-        True when the sound or the model's answer was garbage: nothing may be felt on it.
+        True when the sound or the model's output held invalid numbers; the command is then silence.
     """
 
     probabilities: tuple[float, float, float]
@@ -121,7 +127,7 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class HapticCommand:
-    """What is truly felt, after every limit.
+    """A sine vibration for the actuator, after every limit.
 
     Parameters
     ----------
@@ -130,7 +136,7 @@ class HapticCommand:
     frequency
         In Hz.
     time
-        Seconds since the stream began at which the command was given.
+        Seconds from the beginning of the stream to the moment at which the command was made.
     """
 
     amplitude: float
@@ -140,9 +146,9 @@ class HapticCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PipelineStep:
-    """One step of the receiving side, for whoever watches: the sound, what was believed of it, what is felt.
+    """What a block of sound led to: its predictions, and the commands made from them.
 
-    There is one command for each prediction, or none at all when they came too late to be felt.
+    There is one command for each prediction, or none at all when they came too late to be rendered.
     """
 
     block: AudioBlock
@@ -151,26 +157,24 @@ class PipelineStep:
 
     @property
     def command(self) -> HapticCommand | None:
-        """The newest command of the step, if it gave any."""
+        """The newest command of the step; ``None`` if there is none."""
         return self.commands[-1] if self.commands else None
 
 
 class Source(Protocol):
-    """Where sound comes from: a device, a file or the simulated finger, all under one contract.
+    """Where sound comes from: a device, a file or the simulated finger.
 
     Used as a context manager and iterated: ``with source: for block in source: ...``. Blocks are contiguous unless
-    the device lost sound, in which case ``start`` jumps by what was lost. Iteration ends when the sound does.
+    the device lost sound; then ``start`` jumps by as many samples. Iteration ends with the sound.
     """
 
     @property
     def sample_rate(self) -> int:
         """In Hz."""
-        ...
 
     @property
     def channels(self) -> int:
         """1 or 2; channel 0 is contact."""
-        ...
 
     def __enter__(self) -> Self: ...
 
@@ -182,20 +186,17 @@ class Source(Protocol):
 
 
 class AlwaysOpen:
-    """For sources that hold nothing: there is nothing to open, and nothing to close."""
+    """Base of sources that have nothing to open or close."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         return None
 
 
-@runtime_checkable
 class Detector(Protocol):
-    """Sound to belief: a streaming stage that owns its rate, window, hop, gate and hysteresis.
+    """Sound to predictions: a streaming stage with its own rate, window, hop, gate and hysteresis.
 
     Pushing the same sound in blocks of any size gives bit-equal predictions.
     """
@@ -203,78 +204,46 @@ class Detector(Protocol):
     @property
     def name(self) -> str:
         """As ``feel --model`` takes it."""
-        ...
 
     @property
     def hop(self) -> float:
         """Seconds between two predictions."""
-        ...
 
     @property
     def latency(self) -> float:
-        """Seconds from the end of a window to the moment at which it can be judged (filter delay)."""
-        ...
+        """Seconds from the end of a window to its prediction (filter delay)."""
 
     @property
     def bandwidth(self) -> float:
-        """The highest frequency, in Hz, that it makes use of."""
-        ...
+        """The highest frequency, in Hz, that it uses."""
 
     @property
     def faults(self) -> Counter[str]:
-        """How often nothing could be believed, by cause: ``sound`` or ``model`` was garbage."""
-        ...
+        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
 
     @property
     def threshold_dbfs(self) -> float:
-        """Level of the contact channel from which there is contact; may be set at any time."""
-        ...
+        """Level of the contact channel above which there is contact; may be assigned at any time."""
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None: ...
 
     def push(self, block: AudioBlock) -> list[Prediction]:
-        """Take sound in, give the predictions that it completes, oldest first."""
-        ...
+        """Process a block; returns the predictions that it completes, oldest first."""
 
     def flush(self) -> list[Prediction]:
-        """Give what the end of the stream still completes."""
-        ...
+        """Return what the end of the stream still completes."""
 
     def reset(self) -> None:
-        """Become as new."""
-        ...
+        """Return to the initial state."""
 
 
 class Profile(Protocol):
-    """Belief to wish: which vibration a prediction asks for, before limits."""
+    """Rendering profile: which vibration a prediction is mapped to, before limits."""
 
     @property
     def name(self) -> str:
         """As ``feel --profile`` takes it."""
-        ...
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """The vibration wished for; limits come after."""
-        ...
-
-
-class Renderer(Protocol):
-    """Command to waveform; runs inside the actuator's callback."""
-
-    @property
-    def latency(self) -> float:
-        """Seconds from a command to its first effect on the waveform."""
-        ...
-
-    def submit(self, command: HapticCommand) -> None:
-        """Put the newest command in the one slot; never waits."""
-        ...
-
-    def render(self, out: FloatArray) -> None:
-        """Write the next ``len(out)`` samples of the waveform in place; never raises, never allocates much."""
-        ...
-
-    def reset(self) -> None:
-        """Be silent and as new."""
-        ...
+        """Return the vibration for a prediction, in amplitude 0 to 1 of full drive; limits are applied later."""

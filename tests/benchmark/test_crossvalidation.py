@@ -6,41 +6,41 @@ import numpy as np
 import pytest
 
 from tactophone import Touch
-from tactophone.benchmark.crossvalidation import Cache, cross_validate, shuffle_labels
+from tactophone.benchmark import Cache, cross_validate, permute_labels
 from tactophone.dataset import Dataset, Recording, open_dataset, split
-from tactophone.evaluation.predictions import Judge, TakePredictions
+from tactophone.evaluation import Predictor, TakePredictions
 from tests.dataset.folders import audiofolder
 
 
 @dataclass
 class ShareOfRough:
-    """A method that learns but one number, the share of rough recordings it was given."""
+    """A method that learns one number, the share of rough recordings in training."""
 
     name: str = "share of rough"
     identity: str = "share of rough, 1"
     seen: list[set[str]] = field(default_factory=list)
 
-    def fit(self, recordings: Sequence[Recording]) -> Judge:
-        self.seen.append({one.surface for one in recordings})
-        share = float(np.mean([one.label is Touch.ROUGH for one in recordings]))
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        self.seen.append({recording.surface for recording in recordings})
+        share = float(np.mean([recording.label is Touch.ROUGH for recording in recordings]))
 
-        def judge(recording: Recording) -> TakePredictions:
+        def predict(recording: Recording) -> TakePredictions:
             rows = np.array([[0, 1 - share, share]] * 3, np.float32)
             return TakePredictions(recording, np.arange(3.0), rows, np.ones(3, bool))
 
-        return judge
+        return predict
 
 
-def test_nobody_judges_a_surface_it_has_met(tmp_path: Path) -> None:
+def test_no_surface_is_predicted_by_a_model_trained_on_it(tmp_path: Path) -> None:
     folds = split(open_dataset(audiofolder(tmp_path)), "leave-one-surface-out")
     method = ShareOfRough()
-    judged = cross_validate(method, folds)
-    assert [one.recording for one in judged] == [one for fold in folds for one in fold.test]
+    predictions = cross_validate(method, folds)
+    assert [take.recording for take in predictions] == [recording for fold in folds for recording in fold.test]
     for fold, seen in zip(folds, method.seen, strict=True):
-        assert not seen & {one.surface for one in fold.test}
+        assert not seen & {recording.surface for recording in fold.test}
 
 
-def test_a_second_run_fits_nothing_and_answers_the_same(tmp_path: Path) -> None:
+def test_a_second_run_trains_nothing_and_predicts_the_same(tmp_path: Path) -> None:
     folds = split(open_dataset(audiofolder(tmp_path)), "2-fold")
     cache = Cache(tmp_path / "cache")
     first = cross_validate(ShareOfRough(), folds, cache=cache)
@@ -52,7 +52,7 @@ def test_a_second_run_fits_nothing_and_answers_the_same(tmp_path: Path) -> None:
     assert len(list((tmp_path / "cache").iterdir())) == 4
 
 
-def test_a_broken_cache_entry_is_made_anew(tmp_path: Path) -> None:
+def test_a_broken_cache_entry_is_computed_again(tmp_path: Path) -> None:
     folds = split(open_dataset(audiofolder(tmp_path)), "2-fold")
     cache = Cache(tmp_path / "cache")
     cross_validate(ShareOfRough(), folds, cache=cache)
@@ -64,20 +64,20 @@ def test_a_broken_cache_entry_is_made_anew(tmp_path: Path) -> None:
 
 
 def test_progress_names_the_folds(tmp_path: Path) -> None:
-    told: list[tuple[int, str]] = []
+    reports: list[tuple[int, str]] = []
     folds = split(open_dataset(audiofolder(tmp_path)), "2-fold")
-    cross_validate(ShareOfRough(), folds, report=lambda done, name: told.append((done, name)))
-    assert told == [(0, "fold 1"), (1, "fold 2")]
+    cross_validate(ShareOfRough(), folds, report=lambda done, name: reports.append((done, name)))
+    assert reports == [(0, "fold 1"), (1, "fold 2")]
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_shuffled_labels_stay_whole_by_surface_and_keep_their_count(seed: int) -> None:
+def test_permuted_labels_are_equal_within_a_surface_and_keep_their_count(seed: int) -> None:
     recordings = tuple(
         Recording(Path(f"{s}_{t}.wav"), f"stone {s}", Touch(1 + s % 2)) for s in range(10) for t in range(3)
     )
-    shuffled = shuffle_labels(Dataset("d", Path("d"), recordings), seed=seed).recordings
-    labels = {(one.surface, one.label) for one in shuffled}
+    permuted = permute_labels(Dataset("d", Path("d"), recordings), seed=seed).recordings
+    labels = {(recording.surface, recording.label) for recording in permuted}
     assert len(labels) == 10
     assert sum(label is Touch.ROUGH for _, label in labels) == 5
-    assert [one.path for one in shuffled] == [one.path for one in recordings]
-    assert [one.label for one in shuffled] != [one.label for one in recordings]
+    assert [take.path for take in permuted] == [take.path for take in recordings]
+    assert [take.label for take in permuted] != [take.label for take in recordings]

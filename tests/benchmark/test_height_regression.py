@@ -6,15 +6,15 @@ import pytest
 
 from tactophone.benchmark.height_regression import HIGHEST, LOWEST, HeightMethod, compare_heights, height_correlation
 from tactophone.dataset import Recording
-from tactophone.evaluation.predictions import TakePredictions
-from tactophone.training.features.feature_tracks import FeatureSpec
+from tactophone.evaluation import TakePredictions
+from tactophone.training import FeatureSpec
 from tactophone.types import Touch
 from tests.surfaces import surfaces
 
 
-def told(name: str, ra_um: float, heights: list[float]) -> TakePredictions:
-    """A take_predictions that holds heights, as log10 of micrometres."""
-    place = (np.array(heights) - LOWEST) / (HIGHEST - LOWEST)
+def heights(name: str, ra_um: float, log_ra: list[float]) -> TakePredictions:
+    """Predictions of heights, as log10 of micrometres."""
+    place = (np.array(log_ra) - LOWEST) / (HIGHEST - LOWEST)
     recording = Recording(
         Path(f"{name}.wav"), name, Touch.ROUGH, properties=MappingProxyType({"ra_um": f"{ra_um}"})
     )  # fmt: skip
@@ -23,19 +23,21 @@ def told(name: str, ra_um: float, heights: list[float]) -> TakePredictions:
 
 
 def test_errors_are_decades_over_surfaces() -> None:
-    found = compare_heights([told("glass", 0.1, [-1.0, -1.0]), told("slate", 1, [0.3, 0.1]), told("lava", 10, [0.4])])
-    assert found.error_decades == pytest.approx(np.sqrt((0 + 0.2**2 + 0.6**2) / 3), abs=1e-5)
-    assert found.spread_decades == pytest.approx(np.sqrt(2 / 3))
-    assert found.correlation == pytest.approx(1)
-    assert found.surfaces[2][1:] == pytest.approx((1, 10**0.2), rel=1e-5)
+    comparison = compare_heights(
+        [heights("glass", 0.1, [-1.0, -1.0]), heights("slate", 1, [0.3, 0.1]), heights("lava", 10, [0.4])]
+    )
+    assert comparison.error_decades == pytest.approx(np.sqrt((0 + 0.2**2 + 0.6**2) / 3), abs=1e-5)
+    assert comparison.spread_decades == pytest.approx(np.sqrt(2 / 3))
+    assert comparison.correlation == pytest.approx(1)
+    assert comparison.surfaces[2][1:] == pytest.approx((1, 10**0.2), rel=1e-5)
 
 
 def test_two_surfaces_have_no_rank_correlation() -> None:
-    assert np.isnan(height_correlation([told("glass", 0.1, [-1.0]), told("lava", 10, [1.0])]))
+    assert np.isnan(height_correlation([heights("glass", 0.1, [-1.0]), heights("lava", 10, [1.0])]))
 
 
-def test_heights_are_learnt_from_sound(tmp_path: Path) -> None:
+def test_heights_are_learned_from_sound(tmp_path: Path) -> None:
     recordings = surfaces(tmp_path, each=4).recordings
-    judge = HeightMethod(FeatureSpec("texture", 2)).fit(recordings[:6])
-    found = compare_heights(map(judge, recordings[6:]))
-    assert found.error_decades < found.spread_decades
+    predict = HeightMethod(FeatureSpec("texture", 2)).fit(recordings[:6])
+    comparison = compare_heights(map(predict, recordings[6:]))
+    assert comparison.error_decades < comparison.spread_decades

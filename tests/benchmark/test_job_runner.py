@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.benchmark import job_runner as farm
-from tactophone.benchmark.crossvalidation import Cache, cross_validate
-from tactophone.benchmark.job_runner import Job, run_jobs
+from tactophone.benchmark import Cache, Job, cross_validate, run_jobs
+from tactophone.benchmark.job_runner import load_ray
 from tactophone.dataset import Recording, open_dataset, split
 from tactophone.errors import ConfigError
-from tactophone.evaluation.predictions import Judge, TakePredictions
+from tactophone.evaluation import Predictor, TakePredictions
 from tests.dataset.folders import audiofolder
 
 
 @dataclass(frozen=True)
 class Constant:
-    """Says the same of everything; where ``deadly`` names a file that is not there, it makes it and dies."""
+    """Predicts the same for everything; where the file ``deadly`` is missing, it creates the file and dies."""
 
     deadly: Path | None = None
     name: str = "constant"
@@ -27,7 +26,7 @@ class Constant:
     def identity(self) -> str:
         return "constant"
 
-    def fit(self, recordings: Sequence[Recording]) -> Judge:
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
         if self.deadly and not self.deadly.exists():
             self.deadly.touch()
             os.kill(os.getpid(), signal.SIGKILL)
@@ -39,36 +38,36 @@ def jobs(folder: Path, method: Constant) -> list[Job]:
     return [Job(method, fold) for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")]
 
 
-def test_results_are_kept_and_a_second_run_runs_nothing(tmp_path: Path) -> None:
-    wanted, cache = jobs(tmp_path, Constant()), Cache(tmp_path / "cache")
-    told: list[int] = []
-    assert run_jobs(wanted, cache, report=lambda done, name: told.append(done)) == 4
-    assert told == [1, 2, 3, 4]
-    assert run_jobs(wanted, cache) == 0
-    judged = cross_validate(Constant(), [job.fold for job in wanted], cache=cache)
-    assert len(judged) == 8
+def test_predictions_are_cached_and_a_second_run_runs_nothing(tmp_path: Path) -> None:
+    folds, cache = jobs(tmp_path, Constant()), Cache(tmp_path / "cache")
+    done_counts: list[int] = []
+    assert run_jobs(folds, cache, report=lambda done, name: done_counts.append(done)) == 4
+    assert done_counts == [1, 2, 3, 4]
+    assert run_jobs(folds, cache) == 0
+    predictions = cross_validate(Constant(), [job.fold for job in folds], cache=cache)
+    assert len(predictions) == 8
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path) -> None:
-    wanted, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
-    assert run_jobs(wanted, cache, place="processes", workers=2) == 4
+    folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    assert run_jobs(folds, cache, place="processes", workers=2) == 4
     assert (tmp_path / "dead").exists()
-    assert all(cache.get(job.key, job.fold) for job in wanted)
+    assert all(cache.get(job.key, job.fold) for job in folds)
 
 
 @pytest.mark.realtime
 def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
-    wanted, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
     try:
-        assert run_jobs(wanted, cache, place="ray", workers=1) == 4
+        assert run_jobs(folds, cache, place="ray", workers=1) == 4
     finally:
         ray.shutdown()
-    assert all(cache.get(job.key, job.fold) for job in wanted)
+    assert all(cache.get(job.key, job.fold) for job in folds)
 
 
 def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"tactophone\[ray\]"):
-        farm.load_ray(1)
+        load_ray(1)

@@ -5,17 +5,30 @@ from types import MappingProxyType
 
 import pytest
 
-from tactophone.benchmark.crossvalidation import Cache
-from tactophone.benchmark.entries import AIR_DEAD, cost_of, entries_for, entry_names, measure_costs, plan_for
-from tactophone.benchmark.page import COLUMNS, row_of, write_page
-from tactophone.benchmark.plan import Findings, folds_with_edges, origin_of, run_plan, splits_of
-from tactophone.benchmark.result import Result
+from tactophone.benchmark import (
+    Cache,
+    DatasetResults,
+    measure_costs,
+    origin_of,
+    plan_for,
+    run_plan,
+    splits_of,
+    write_report,
+)
+from tactophone.benchmark.costs import cost_of_model
+from tactophone.benchmark.entries import NO_AIR, entries_for, entry_names
+from tactophone.benchmark.html_report import COLUMNS, row_of
+from tactophone.benchmark.plan import folds_with_edges
+from tactophone.benchmark.result import MethodResult
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
 from tactophone.perception import model_path
 from tests.surfaces import surfaces
 
-METHODS = ("level", "logistic", "direct", AIR_DEAD, "ours")
+METHODS = ("level", "logistic", "direct", NO_AIR, "texture")
+
+
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -24,94 +37,98 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def findings(dataset: Dataset) -> Findings:
+def outcome(dataset: Dataset) -> DatasetResults:
     return run_plan(plan_for(dataset, METHODS, ["3-fold"]), Cache(dataset.root / "cache"))
 
 
 @pytest.fixture(scope="module")
-def results(findings: Findings) -> tuple[Result, ...]:
-    return findings.results
+def results(outcome: DatasetResults) -> tuple[MethodResult, ...]:
+    return outcome.results
 
 
-def test_ours_tells_scrapes_apart_and_level_does_not(results: tuple[Result, ...]) -> None:
-    by_name = {one.method: one for one in results}
+def test_texture_separates_scrapes_and_level_does_not(results: tuple[MethodResult, ...]) -> None:
+    by_name = {result.method: result for result in results}
     assert list(by_name) == list(METHODS)
-    assert by_name["ours"].scores["two-class"]["balanced_accuracy"].value > 0.9
+    assert by_name["texture"].scores["two-class"]["balanced_accuracy"].value > 0.9
     assert by_name["level"].scores["two-class"]["balanced_accuracy"].value < 0.9
-    assert by_name["ours"].calibration_error < 0.2
+    assert by_name["texture"].calibration_error < 0.2
 
 
-def test_times_to_a_right_decision_are_told_after_contact_and_after_edges(results: tuple[Result, ...]) -> None:
-    ours = results[-1]
-    assert 0 < ours.contact_ms[0] < 150
-    assert 0 < ours.edge_ms[0] < 300
+def test_delays_are_measured_after_contact_and_after_edges(results: tuple[MethodResult, ...]) -> None:
+    texture = results[-1]
+    assert 0 < texture.contact_ms[0] < 150
+    assert 0 < texture.edge_ms[0] < 300
 
 
-def test_all_but_the_reference_are_compared_with_it(results: tuple[Result, ...]) -> None:
+def test_all_but_the_reference_are_compared_with_it(results: tuple[MethodResult, ...]) -> None:
     assert not results[0].differences
     assert results[-1].differences["balanced_accuracy"].estimate.value > 0
     assert results[-1].differences["balanced_accuracy"].p < 0.1
 
 
-def test_the_same_model_goes_on_when_the_air_microphone_dies(results: tuple[Result, ...]) -> None:
-    ours, deafened = (one.scores["two-class"]["auc"].value for one in (results[-1], results[-2]))
-    assert deafened > 0.9
-    assert deafened != ours
+def test_the_same_model_works_when_the_air_microphone_is_silent(results: tuple[MethodResult, ...]) -> None:
+    both, contact_alone = (result.scores["two-class"]["auc"].value for result in (results[-1], results[-2]))
+    assert contact_alone > 0.9
+    assert contact_alone != both
 
 
-def test_labels_dealt_anew_are_no_better_than_chance(findings: Findings) -> None:
-    (dealt,) = findings.dealt.values()
-    assert len(dealt) == 3
-    assert sum(dealt) / 3 < 0.7
+def test_permuted_labels_score_about_chance(outcome: DatasetResults) -> None:
+    (permuted,) = outcome.permuted.values()
+    assert len(permuted) == 3
+    assert sum(permuted) / 3 < 0.7
 
 
-def test_edges_are_made_of_held_out_surfaces_alone(dataset: Dataset, tmp_path: Path) -> None:
+def test_edges_join_held_out_surfaces_only(dataset: Dataset, tmp_path: Path) -> None:
     for fold in folds_with_edges(dataset, "3-fold", tmp_path):
-        own = {one.surface for one in fold.test if one.label is not None}
-        for edge in (one for one in fold.test if one.label is None):
+        own = {take.surface for take in fold.test if take.label is not None}
+        for edge in (take for take in fold.test if take.label is None):
             assert set(edge.surface.split(" to ")) <= own
-            assert not set(edge.surface.split(" to ")) & {one.surface for one in fold.train}
+            assert not set(edge.surface.split(" to ")) & {take.surface for take in fold.train}
 
 
-def test_splits_follow_what_the_data_tells(dataset: Dataset) -> None:
+def test_splits_follow_the_keys_that_the_data_has(dataset: Dataset) -> None:
     assert splits_of(dataset) == ("leave-one-surface-out", "5-fold")
     assert splits_of(dataset, fast=True) == ("3-fold",)
-    told = [replace(one, session=f"{k}", scenario="ab"[k % 2]) for k, one in enumerate(dataset.recordings)]
-    with_sessions = replace(dataset, recordings=tuple(told))
+    takes = [replace(take, session=f"{k}", scenario="ab"[k % 2]) for k, take in enumerate(dataset.recordings)]
+    with_sessions = replace(dataset, recordings=tuple(takes))
     assert splits_of(with_sessions)[2:] == ("leave-one-scenario-out", "5-fold-by-session")
 
 
-def test_simulated_sound_is_called_so(dataset: Dataset) -> None:
+def test_simulated_sound_is_named(dataset: Dataset) -> None:
     assert origin_of(dataset) == "as recorded"
-    told = replace(dataset.recordings[0], properties=MappingProxyType({"source": "simulated"}))
-    assert origin_of(replace(dataset, recordings=(told,))) == "SIMULATED sound"
+    simulated = replace(dataset.recordings[0], properties=MappingProxyType({"source": "simulated"}))
+    assert origin_of(replace(dataset, recordings=(simulated,))) == "SIMULATED sound"
 
 
-def test_who_takes_part(dataset: Dataset) -> None:
-    names = [one.name for one in entries_for(dataset)]
+def test_entries(dataset: Dataset) -> None:
+    names = [entry.name for entry in entries_for(dataset)]
     assert names[0] == "paper/general"
-    assert names[-1] == "ours"
+    assert names[-1] == "texture"
     assert set(names) == set(entry_names(2))
     with pytest.raises(ConfigError, match="no method guesswork"):
         entries_for(dataset, ["guesswork"])
 
 
 def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) -> None:
-    costs = measure_costs(dataset, ["level", "direct", AIR_DEAD, "ours"], tmp_path)
-    assert set(costs) == {"level", "direct", "ours"}
+    costs = measure_costs(dataset, ["level", "direct", NO_AIR, "texture"], tmp_path)
+    assert set(costs) == {"level", "direct", "texture"}
     assert costs["direct"].parameters == 0
     assert costs["direct"].update_us > 0
-    assert costs["ours"].parameters < 20_000
-    assert cost_of(model_path("paper"), duration=0.5).parameters > 1_800_000
+    assert costs["texture"].parameters < 20_000
+    assert cost_of_model(model_path("paper"), duration=0.5).parameters > 1_800_000
 
 
-def test_the_page_stands_alone_and_tells_every_result(findings: Findings, tmp_path: Path, dataset: Dataset) -> None:
-    results = findings.results
-    page = write_page([findings], costs={dataset.name: measure_costs(dataset, ["level"], tmp_path)}, notes=["a <note>"])
-    assert all(one.method in page for one in results)
+def test_the_report_loads_nothing_and_has_every_result(
+    outcome: DatasetResults, tmp_path: Path, dataset: Dataset
+) -> None:
+    results = outcome.results
+    page = write_report(
+        [outcome], costs={dataset.name: measure_costs(dataset, ["level"], tmp_path)}, notes=["a <note>"]
+    )
+    assert all(result.method in page for result in results)
     assert page.count("<svg") == 6
     assert "&lt;note&gt;" in page
-    assert "labels dealt anew over the surfaces" in page
+    assert "labels permuted over the surfaces" in page
     assert "perceptual" in page
     assert "src=" not in page
     assert "@import" not in page

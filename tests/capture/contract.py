@@ -1,4 +1,4 @@
-"""What every source promises, whatever is behind it; ``make`` gives a source that can be heard for 50 ms at least."""
+"""The contract of every source; ``make`` returns a source of at least 50 ms."""
 
 import itertools
 from collections.abc import Callable
@@ -7,8 +7,8 @@ import numpy as np
 
 from tactophone.types import Source
 
-HEARD = 0.05
-"""Seconds that each promise listens."""
+DURATION = 0.05
+"""Seconds of sound that each test reads."""
 
 
 def blocks_are_as_announced(make: Callable[[], Source]) -> None:
@@ -23,16 +23,16 @@ def blocks_are_as_announced(make: Callable[[], Source]) -> None:
 def blocks_follow_one_another(make: Callable[[], Source]) -> None:
     source = make()
     with source:
-        blocks, heard = [], 0
+        blocks, size = [], 0
         for block in source:
             blocks.append(block)
-            heard += block.size
-            if heard >= HEARD * source.sample_rate:
+            size += block.size
+            if size >= DURATION * source.sample_rate:
                 break
     assert all(after.start == before.end for before, after in itertools.pairwise(blocks))
 
 
-def what_was_given_stays_as_it_is(make: Callable[[], Source]) -> None:
+def yielded_blocks_do_not_change(make: Callable[[], Source]) -> None:
     with make() as source:
         blocks = iter(source)
         first = next(blocks)
@@ -41,7 +41,7 @@ def what_was_given_stays_as_it_is(make: Callable[[], Source]) -> None:
         np.testing.assert_array_equal(first.samples, kept)
 
 
-def it_can_be_left_in_the_middle(make: Callable[[], Source]) -> None:
+def it_can_be_exited_in_the_middle(make: Callable[[], Source]) -> None:
     for _ in range(2):
         with make() as source:
             next(iter(source))
@@ -50,8 +50,8 @@ def it_can_be_left_in_the_middle(make: Callable[[], Source]) -> None:
 ALL = (
     blocks_are_as_announced,
     blocks_follow_one_another,
-    what_was_given_stays_as_it_is,
-    it_can_be_left_in_the_middle,
+    yielded_blocks_do_not_change,
+    it_can_be_exited_in_the_middle,
 )
 
-__all__ = ["ALL", "HEARD"]
+__all__ = ["ALL", "DURATION"]

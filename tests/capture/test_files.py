@@ -26,7 +26,7 @@ def test_files_keep_the_contract(promise: Callable, loop: bool, tmp_path: Path) 
     promise(lambda: FileSource(path, block_size=480, loop=loop))
 
 
-def test_a_file_that_was_left_gives_no_more(tmp_path: Path) -> None:
+def test_a_file_that_was_exited_yields_no_more(tmp_path: Path) -> None:
     with FileSource(write(tmp_path / "a.wav", noise(duration=0.1)), loop=True) as source:
         next(iter(source))
     assert list(source) == []
@@ -64,7 +64,7 @@ def test_rates_and_formats(tmp_path: Path, name: str, rate: int, channels: int) 
         (noise(duration=0.0), 48_000, "no sound at all"),
     ],
 )
-def test_what_cannot_be_judged_is_refused_by_name(tmp_path: Path, samples: FloatArray, rate: int, words: str) -> None:
+def test_an_unusable_file_is_refused_by_name(tmp_path: Path, samples: FloatArray, rate: int, words: str) -> None:
     with pytest.raises(DatasetError, match=rf"finger\.wav: .*{words}"):
         FileSource(write(tmp_path / "finger.wav", samples, sample_rate=rate))
 
@@ -81,7 +81,7 @@ def test_a_file_that_is_no_sound(tmp_path: Path) -> None:
         FileSource(path)
 
 
-def test_a_file_damaged_farther_in_says_where(tmp_path: Path) -> None:
+def test_a_file_damaged_later_on_says_where(tmp_path: Path) -> None:
     path = write(tmp_path / "a.flac", noise(duration=2))
     content = bytearray(path.read_bytes())
     content[len(content) // 2 :] = b"\x00" * (len(content) - len(content) // 2)

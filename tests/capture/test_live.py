@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from tactophone.capture import LiveSource
-from tactophone.devices.device import Process
+from tactophone.devices import Process
 from tactophone.errors import DeviceError
 
 
 class HandDevice:
-    """A device whose periods the test gives by hand."""
+    """A device whose periods the test delivers."""
 
     def __init__(self, process: Process, *, sample_rate: int = 48_000) -> None:
         self.process = process
@@ -31,7 +31,7 @@ class HandDevice:
     def close(self) -> None:
         self.is_open = False
 
-    def give(self, value: float, size: int) -> None:
+    def deliver(self, value: float, size: int) -> None:
         self.process([np.full(size, value, np.float32), np.full(size, -value, np.float32)], [])
 
 
@@ -44,7 +44,7 @@ def source() -> Iterator[LiveSource]:
 def test_blocks_come_in_order_with_contact_first(source: LiveSource) -> None:
     blocks = iter(source)
     for value, size in ((0.1, 128), (0.2, 17), (0.3, 128)):
-        source.device.give(value, size)
+        source.device.deliver(value, size)
     first, second, third = (next(blocks) for _ in range(3))
     assert (first.start, second.start, third.start) == (0, 128, 145)
     np.testing.assert_allclose(second.samples, np.tile(np.float32([0.2, -0.2]), (17, 1)))
@@ -52,18 +52,18 @@ def test_blocks_come_in_order_with_contact_first(source: LiveSource) -> None:
 
 def test_sound_that_nobody_fetches_is_dropped_and_counted(source: LiveSource) -> None:
     for _ in range(60):
-        source.device.give(0.1, 128)
+        source.device.deliver(0.1, 128)
     assert source.overflows > 0
     blocks = iter(source)
     waiting = [next(blocks) for _ in range(60 - source.overflows)]
-    source.device.give(0.5, 128)
+    source.device.deliver(0.5, 128)
     after = next(blocks)
     assert after.start == 60 * 128 > waiting[-1].end
 
 
-def test_silence_of_the_device_asks_it_to_come_back(source: LiveSource) -> None:
+def test_a_silent_device_is_revived(source: LiveSource) -> None:
     blocks = iter(source)
-    threading.Timer(0.3, lambda: source.device.give(0.1, 8)).start()
+    threading.Timer(0.3, lambda: source.device.deliver(0.1, 8)).start()
     assert next(blocks).size == 8
     assert source.device.revived.is_set()
 

@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.perception.sensor_health.calibration_file import Calibration
+from tactophone.perception import Calibration
 
 FINGER = ["calibrate", "--source", "finger", "--finger-gain", "-12"]
 
@@ -13,8 +13,8 @@ FINGER = ["calibrate", "--source", "finger", "--finger-gain", "-12"]
 def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "finger.toml"
     assert main([*FINGER, "--out", str(file)]) == 0
-    told = capsys.readouterr().out
-    assert "good: written to" in told
+    printed = capsys.readouterr().out
+    assert "good: written to" in printed
     assert Calibration.read(file).source == "finger"
 
 
@@ -25,6 +25,7 @@ def test_a_bad_one_is_refused_with_what_to_change(tmp_path: Path, capsys: pytest
     assert not file.exists()
 
 
+@pytest.mark.slow
 def test_fewer_false_alarms_want_a_higher_threshold(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     thresholds = []
     for rate in ("60/min", "0.1/min"):

@@ -12,9 +12,9 @@ def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pyt
     assert main(["dataset", "check", str(tmp_path)]) == 0
     (tmp_path / "audio" / "00_0.flac").unlink()
     assert main(["dataset", "check", str(tmp_path)]) == 1
-    told = capsys.readouterr().out
-    assert "00_0.flac: missing" in told
-    assert told.endswith("8 recordings, 1 unusable, 1 problems\n")
+    printed = capsys.readouterr().out
+    assert "00_0.flac: missing" in printed
+    assert printed.endswith("8 recordings, 1 unusable, 1 problems\n")
 
 
 def test_check_and_show_speak_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -41,7 +41,7 @@ def test_a_split_is_shown_written_and_checked(tmp_path: Path, capsys: pytest.Cap
     assert main(["dataset", "split", str(tmp_path), "--by", "2-fold", "--write", "--json"]) == 0
     assert [row["fold"] for row in json.loads(capsys.readouterr().out)] == ["fold 1", "fold 2"]
     assert main(["dataset", "check", str(tmp_path)]) == 0
-    assert main(["dataset", "split", str(tmp_path), "--by", "given"]) == 0
+    assert main(["dataset", "split", str(tmp_path), "--by", "predefined"]) == 0
     assert main(["dataset", "split", str(tmp_path), "--by", "2-fold", "--fold", "3", "--write"]) == 1
 
 

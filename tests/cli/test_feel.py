@@ -35,12 +35,12 @@ def test_everything_lies_beside_each_other(model: str, tmp_path: Path, capsys: p
 
 
 @pytest.mark.parametrize("sample_rate", [2_000, 2_200, 11_025, 44_100, 96_000])
-def test_any_rate_feels_alike(model: str, tmp_path: Path, sample_rate: int) -> None:
+def test_any_rate_gives_the_same_vibration(model: str, tmp_path: Path, sample_rate: int) -> None:
     path = record(tmp_path / "a.wav", sample_rate=sample_rate)
     assert main(["feel", path, "--model", model, "--out", str(tmp_path)]) == 0
     wave, rate = soundfile.read(tmp_path / "a.haptic.wav")
     assert (rate, len(wave)) == (48_000, 52_800)
-    assert np.abs(wave[24_000:48_000]).max() > 0.99
+    assert 0.495 < np.abs(wave[24_000:48_000]).max() <= 0.5  # the default ceiling
 
 
 def test_a_file_that_fails_is_named_and_the_others_go_on(
@@ -60,7 +60,7 @@ def test_recordings_of_one_name_do_not_overwrite_each_other(model: str, tmp_path
     assert {path.name for path in tmp_path.glob("*.wav")} == {"a.haptic.wav", "a-2.haptic.wav"}
 
 
-def test_a_known_label_is_told(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_known_label_is_shown(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = record(tmp_path / "a.wav")
     (tmp_path / "metadata.csv").write_text("file_name,surface,label\na.wav,slate,rough\n")
     assert main(["feel", path, "--model", model, "--out", str(tmp_path)]) == 0
@@ -83,7 +83,7 @@ def test_a_wrong_setting_is_one_line(
     assert words in line
 
 
-def test_a_threshold_over_everything_feels_nothing_and_says_why(
+def test_a_threshold_over_everything_renders_nothing_and_says_why(
     model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = record(tmp_path / "a.wav")

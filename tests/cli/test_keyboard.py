@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import pytest
 
-from tactophone.cli._support import keyboard as keys
+from tactophone.cli._support.keyboard import KEYS, read_key, single_keys
 
 
 @pytest.fixture
-def keyboard(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A terminal of the test's own; gives the end at which one types."""
+def typist(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """The typing end of a terminal that the test has to itself."""
     typist, terminal = pty.openpty()
     with os.fdopen(terminal, "r") as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -19,29 +19,33 @@ def keyboard(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     os.close(typist)
 
 
-def test_a_key_counts_without_enter(keyboard: int) -> None:
-    with keys.listening() as there:
-        assert there
-        os.write(keyboard, b"ma")
-        assert [keys.pressed(1.0), keys.pressed(1.0)] == ["m", "a"]
+def test_a_key_counts_without_enter(typist: int) -> None:
+    with single_keys() as has_keyboard:
+        assert has_keyboard
+        os.write(typist, b"ma")
+        assert [read_key(1.0), read_key(1.0)] == ["m", "a"]
 
 
-def test_no_key_is_no_news(keyboard: int) -> None:
-    with keys.listening():
-        assert keys.pressed(0.0) == ""
+def test_no_key_returns_an_empty_text(typist: int) -> None:
+    with single_keys():
+        assert read_key(0.0) == ""
 
 
-def test_the_terminal_is_left_as_it_was(keyboard: int) -> None:
+def test_the_terminal_is_restored(typist: int) -> None:
     before = termios.tcgetattr(sys.stdin.fileno())
-    with pytest.raises(KeyboardInterrupt), keys.listening():
+    with pytest.raises(KeyboardInterrupt), single_keys():
         raise KeyboardInterrupt
     assert termios.tcgetattr(sys.stdin.fileno()) == before
 
 
-def test_a_pipe_is_no_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pipe_is_not_a_keyboard(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     with os.fdopen(reading) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        with keys.listening() as there:
-            assert not there
+        with single_keys() as has_keyboard:
+            assert not has_keyboard
     os.close(writing)
+
+
+def test_the_space_bar_is_the_emergency_stop() -> None:
+    assert KEYS[" "] == "stop"

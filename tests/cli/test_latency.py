@@ -7,9 +7,9 @@ from tactophone.cli import main
 
 @pytest.mark.realtime
 def test_figures_come_for_every_stage(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["latency", "--dummy", "--packet", "0.0025", "--clicks", "10", "--clicks-only", "--json"]
+    words = ["latency", "--dummy", "--packet-duration", "0.0025", "--impulses", "10", "--no-decisions", "--json"]
     assert main([*words, "--name", "test-latency-cli"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["period"] == 128
-    assert told["clicks"] == 10
-    assert set(told["milliseconds"]) >= {"capture", "judge", "device", "sum", "end to end"}
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["period"] == 128
+    assert figures["impulses"] == 10
+    assert set(figures["milliseconds"]) >= {"capture", "detect", "device", "sum", "end to end"}

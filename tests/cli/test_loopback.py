@@ -14,7 +14,7 @@ pytestmark = pytest.mark.realtime
 
 @pytest.fixture
 def arguments(tmp_path: Path) -> list[str]:
-    """Feel two seconds of a rough tone, recorded at another rate than the line's, in a file."""
+    """Process two seconds of a rough tone, recorded at another rate than the link's, in a file."""
     tone = 0.5 * np.sin(2 * np.pi * 400 / 44_100 * np.arange(2 * 44_100))
     soundfile.write(tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100)
     model = write_tiny_model(tmp_path / "tiny.onnx", gain=1e3)
@@ -23,14 +23,14 @@ def arguments(tmp_path: Path) -> list[str]:
     return ["loopback", *source, *output, "--model", str(model), "--name", f"test-{tmp_path.name}", "--json"]
 
 
-@pytest.mark.parametrize("line", ["clean", "wifi"])
-def test_a_recording_crosses_the_line_and_is_felt(
-    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("network", ["clean", "wifi"])
+def test_a_recording_crosses_the_network_and_is_rendered(
+    arguments: list[str], network: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*arguments, "--network", line]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["counters"]["packets_received"] > 300
-    assert told["restarts"] == 0
+    assert main([*arguments, "--network", network]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["counters"]["packets_received"] > 300
+    assert figures["restarts"] == 0
     vibration, rate = soundfile.read(tmp_path / "vibration.wav")
     assert rate == 48_000
     assert 0.2 < np.abs(vibration).max() <= 0.25

@@ -19,8 +19,8 @@ def test_a_card_is_shown_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert words in shown
 
 
-def test_tables_of_numbers_are_told_by_their_size(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["model", "show", "ours"]) == 0
+def test_tables_of_numbers_are_shown_by_their_size(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["model", "show", "texture"]) == 0
     shown = capsys.readouterr().out
     assert "2 x 2 x 20 numbers" in shown
     assert len(shown.splitlines()) < 80
@@ -35,7 +35,7 @@ def test_a_card_is_shown_to_programs(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.parametrize("content", [b"", b"\x80\x04pickled", b"PK\x03\x04torch", b"\x08\x09truncated"])
-def test_what_is_no_model_is_one_line(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_model_file_is_one_line(content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "bad.onnx"
     path.write_bytes(content)
     assert main(["model", "show", str(path)]) == 1
@@ -44,7 +44,7 @@ def test_what_is_no_model_is_one_line(content: bytes, tmp_path: Path, capsys: py
 
 
 @pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
-def test_a_published_model_is_made_ours(
+def test_a_published_model_is_converted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -55,9 +55,9 @@ def test_a_published_model_is_made_ours(
     assert "authors-general" in capsys.readouterr().out
 
 
-def test_a_published_model_that_is_none_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_published_model_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "general.pt").write_bytes(b"\x80\x04pickled")
     assert main(["model", "import", str(tmp_path / "general.pt")]) == 1
-    told = capsys.readouterr().err
-    assert "a plain pickle, which could run anything; it was not opened" in told
-    assert told.count("\n") == 1
+    error = capsys.readouterr().err
+    assert "a plain pickle, which could run anything; it was not opened" in error
+    assert error.count("\n") == 1

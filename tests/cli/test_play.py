@@ -1,4 +1,4 @@
-"""The stone box over the real chain: finger, sealed line, judge, oscillator, browser."""
+"""The stone box over the live system: finger, encrypted link, detector, oscillator, browser."""
 
 import json
 import signal
@@ -42,19 +42,19 @@ def address(results: Path) -> Iterator[str]:
         assert process.wait(10) == 130
 
 
-def test_a_round_goes_through_the_whole_telephone(browser: webdriver.Chrome, address: str, results: Path) -> None:
+def test_a_round_is_played_through_the_live_system(browser: webdriver.Chrome, address: str, results: Path) -> None:
     browser.get(address)
     wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled(), 20)
     browser.find_element(By.ID, "begin").click()
-    time.sleep(2)  # the stones are being laid
-    watcher, felt = Watcher("test-play"), {Touch.SMOOTH: 0.0, Touch.ROUGH: 0.0}
+    time.sleep(2)  # until the new stones are in place
+    watcher, rough_share = Watcher("test-play"), {Touch.SMOOTH: 0.0, Touch.ROUGH: 0.0}
     for stone, label in enumerate(shuffled(SEED)):
         before = watcher.snapshot()
         stroke(browser, stone)
-        ticks = watcher.snapshot(before).ticks
-        felt[label] += float(np.mean(ticks["touch"] == Touch.ROUGH)) / (2 if label is Touch.ROUGH else 3)
+        steps = watcher.snapshot(before).steps
+        rough_share[label] += float(np.mean(steps["touch"] == Touch.ROUGH)) / (2 if label is Touch.ROUGH else 3)
         time.sleep(0.5)
-    assert felt[Touch.ROUGH] > felt[Touch.SMOOTH]
+    assert rough_share[Touch.ROUGH] > rough_share[Touch.SMOOTH]
     for mark in browser.find_elements(By.CSS_SELECTOR, "#marks button")[:2]:
         mark.click()
     browser.find_element(By.ID, "done").click()
@@ -62,4 +62,4 @@ def test_a_round_goes_through_the_whole_telephone(browser: webdriver.Chrome, add
     result = json.loads(results.read_text())
     assert result["order"] == [touch.name.lower() for touch in shuffled(SEED)]
     assert min(result["strokes"]) >= 1
-    browser.get("about:blank")  # before its server goes
+    browser.get("about:blank")  # before its server ends

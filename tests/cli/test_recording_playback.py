@@ -1,4 +1,4 @@
-"""Replaying a recording on the page."""
+"""Playing back a recording on the page."""
 
 import json
 import signal
@@ -12,7 +12,7 @@ import pytest
 import soundfile
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import recording_playback as replay
+from tactophone.cli._support import recording_playback
 from tactophone.dataset import Segment
 from tactophone.pipeline import open_pipeline
 from tactophone.telemetry import Telemetry, Watcher
@@ -29,16 +29,16 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_it_shows_sound_belief_vibration_and_truth_in_the_sound_s_own_time(recording: Path) -> None:
+def test_it_shows_sound_prediction_vibration_and_label_in_real_time(recording: Path) -> None:
     source = FileSource(recording)
-    walk = open_pipeline(sample_rate=source.sample_rate, channels=2)
-    take = replay.Take(source, walk, (Segment(0.1, 0.2, "rough"),))
-    with Telemetry("test-replay") as telemetry:
-        replay.replay(take, telemetry)
-        seen = Watcher("test-replay").snapshot()
+    pipeline = open_pipeline(sample_rate=source.sample_rate, channels=2)
+    take = recording_playback.Take(recording, pipeline, (Segment(0.1, 0.2, "rough"),))
+    with Telemetry("test-playback") as telemetry:
+        recording_playback.play(take, telemetry)
+        seen = Watcher("test-playback").snapshot()
     assert (seen.sound_end, seen.vibration_end) == (13_230, 14_400)
     assert (seen.state.role, seen.state.source, seen.state.sample_rate) == ("replay", "stroke.wav", 44_100)
-    truth = dict.fromkeys(seen.ticks["truth"].tolist())
+    truth = dict.fromkeys(seen.steps["truth"].tolist())
     assert list(truth) == [-1, Touch.ROUGH]
     assert np.abs(seen.vibration).max() > 0
 
@@ -53,6 +53,6 @@ def test_feel_serves_a_page_until_interrupted(recording: Path) -> None:
         with urllib.request.urlopen(address) as page:
             assert b"Tactophone" in page.read()
         process.send_signal(signal.SIGINT)
-        told, _ = process.communicate(timeout=10)
+        output, _ = process.communicate(timeout=10)
     assert process.returncode == 130
-    assert json.loads(told)[0]["recording"] == str(recording)
+    assert json.loads(output)[0]["recording"] == str(recording)

@@ -28,15 +28,15 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def test_tuning_writes_the_rule_into_the_file_and_a_picture_beside_it(
+def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
     data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
     command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--json"]
     assert main([*command, "--false-positives", "1"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    figures = json.loads(capsys.readouterr().out)
     card = read_model(out).card
-    assert card.decision.rough_on == told["chosen"]["rough_on"]
+    assert card.decision.rough_on == figures["chosen"]["rough_on"]
     assert card.scores["operating point"]["dataset"] == data.name
     assert (tmp_path / "tuned.trade-off.png").is_file()
     assert read_model(model).card.decision.rough_on == 0.5
@@ -50,6 +50,6 @@ def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("goal", [["--false-bumps", "often"], ["--false-positives", "2"]])
-def test_a_goal_that_is_none_is_named(goal: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_goal_is_an_error(goal: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["set-threshold", "paper", "--data", "nowhere", *goal]) == 1
     assert "such as" in capsys.readouterr().err

@@ -6,7 +6,7 @@ import pytest
 from tactophone.cli import main
 
 
-def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_small_set_is_rendered_by_one_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "set"
     args = ["simulate", "dataset", str(out), "--objects", "lava stone,3", "--takes", "wiggle", "--seconds", "0.5"]
     assert main([*args, "--jobs", "1"]) == 0
@@ -14,14 +14,15 @@ def test_a_small_set_is_made_by_one_command(tmp_path: Path, capsys: pytest.Captu
     assert len((out / "metadata.csv").read_text().splitlines()) == 3
 
 
-def test_runs_are_made_with_their_truth(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_runs_are_rendered_with_their_truth(tmp_path: Path) -> None:
     assert main(["simulate", "competition", str(tmp_path), "--runs", "1"]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {
         "day_1_run_1.flac", "day_1_run_1.csv", "day_2_run_1.flac", "day_2_run_1.csv", "metadata.csv",
     }  # fmt: skip
 
 
-def test_the_catalogue_is_told_with_its_truth(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "objects", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert len(rows) >= 23
@@ -29,23 +30,24 @@ def test_the_catalogue_is_told_with_its_truth(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize(
-    ("args", "told"),
+    ("args", "message"),
     [
-        (["--objects", "cheese"], "is no object"),
-        (["--takes", "long"], "is no take"),
+        (["--objects", "cheese"], "is not an object"),
+        (["--takes", "long"], "is not a take"),
         (["--seconds", "0"], "must be over 0"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),
     ],
 )
-def test_a_slip_is_answered_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], told: str
+def test_a_mistake_is_reported_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], args: list[str], message: str
 ) -> None:
     assert main(["simulate", "dataset", str(tmp_path), *args]) == 1
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_operator_plays_rounds(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "operator", "--rounds", "20", "--visits", "1", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert 0 <= told["success"] <= told["found"] <= 1
-    assert told["quartiles"][0] <= told["duration"] <= told["quartiles"][1]
+    summary = json.loads(capsys.readouterr().out)
+    assert 0 <= summary["success"] <= summary["found"] <= 1
+    assert summary["quartiles"][0] <= summary["duration"] <= summary["quartiles"][1]

@@ -6,7 +6,7 @@ from tactophone.cli import main
 from tactophone.perception import read_model
 from tests.dataset.folders import audiofolder
 
-QUICK = ["--following", "authors", "--hop", "64", "--batch-size", "64", "--epochs", "1", "--least-steps", "0"]
+QUICK = ["--reference-code", "--hop", "64", "--batch-size", "64", "--epochs", "1", "--least-steps", "0"]
 
 
 def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -20,7 +20,7 @@ def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["sound", "stones.onnx"]
 
 
-def test_goes_on_from_a_model(tmp_path: Path) -> None:
+def test_training_continues_from_a_model(tmp_path: Path) -> None:
     sound, first, second = str(audiofolder(tmp_path / "sound")), tmp_path / "a.onnx", tmp_path / "b.onnx"
     main(["train", sound, "--out", str(first), *QUICK])
     assert main(["train", sound, "--out", str(second), "--from", str(first), *QUICK]) == 0
@@ -29,22 +29,30 @@ def test_goes_on_from_a_model(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (["--epochs", "0"], "--epochs 0: passes over the windows, 1 or more"),
         (["--noise", "nan"], "--noise nan: standard deviation"),
-        (["--gate", "loud"], "--gate loud: wanted a level"),
-        (["--opus", "5"], "--opus 5: from 16 to 512 kbit/s"),
-        (["--where", "label=soft"], "no recording has it; label is one of rough, smooth"),
-        (["--following", "paper"], "no window of the smooth recordings is louder than -26.0 dBFS"),
+        (["--contact-threshold", "loud"], "--contact-threshold loud: must be a level"),
+        (["--opus-bitrate", "5"], "--opus-bitrate 5: from 16 to 512 kbit/s"),
+        (["--filter", "label=soft"], "no recording has it; label is one of rough, smooth"),
     ],
 )
-def test_what_cannot_be_done_is_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], told: str
+def test_an_impossible_request_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
 ) -> None:
     sound = audiofolder(tmp_path / "sound")
     assert main(["train", str(sound), "--out", str(tmp_path / "a.onnx"), *QUICK, *options]) == 1
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "a.onnx").exists()
+
+
+def test_quiet_recordings_are_too_quiet_for_the_papers_threshold(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = [option for option in QUICK if option != "--reference-code"]
+    assert main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(tmp_path / "a.onnx"), *options]) == 1
+    assert "no window of the smooth recordings is louder than -26.0 dBFS" in capsys.readouterr().err
     assert not (tmp_path / "a.onnx").exists()
 
 

@@ -17,9 +17,9 @@ RATE, STEP = 48_000, 480
 
 
 class Run:
-    """Writes 100 ticks a second; obeys ``mute``, ``arm`` and levels as a runtime does.
+    """Writes 100 steps a second; obeys ``mute``, ``arm`` and levels as a runtime does.
 
-    With an ``inbox`` it is led like `simulation.StoneBox`, and knows at once what it touches.
+    With an ``inbox`` it is led like `simulation.StoneBoxSource`, and knows at once what it touches.
     """
 
     def __init__(self, name: str, inbox: Connection | None = None) -> None:
@@ -88,13 +88,13 @@ class Run:
         times = (step * STEP + np.arange(STEP)) / RATE
         amplitude = {Touch.NONE: 0.0, Touch.SMOOTH: 0.056, Touch.ROUGH: 0.5}[self.touch] * self.state.armed
         frequency = 60.0 if self.touch is Touch.ROUGH else 120.0
-        self.telemetry.feel((amplitude * np.sin(2 * np.pi * frequency * times)).astype(np.float32))
+        self.telemetry.rendered((amplitude * np.sin(2 * np.pi * frequency * times)).astype(np.float32))
         level = 20 * np.log10(np.sqrt(np.mean(samples[:, 0] ** 2)))
         sure = np.full(3, 0.04)
         sure[self.touch] = 0.92
-        belief = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
+        prediction = Prediction(tuple(sure), self.touch, float(sure[2]), float(level), times[0], times[-1])
         tick = PipelineStep(
-            AudioBlock(samples, RATE, step * STEP), (belief,), (HapticCommand(amplitude, frequency, times[-1]),)
+            AudioBlock(samples, RATE, step * STEP), (prediction,), (HapticCommand(amplitude, frequency, times[-1]),)
         )
         self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))
         self.telemetry.update(self.state, now=time.monotonic())

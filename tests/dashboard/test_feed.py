@@ -1,9 +1,9 @@
-"""A viewer's feed: nothing twice, nothing missed, whatever the pauses."""
+"""A viewer's feed: nothing is sent twice or left out, whatever the pauses."""
 
 import numpy as np
 import pytest
 
-from tactophone.dashboard.feed import Feed, Run
+from tactophone.dashboard.feed import Feed, WatchedRun
 from tactophone.telemetry import State, Telemetry
 from tactophone.types import AudioBlock, PipelineStep, Prediction, Touch
 from tests.dashboard.test_message import BUCKET, parse
@@ -12,8 +12,8 @@ RATE = 48_000
 
 
 def publish(telemetry: Telemetry, sound: np.ndarray, start: int, now: float = 1e9) -> None:
-    belief = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
-    telemetry.publish(PipelineStep(AudioBlock(sound, RATE, start), (belief,), ()), now=now)
+    prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
+    telemetry.publish(PipelineStep(AudioBlock(sound, RATE, start), (prediction,), ()), now=now)
 
 
 @pytest.mark.parametrize("size", [17, 480, 509, 4800])
@@ -23,7 +23,7 @@ def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
     rows = []
     with Telemetry("test-feed") as telemetry:
         telemetry.update(State(), now=1e9)
-        feed = Feed(Run("test-feed"))
+        feed = Feed(WatchedRun("test-feed"))
         for start in range(0, len(sound), size):
             publish(telemetry, sound[start : start + size], start)
             if start // size % 3 != 1:  # now and then a viewer is late
@@ -37,37 +37,37 @@ def test_the_envelope_is_the_same_however_the_sound_came(size: int) -> None:
 
 
 def _absolute(message: bytes) -> np.ndarray:
-    words, tables = parse(message)
+    header, tables = parse(message)
     table = tables["sound"].astype(np.float64)
-    return np.column_stack([table[:, 0] + words["origin"], table[:, 1:]])
+    return np.column_stack([table[:, 0] + header["origin"], table[:, 1:]])
 
 
-def test_a_viewer_that_slept_gets_the_newest_and_no_torn_bucket() -> None:
+def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
     with Telemetry("test-feed") as telemetry:
         telemetry.update(State(), now=1e9)
-        feed = Feed(Run("test-feed"))
+        feed = Feed(WatchedRun("test-feed"))
         publish(telemetry, np.zeros((700, 2), np.float32), 0)
         feed.message()
         for k in range(40):  # more than the ring holds
             publish(telemetry, np.full((10_000, 2), k, np.float32), 700 + 10_000 * k)
         _, tables = parse(feed.message())
     assert tables["sound"][-1, 1] == 39
-    assert len(tables["ticks"]) == 40
+    assert len(tables["steps"]) == 40
 
 
-def test_a_run_that_begins_anew_is_found_and_told_from_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.dashboard.feed.SEEK_EVERY", 0.0)
-    feed = Feed(Run("test-feed"))
+def test_a_run_that_restarts_is_found_and_sent_from_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.dashboard.feed.SEARCH_INTERVAL", 0.0)
+    feed = Feed(WatchedRun("test-feed"))
     assert parse(feed.message())[0]["waiting_for"] == "test-feed"
     with Telemetry("test-feed") as telemetry:
-        telemetry.update(State(role="first"), now=0.0)  # no sign of life since long ago
+        telemetry.update(State(role="first"), now=0.0)  # the last heartbeat was long ago
         for k in range(3):
             publish(telemetry, np.zeros((480, 2), np.float32), 480 * k, now=0.0)
-        words, _ = parse(feed.message())
-        assert (words["state"]["role"], words["alive"]) == ("first", False)
+        header, _ = parse(feed.message())
+        assert (header["state"]["role"], header["alive"]) == ("first", False)
     with Telemetry("test-feed") as telemetry:
         telemetry.update(State(role="second"), now=1e9)
         publish(telemetry, np.ones((480, 2), np.float32), 0)
-        words, tables = parse(feed.message())
-    assert words["state"]["role"] == "second"
+        header, tables = parse(feed.message())
+    assert header["state"]["role"] == "second"
     assert len(tables["sound"]) == 1

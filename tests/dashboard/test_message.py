@@ -1,4 +1,4 @@
-"""Messages read back, and what they hold."""
+"""Messages, parsed again."""
 
 import json
 from typing import Any
@@ -7,37 +7,37 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactophone.dashboard.message import TICK_COLUMNS, envelope, pack, tick_table
-from tactophone.telemetry import TICK
+from tactophone.dashboard.message import STEP_COLUMNS, envelope, pack, step_table
+from tactophone.telemetry import STEP
 
 BUCKET = 480
 
 
 def parse(message: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]]]:
     size = int.from_bytes(message[:4], "little")
-    words = json.loads(message[4 : 4 + size])
+    header = json.loads(message[4 : 4 + size])
     numbers, tables = np.frombuffer(message, "<f4", offset=4 + size), {}
-    for name, shape in words["series"].items():
+    for name, shape in header["series"].items():
         count = int(np.prod(shape))
         tables[name], numbers = numbers[:count].reshape(shape), numbers[count:]
     assert not len(numbers)
-    return words, tables
+    return header, tables
 
 
 @pytest.mark.parametrize("word", ["", "é", "four", "longer words"])
 def test_a_message_reads_back_and_its_numbers_are_aligned(word: str) -> None:
     table = np.arange(6.0).reshape(2, 3)
-    words, tables = parse(pack({"word": word}, {"a": table, "none": np.empty((0, 4)), "b": table[0]}))
-    assert words["word"] == word
+    header, tables = parse(pack({"word": word}, {"a": table, "none": np.empty((0, 4)), "b": table[0]}))
+    assert header["word"] == word
     np.testing.assert_array_equal(tables["a"], table)
     np.testing.assert_array_equal(tables["b"], table[0])
     assert tables["none"].shape == (0, 4)
 
 
 def test_json_has_no_infinity_so_null_stands_for_it() -> None:
-    words, _ = parse(pack({"gauges": {"a": np.inf, "b": float("nan")}, "faults": ({"since": float("inf")},)}, {}))
-    assert words["gauges"] == {"a": None, "b": None}
-    assert words["faults"] == [{"since": None}]
+    header, _ = parse(pack({"gauges": {"a": np.inf, "b": float("nan")}, "faults": ({"since": float("inf")},)}, {}))
+    assert header["gauges"] == {"a": None, "b": None}
+    assert header["faults"] == [{"since": None}]
 
 
 def test_an_envelope_keeps_the_extremes_of_each_channel() -> None:
@@ -54,12 +54,12 @@ def test_the_level_is_the_bucket_s_rms_and_silence_is_finite() -> None:
     np.testing.assert_allclose(levels, [-3.01, -120], atol=0.01)
 
 
-def test_of_quick_ticks_one_in_ten_milliseconds_is_sent_and_the_newest() -> None:
-    ticks = np.zeros(41, TICK)
-    ticks["time"] = 7 + 0.0025 * np.arange(41)
-    ticks["roughness"] = np.arange(41)
-    table = tick_table(ticks, 7.0)
-    assert table.shape == (11, 1 + len(TICK_COLUMNS))
+def test_of_fast_steps_one_in_ten_milliseconds_is_sent_and_the_newest() -> None:
+    steps = np.zeros(41, STEP)
+    steps["time"] = 7 + 0.0025 * np.arange(41)
+    steps["roughness"] = np.arange(41)
+    table = step_table(steps, 7.0)
+    assert table.shape == (11, 1 + len(STEP_COLUMNS))
     assert table[-1, 4] == 40
     assert np.all(np.diff(table[:, 0]) < 0.0126)
-    assert tick_table(ticks[:0], 7.0).shape == (0, 10)
+    assert step_table(steps[:0], 7.0).shape == (0, 10)

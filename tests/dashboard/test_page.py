@@ -27,9 +27,9 @@ def test_it_shows_a_rough_stroke_as_rough_within_a_second(browser: webdriver.Chr
     delays = []
     for _ in range(3):
         run.touch = Touch.NONE
-        wait(browser, lambda: text(browser, "verdict") == "no contact")
+        wait(browser, lambda: text(browser, "decision") == "no contact")
         run.touch, begin = Touch.ROUGH, time.monotonic()
-        wait(browser, lambda: text(browser, "verdict") == "rough")
+        wait(browser, lambda: text(browser, "decision") == "rough")
         delays.append(time.monotonic() - begin)
     assert sorted(delays)[1] < 1.0
     wait(browser, lambda: text(browser, "frequency") == "60\u202fHz")
@@ -42,15 +42,15 @@ def test_mute_stays_until_somebody_arms(browser: webdriver.Chrome, page: Page, r
     button = browser.find_element(By.ID, "mute")
     wait(browser, lambda: button.text == "Mute")
     button.click()
-    wait(browser, lambda: text(browser, "permit") == "muted: muted on the page")
+    wait(browser, lambda: text(browser, "output-state") == "muted: muted on the page")
     assert not run.state.armed
     browser.refresh()
-    wait(browser, lambda: text(browser, "permit") == "muted: muted on the page")
+    wait(browser, lambda: text(browser, "output-state") == "muted: muted on the page")
     browser.find_element(By.TAG_NAME, "body").send_keys("m")  # the key mutes and never arms
     time.sleep(0.3)
     assert not run.state.armed
     browser.find_element(By.ID, "mute").click()
-    wait(browser, lambda: text(browser, "permit") == "armed")
+    wait(browser, lambda: text(browser, "output-state") == "armed")
     browser.find_element(By.TAG_NAME, "body").send_keys("m")
     wait(browser, lambda: not run.state.armed)
 
@@ -69,7 +69,7 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(browser: webdriver
     wait(browser, lambda: run.state.profile == "plain")
 
 
-def test_faults_are_told_in_words_and_leave_again(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_faults_are_shown_and_removed(browser: webdriver.Chrome, page: Page, run: Run) -> None:
     open_page(browser, page)
     run.fail(Fault("air_silent", "Air microphone silent for 3 s: using the one-channel model."))
     wait(browser, lambda: "one-channel" in text(browser, "faults"))
@@ -77,21 +77,21 @@ def test_faults_are_told_in_words_and_leave_again(browser: webdriver.Chrome, pag
     wait(browser, lambda: text(browser, "faults") == "")
 
 
-def test_the_budget_and_the_link_are_told_in_numbers(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_the_budget_and_the_link_are_shown_as_numbers(browser: webdriver.Chrome, page: Page, run: Run) -> None:
     run.telemetry.count("packets_lost", 71)
-    run.telemetry.gauge("latency_judge", 0.0006)
+    run.telemetry.gauge("latency_detect", 0.0006)
     run.telemetry.gauge("latency_total", 0.0081)
     open_page(browser, page)
     wait(browser, lambda: "8.1\u202fms" in text(browser, "total"))
     assert "71" in text(browser, "link")
-    assert "judge 0.6" in str(browser.find_element(By.ID, "stack").get_attribute("aria-label"))
+    assert "detect 0.6" in str(browser.find_element(By.ID, "stack").get_attribute("aria-label"))
 
 
-def test_a_run_that_ends_is_told_and_no_control_is_left(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+def test_a_run_that_ends_is_reported_and_no_control_is_left(browser: webdriver.Chrome, page: Page, run: Run) -> None:
     open_page(browser, page)
     run.pause()
-    wait(browser, lambda: "no sign of life" in text(browser, "life"))
-    wait(browser, lambda: "the run has ended" in text(browser, "permit"))
+    wait(browser, lambda: "no heartbeat" in text(browser, "life"))
+    wait(browser, lambda: "the run has ended" in text(browser, "output-state"))
     assert not browser.find_element(By.ID, "mute").is_enabled()
 
 

@@ -1,4 +1,4 @@
-"""The page's process: where it listens, and that it ends with whoever began it."""
+"""The page's process: where it listens, and that it ends with its parent."""
 
 import socket
 import subprocess
@@ -14,13 +14,13 @@ from tactophone.errors import TactophoneError
 
 
 @pytest.mark.parametrize("address", ["", "8470", "localhost", "127.0.0.1:", "127.0.0.1:http", "127.0.0.1:-1"])
-def test_what_is_no_address_is_refused_with_an_example(address: str) -> None:
+def test_an_invalid_address_is_refused_with_an_example(address: str) -> None:
     with pytest.raises(TactophoneError, match=r"127\.0\.0\.1:0"):
         watch("none", address)
 
 
 @pytest.mark.parametrize("address", ["192.0.2.1:0", "127.0.0.1:65536"])
-def test_an_address_that_cannot_be_had_is_refused(address: str) -> None:
+def test_an_unavailable_address_is_refused(address: str) -> None:
     with pytest.raises(TactophoneError, match="choose another address"):
         watch("none", address)
 

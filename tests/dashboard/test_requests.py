@@ -1,17 +1,17 @@
-"""What a page may ask for."""
+"""Requests of a page."""
 
 import json
 
 import pytest
 
-from tactophone.dashboard.requests import wish
+from tactophone.dashboard.requests import parse_request
 from tactophone.telemetry import Request, State
 
 STATE = State(ceiling=0.4, local_ceiling=0.5, profiles=("paper", "plain"))
 
 
 @pytest.mark.parametrize(
-    ("asked", "granted"),
+    ("entries", "granted"),
     [
         ({"action": "mute"}, Request("mute")),
         ({"action": "stop"}, Request("stop")),
@@ -22,8 +22,8 @@ STATE = State(ceiling=0.4, local_ceiling=0.5, profiles=("paper", "plain"))
         ({"action": "profile", "text": "plain"}, Request("profile", text="plain")),
     ],
 )
-def test_what_is_in_range_is_passed_on(asked: dict[str, object], granted: Request) -> None:
-    assert wish(json.dumps(asked), STATE) == granted
+def test_what_is_in_range_is_passed_on(entries: dict[str, object], granted: Request) -> None:
+    assert parse_request(json.dumps(entries), STATE) == granted
 
 
 @pytest.mark.parametrize(
@@ -35,9 +35,9 @@ def test_what_is_in_range_is_passed_on(asked: dict[str, object], granted: Reques
         *('{"action": "profile", "text": "nonesuch"}', '{"action": "profile", "text": []}'),
     ],
 )
-def test_anything_else_is_refused_in_words(text: str) -> None:
-    assert isinstance(wish(text, STATE), str)
+def test_anything_else_is_refused_with_a_reason(text: str) -> None:
+    assert isinstance(parse_request(text, STATE), str)
 
 
 def test_a_page_never_raises_the_ceiling_not_even_to_the_local_one() -> None:
-    assert "raise it at the machine" in str(wish('{"action": "ceiling", "value": 0.45}', STATE))
+    assert "raise it at the machine" in str(parse_request('{"action": "ceiling", "value": 0.45}', STATE))

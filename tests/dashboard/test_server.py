@@ -1,4 +1,4 @@
-"""The server by its socket: who is let in, what is sent, and that nothing piles up."""
+"""The server by its socket: access, messages, and that nothing queues up."""
 
 import asyncio
 import http.client
@@ -80,14 +80,14 @@ def test_a_viewer_who_does_not_answer_gets_no_more_and_then_misses_nothing(page:
             await asyncio.sleep(0.5)
             await view.send_str("ok")
             last = parse(await view.receive_bytes(timeout=2))[1]
-            return len(messages), len(last["ticks"]) * 0.01
+            return len(messages), len(last["steps"]) * 0.01
 
     unanswered, seconds_at_once = asyncio.run(look())
     assert unanswered == CREDIT
     assert seconds_at_once >= 0.5
 
 
-def test_a_request_out_of_range_is_answered_in_words_and_not_passed_on(page: Page, run: Run) -> None:
+def test_a_request_out_of_range_is_answered_with_a_reason_and_not_passed_on(page: Page, run: Run) -> None:
     async def ask() -> str:
         async with aiohttp.ClientSession() as session:
             view = await session.ws_connect(page.url + "live", origin=page.url[: page.url.rindex("/", 0, -1)])

@@ -11,7 +11,7 @@ def recording(*channels: str) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("channels", "wanted", "order"),
+    ("channels", "count", "order"),
     [
         ((), 2, (0, 1)),
         ((), 1, (0,)),
@@ -22,12 +22,12 @@ def recording(*channels: str) -> Recording:
     ],
 )
 def test_contact_comes_first_and_air_stands_in_where_there_is_no_other(
-    channels: tuple[str, ...], wanted: int, order: tuple[int, ...]
+    channels: tuple[str, ...], count: int, order: tuple[int, ...]
 ) -> None:
-    assert channel_order(recording(*channels), wanted=wanted) == order
+    assert channel_order(recording(*channels), count=count) == order
 
 
 @pytest.mark.parametrize("channels", [("air",), ("contact", "contact")])
 def test_a_second_channel_is_never_made_up(channels: tuple[str, ...]) -> None:
-    with pytest.raises(DatasetError, match="contact and air are wanted; take the one-channel variant"):
-        channel_order(recording(*channels), wanted=2)
+    with pytest.raises(DatasetError, match="contact and air are needed; use the one-channel variant"):
+        channel_order(recording(*channels), count=2)

@@ -67,7 +67,7 @@ def test_labels_and_segments_that_cannot_be_true_are_named(tmp_path: Path) -> No
     assert "slate is smooth here, rough in a.wav" in str(problems[0])
 
 
-def test_a_good_dataset_has_no_problems_and_progress_is_told(tmp_path: Path) -> None:
-    told: list[int] = []
-    assert check(open_dataset(audiofolder(tmp_path)), progress=told.append) == ()
-    assert told == list(range(1, 9))
+def test_a_good_dataset_has_no_problems_and_progress_is_reported(tmp_path: Path) -> None:
+    reported: list[int] = []
+    assert check(open_dataset(audiofolder(tmp_path)), progress=reported.append) == ()
+    assert reported == list(range(1, 9))

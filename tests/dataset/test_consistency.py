@@ -5,30 +5,32 @@ import numpy as np
 import soundfile
 
 from tactophone.dataset import Dataset, open_dataset
-from tactophone.dataset.consistency import check_together
+from tactophone.dataset.consistency import check_consistency
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
 
 
 def kinds(dataset: Dataset, **options: float) -> list[str]:
-    return [problem.kind for problem in check_together(dataset, **options)]
+    return [problem.kind for problem in check_consistency(dataset, **options)]
 
 
 def changed(dataset: Dataset, *places: int, **fields: object) -> Dataset:
-    told = tuple(replace(one, **fields) if n in places else one for n, one in enumerate(dataset.recordings))
-    return replace(dataset, recordings=told)
+    reported = tuple(
+        replace(recording, **fields) if n in places else recording for n, recording in enumerate(dataset.recordings)
+    )
+    return replace(dataset, recordings=reported)
 
 
-def test_a_good_set_has_nothing_wrong_and_progress_is_told(tmp_path: Path) -> None:
-    told: list[int] = []
-    assert check_together(open_dataset(audiofolder(tmp_path)), progress=told.append) == ()
-    assert told == list(range(1, 9))
+def test_a_good_set_has_nothing_wrong_and_progress_is_reported(tmp_path: Path) -> None:
+    reported: list[int] = []
+    assert check_consistency(open_dataset(audiofolder(tmp_path)), progress=reported.append) == ()
+    assert reported == list(range(1, 9))
 
 
 def test_a_surface_on_both_sides_is_a_leak(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     leaking = changed(changed(dataset, 0, properties={"split": "train"}), 1, properties={"split": "test"})
-    (problem,) = check_together(leaking)
+    (problem,) = check_consistency(leaking)
     assert (problem.kind, problem.message.split(";")[0]) == ("leak", "stone 00 is in test and train")
 
 
@@ -41,13 +43,13 @@ def test_the_same_sound_in_another_container_is_a_duplicate(tmp_path: Path) -> N
     soundfile.write(copy, samples, rate, "PCM_24")
     copied = changed(dataset, 1, path=copy)
     assert kinds(copied) == ["duplicate"]
-    (problem,) = check_together(changed(copied, 1, label=Touch.SMOOTH, surface="other"))
+    (problem,) = check_consistency(changed(copied, 1, label=Touch.SMOOTH, surface="other"))
     assert "labelled smooth here and rough there" in problem.message
 
 
 def test_a_set_of_one_label_is_unbalanced(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
-    assert kinds(dataset.where(lambda one: one.label is Touch.ROUGH)) == ["unbalanced"]
+    assert kinds(dataset.where(lambda recording: recording.label is Touch.ROUGH)) == ["unbalanced"]
 
 
 def test_a_take_in_which_nothing_is_touched_is_named_by_the_calibrated_level(tmp_path: Path) -> None:

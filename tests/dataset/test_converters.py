@@ -15,12 +15,15 @@ def test_the_authors_layout_becomes_ours_without_a_change_of_sound(tmp_path: Pat
     convert(source, tmp_path / "ours")
     made = open_dataset(tmp_path / "ours")
     assert check(made) == ()
-    assert [(one.surface, one.label, one.take, one.known("split")) for one in made.recordings] == [
-        (one.surface, one.label, one.take, one.known("split")) for one in source.recordings
+    assert [
+        (recording.surface, recording.label, recording.take, recording.known("split")) for recording in made.recordings
+    ] == [
+        (recording.surface, recording.label, recording.take, recording.known("split"))
+        for recording in source.recordings
     ]
-    before, after = (soundfile.read(one.recordings[0].path)[0] for one in (source, made))
+    before, after = (soundfile.read(dataset.recordings[0].path)[0] for dataset in (source, made))
     np.testing.assert_array_equal(before, after)
-    assert {one.path.suffix for one in made.recordings} == {".flac"}
+    assert {recording.path.suffix for recording in made.recordings} == {".flac"}
 
 
 def test_nothing_is_written_over_another_data_set(tmp_path: Path) -> None:
@@ -37,11 +40,11 @@ def test_a_file_that_cannot_be_converted_is_named_and_leaves_no_half(tmp_path: P
     assert not list((tmp_path / "b").rglob("*.flac"))
 
 
-def test_a_split_is_written_and_read_as_given(tmp_path: Path) -> None:
+def test_a_split_is_written_and_read_back(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     set_split(dataset, {"stone 00": "test", "stone 01": "test", "stone 02": "train", "stone 03": "train"})
-    (fold,) = split(open_dataset(tmp_path), "given")
-    assert {one.surface for one in fold.test} == {"stone 00", "stone 01"}
+    (fold,) = split(open_dataset(tmp_path), "predefined")
+    assert {recording.surface for recording in fold.test} == {"stone 00", "stone 01"}
 
 
 def test_a_split_wants_a_manifest_of_ours(tmp_path: Path) -> None:
@@ -49,7 +52,7 @@ def test_a_split_wants_a_manifest_of_ours(tmp_path: Path) -> None:
         set_split(open_dataset(authors(tmp_path)), {})
 
 
-def test_the_card_tells_what_there_is(tmp_path: Path) -> None:
+def test_the_card_lists_the_contents(tmp_path: Path) -> None:
     card = write_card(open_dataset(audiofolder(tmp_path))).read_text()
     assert card.startswith("---\n")
     assert "8 recordings of 4 surfaces, 0.1 minutes, at 4000 Hz. Channels: contact and air." in card

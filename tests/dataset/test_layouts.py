@@ -7,8 +7,8 @@ from tests.dataset.folders import authors, write_sound, write_text
 
 def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
     dataset = open_dataset(authors(tmp_path))
-    told = {one.path.stem: one for one in dataset.recordings}
-    assert {stem: one.label for stem, one in told.items()} == {
+    by_name = {recording.path.stem: recording for recording in dataset.recordings}
+    assert {stem: recording.label for stem, recording in by_name.items()} == {
         "00_long_light": Touch.ROUGH,
         "00_wiggle": Touch.ROUGH,
         "02_short_loud": Touch.SMOOTH,
@@ -17,15 +17,15 @@ def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
         "day_1_smooth": Touch.SMOOTH,
         "day_2_rough": Touch.ROUGH,
     }
-    assert told["02_short_loud"].known("pressure") == "strong"
-    assert told["day_2_rough"].session == "day 2"
+    assert by_name["02_short_loud"].known("pressure") == "strong"
+    assert by_name["day_2_rough"].session == "day 2"
 
 
 def test_the_authors_split_tests_their_test_objects_and_the_competition(tmp_path: Path) -> None:
-    folds = {fold.name: fold for fold in split(open_dataset(authors(tmp_path)), "given")}
-    assert {one.surface for one in folds["test"].test} == {"object 20", "object 21"}
-    assert {one.surface for one in folds["competition"].test} == {"competition smooth", "competition rough"}
-    assert {one.surface for one in folds["test"].train} == {"object 00", "object 02"}
+    folds = {fold.name: fold for fold in split(open_dataset(authors(tmp_path)), "predefined")}
+    assert {recording.surface for recording in folds["test"].test} == {"object 20", "object 21"}
+    assert {recording.surface for recording in folds["competition"].test} == {"competition smooth", "competition rough"}
+    assert {recording.surface for recording in folds["test"].train} == {"object 00", "object 02"}
 
 
 def test_a_file_that_does_not_fit_the_authors_names_is_named(tmp_path: Path) -> None:

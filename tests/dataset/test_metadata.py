@@ -42,7 +42,7 @@ def test_parts_with_a_manifest_each_become_one_dataset_with_a_split(tmp_path: Pa
     for part in ("train", "test"):
         write_sound(tmp_path / part / "a.wav")
         write_text(tmp_path / part / "metadata.csv", "file_name,surface,label", f"a.wav,{part} stone,rough")
-    splits = [one.known("split") for one in open_dataset(tmp_path).recordings]
+    splits = [recording.known("split") for recording in open_dataset(tmp_path).recordings]
     assert splits == ["train", "test"]
 
 
@@ -57,15 +57,18 @@ def test_a_bad_line_is_named_and_the_others_are_read(tmp_path: Path) -> None:
     )
     dataset = open_dataset(tmp_path)
     assert [problem.kind for problem in dataset.problems] == ["file_name", "file_name", "label", "segments"]
-    assert "'ruogh' is no label; write one of none" in str(dataset.problems[2])
-    assert [(one.path.name, one.label) for one in dataset.recordings] == [("a.wav", None), ("b.wav", Touch.ROUGH)]
+    assert "'ruogh' is not a label; write one of none" in str(dataset.problems[2])
+    assert [(recording.path.name, recording.label) for recording in dataset.recordings] == [
+        ("a.wav", None),
+        ("b.wav", Touch.ROUGH),
+    ]
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "message"),
     [(b"surface,label\nslate,rough\n", "no column file_name"), (b"\xff\xfe\x00a", "not a CSV file")],
 )
-def test_a_manifest_that_cannot_be_read_says_why(tmp_path: Path, content: bytes, told: str) -> None:
+def test_a_manifest_that_cannot_be_read_says_why(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "metadata.csv").write_bytes(content)
-    with pytest.raises(DatasetError, match=told):
+    with pytest.raises(DatasetError, match=message):
         open_dataset(tmp_path)

@@ -2,30 +2,30 @@ from pathlib import Path
 from types import MappingProxyType
 
 from tactophone.dataset import Recording
-from tactophone.dataset.motion_intervals import Stretch, cut_slides, first_slide, read_slides, slides_over
+from tactophone.dataset.motion_intervals import MotionInterval, cut_slides, first_slide, read_slides, slides_over
 
-TELLS = Recording(Path("a.flac"), "slate", properties=MappingProxyType({"slides": "0.500-1.000 1.500-2.000"}))
-SILENT = Recording(Path("b.flac"), "slate")
-
-
-def test_a_touch_counts_from_when_it_slides() -> None:
-    assert first_slide(TELLS, 0.2, 1.2) == 0.5
-    assert first_slide(TELLS, 0.7, 1.2) == 0.7
-    assert first_slide(TELLS, 1.1, 1.4) is None
+LISTED = Recording(Path("a.flac"), "slate", properties=MappingProxyType({"slides": "0.500-1.000 1.500-2.000"}))
+UNKNOWN = Recording(Path("b.flac"), "slate")
 
 
-def test_where_nothing_is_told_it_slides_throughout() -> None:
-    assert read_slides(SILENT) is None
-    assert first_slide(SILENT, 0.2, 1.2) == 0.2
-    assert slides_over(SILENT, 3.0)
+def test_a_touch_counts_from_its_first_slide() -> None:
+    assert first_slide(LISTED, 0.2, 1.2) == 0.5
+    assert first_slide(LISTED, 0.7, 1.2) == 0.7
+    assert first_slide(LISTED, 1.1, 1.4) is None
+
+
+def test_without_the_property_it_slides_throughout() -> None:
+    assert read_slides(UNKNOWN) is None
+    assert first_slide(UNKNOWN, 0.2, 1.2) == 0.2
+    assert slides_over(UNKNOWN, 3.0)
 
 
 def test_an_edge_is_crossed_sliding_or_not_at_all() -> None:
-    assert slides_over(TELLS, 0.7)
-    assert not slides_over(TELLS, 0.95)
-    assert not slides_over(TELLS, 1.2)
+    assert slides_over(LISTED, 0.7)
+    assert not slides_over(LISTED, 0.95)
+    assert not slides_over(LISTED, 1.2)
 
 
 def test_a_piece_keeps_its_slides() -> None:
-    assert cut_slides(TELLS, 0.75, 1.25, place=2.75) == (Stretch(2.75, 3.0),)
-    assert cut_slides(SILENT, 0.75, 1.25, place=2.75) is None
+    assert cut_slides(LISTED, 0.75, 1.25, place=2.75) == (MotionInterval(2.75, 3.0),)
+    assert cut_slides(UNKNOWN, 0.75, 1.25, place=2.75) is None

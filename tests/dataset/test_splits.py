@@ -19,14 +19,14 @@ def dataset(*, surfaces: int = 6, scenarios: tuple[str, ...] = ("hand", "box")) 
 def test_no_surface_is_on_both_sides_and_each_is_tested_once(name: str) -> None:
     folds = split(dataset(), name)
     for fold in folds:
-        assert not {one.surface for one in fold.train} & {one.surface for one in fold.test}
-    tested = [one.path for fold in folds for one in fold.test]
+        assert not {recording.surface for recording in fold.train} & {recording.surface for recording in fold.test}
+    tested = [recording.path for fold in folds for recording in fold.test]
     assert len(tested) == len(set(tested)) == 12
 
 
 def test_folds_spread_the_labels_evenly() -> None:
     for fold in split(dataset(), "3-fold"):
-        assert {one.label for one in fold.test} == {Touch.SMOOTH, Touch.ROUGH}
+        assert {recording.label for recording in fold.test} == {Touch.SMOOTH, Touch.ROUGH}
 
 
 def test_folds_depend_on_names_alone() -> None:
@@ -38,26 +38,26 @@ def test_folds_depend_on_names_alone() -> None:
 def test_any_key_may_be_left_out() -> None:
     folds = split(dataset(), "leave-one-scenario-out")
     assert [fold.name for fold in folds] == ["scenario box", "scenario hand"]
-    assert {one.scenario for one in folds[0].test} == {"box"}
+    assert {recording.scenario for recording in folds[0].test} == {"box"}
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("by-window", "take one of leave-one-surface-out"),
         ("leave-one-session-out", "every recording has session ''"),
         ("7-fold", "7 folds of 6 surfaces"),
-        ("given", "no split of its own"),
+        ("predefined", "no split of its own"),
     ],
 )
-def test_a_split_that_cannot_be_made_says_why(name: str, told: str) -> None:
-    with pytest.raises(DatasetError, match=told):
+def test_a_split_that_cannot_be_made_says_why(name: str, message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
         split(dataset(), name)
 
 
-def test_a_given_split_that_leaks_is_refused() -> None:
+def test_a_predefined_split_that_leaks_is_refused() -> None:
     leaky = tuple(
         Recording(Path(f"{part}.wav"), "slate", Touch.ROUGH, properties={"split": part}) for part in ("train", "test")
     )
     with pytest.raises(DatasetError, match="slate in both train and test"):
-        split(Dataset("leaky", Path("leaky"), leaky), "given")
+        split(Dataset("leaky", Path("leaky"), leaky), "predefined")

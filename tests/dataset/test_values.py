@@ -7,10 +7,10 @@ from tactophone.dataset import Dataset, Recording, Segment, fingerprint
 from tests.dataset.folders import write_sound
 
 
-def test_a_dataset_keeps_only_what_a_person_called_smooth_or_rough() -> None:
+def test_a_dataset_keeps_only_what_is_labelled_smooth_or_rough() -> None:
     labels = (Touch.ROUGH, Touch.NONE, None, Touch.SMOOTH)
-    dataset = Dataset("d", Path("d"), tuple(Recording(Path(f"{n}.wav"), "s", one) for n, one in enumerate(labels)))
-    assert [one.label for one in dataset.labelled().recordings] == [Touch.ROUGH, Touch.SMOOTH]
+    dataset = Dataset("d", Path("d"), tuple(Recording(Path(f"{n}.wav"), "s", label) for n, label in enumerate(labels)))
+    assert [recording.label for recording in dataset.labelled().recordings] == [Touch.ROUGH, Touch.SMOOTH]
 
 
 def test_a_dataset_without_labels_says_so() -> None:
@@ -21,12 +21,12 @@ def test_a_dataset_without_labels_says_so() -> None:
 def test_the_fingerprint_follows_the_content_and_not_the_place_or_the_order(tmp_path: Path) -> None:
     here, there = (write_sound(tmp_path / place / "a.wav") for place in ("here", "there"))
     other = write_sound(tmp_path / "b.wav", seed=1)
-    one, moved = (Recording(path, "slate", Touch.ROUGH) for path in (here, there))
+    first, moved = (Recording(path, "slate", Touch.ROUGH) for path in (here, there))
     second = Recording(other, "glass", Touch.SMOOTH)
-    assert fingerprint([one, second]) == fingerprint([second, moved])
-    assert fingerprint([one]) != fingerprint([Recording(here, "slate", Touch.SMOOTH)])
+    assert fingerprint([first, second]) == fingerprint([second, moved])
+    assert fingerprint([first]) != fingerprint([Recording(here, "slate", Touch.SMOOTH)])
     write_sound(there, seed=2)
-    assert fingerprint([one]) != fingerprint([moved])
+    assert fingerprint([first]) != fingerprint([moved])
 
 
 def test_known_reads_fields_and_properties_and_nothing_else() -> None:

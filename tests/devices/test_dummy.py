@@ -9,7 +9,7 @@ from tactophone.errors import DeviceError
 
 @pytest.mark.realtime
 @pytest.mark.parametrize(("period", "synchronous"), [(64, True), (512, False)])
-def test_a_server_runs_with_the_period_asked_for(period: int, synchronous: bool) -> None:
+def test_a_server_runs_with_the_requested_period(period: int, synchronous: bool) -> None:
     with DummyServer(period, synchronous=synchronous) as server:
         client = JackClient("probe", silent, inputs={}, outputs={}, server=server.name)
         client.open()

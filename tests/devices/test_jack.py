@@ -16,10 +16,10 @@ class Recorder:
 
     def __init__(self) -> None:
         self.level = 0.0
-        self.heard: list[float] = []
+        self.peaks: list[float] = []
 
     def __call__(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
-        self.heard.extend(float(np.abs(samples).max()) for samples in inputs)
+        self.peaks.extend(float(np.abs(samples).max()) for samples in inputs)
         for samples in outputs:
             samples[:] = self.level
 
@@ -39,9 +39,9 @@ def test_ports_of_two_clients_carry_sound(jack_server: DummyServer) -> None:
     source.open()
     sink = JackClient("listener", listener, inputs={"in": "player:out"}, outputs={}, server=jack_server.name)
     sink.open()
-    assert eventually(lambda: listener.heard[-1:] == [0.5])
+    assert eventually(lambda: listener.peaks[-1:] == [0.5])
     assert (sink.sample_rate, sink.period, sink.fault) == (48_000, 128, "")
-    assert "player:out" in [port.name for port in sink.ports() if port.gives and not port.physical]
+    assert "player:out" in [port.name for port in sink.ports() if port.is_output and not port.physical]
     sink.close()
     source.close()
 
@@ -52,7 +52,7 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
     recorder = Recorder()
     client = JackClient("robot", recorder, inputs={"contact": "system:capture_1"}, outputs={}, server=server.name)
     client.open()
-    assert eventually(lambda: len(recorder.heard) > 3)
+    assert eventually(lambda: len(recorder.peaks) > 3)
     server.kill()
     assert eventually(lambda: client.fault != "")
     assert "gone" in client.fault
@@ -61,9 +61,9 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
     assert client.fault != ""
     server.start()
     try:
-        calls = len(recorder.heard)
+        calls = len(recorder.peaks)
         assert eventually(lambda: client.revive() or client.fault == "")
-        assert eventually(lambda: len(recorder.heard) > calls)
+        assert eventually(lambda: len(recorder.peaks) > calls)
     finally:
         client.close()
         server.stop()
@@ -80,7 +80,7 @@ def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -
     assert eventually(lambda: sink.revive() or "no JACK port player:out" in sink.fault)
     early.open()
     assert eventually(lambda: sink.revive() or sink.fault == "")
-    assert eventually(lambda: listener.heard[-1:] == [0.5])
+    assert eventually(lambda: listener.peaks[-1:] == [0.5])
     sink.close()
     early.close()
 

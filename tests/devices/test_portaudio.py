@@ -11,7 +11,7 @@ from .test_jack import eventually
 
 
 class Faulty:
-    """Plays a level, and fails when it is told to."""
+    """Plays a level, and raises on request."""
 
     def __init__(self) -> None:
         self.failing = False
@@ -50,7 +50,7 @@ def test_a_failing_process_is_counted_and_the_stream_goes_on() -> None:
 
 
 def test_what_a_failing_process_wrote_is_not_played() -> None:
-    """PortAudio's own callback, called as PortAudio calls it: there is no way to listen behind a device here."""
+    """PortAudio's own callback, called as PortAudio calls it, as its output cannot be recorded here."""
     process = Faulty()
     process.failing = True
     stream = PortAudioStream(process, "output")
@@ -63,13 +63,13 @@ def test_what_a_failing_process_wrote_is_not_played() -> None:
 @pytest.mark.realtime
 @pytest.mark.usefixtures("portaudio")
 def test_blocks_arrive_by_the_devices_clock() -> None:
-    heard: list[int] = []
-    stream = PortAudioStream(lambda inputs, outputs: heard.append(len(inputs[0])), "input", device="syst", channels=2)
+    sizes: list[int] = []
+    stream = PortAudioStream(lambda inputs, outputs: sizes.append(len(inputs[0])), "input", device="syst", channels=2)
     stream.open()
     begun = time.monotonic()
     try:
-        assert eventually(lambda: sum(heard) > 9600)
+        assert eventually(lambda: sum(sizes) > 9600)
     finally:
         stream.close()
     assert time.monotonic() - begun > 0.1
-    assert set(heard) == {128}
+    assert set(sizes) == {128}

@@ -7,72 +7,72 @@ from tactophone.dataset import Segment
 from tactophone.evaluation.event_metrics import (
     calibration_error,
     contact_delays,
+    decided_touches,
     edge_delays,
     false_bumps_per_minute,
-    touches,
 )
 from tactophone.perception import DecisionRule
 from tactophone.types import Touch
-from tests.evaluation.judged import judged
+from tests.evaluation.takes import predicted
 
 RULE = DecisionRule()
 
 
-def test_what_is_believed_follows_gate_threshold_and_abstention() -> None:
-    one = judged([0.2, 0.8, 0.8], label=Touch.ROUGH, contact=[True, True, False])
-    assert touches(one, RULE).tolist() == [Touch.SMOOTH, Touch.ROUGH, Touch.NONE]
-    unknown = judged([0.8], label=Touch.ROUGH, none=0.6)
-    assert touches(unknown, RULE).tolist() == [Touch.ROUGH]
-    assert touches(unknown, DecisionRule(abstain_from=0.5)).tolist() == [Touch.SMOOTH]
+def test_the_decided_touch_follows_gate_threshold_and_abstention() -> None:
+    take = predicted([0.2, 0.8, 0.8], label=Touch.ROUGH, contact=[True, True, False])
+    assert decided_touches(take, RULE).tolist() == [Touch.SMOOTH, Touch.ROUGH, Touch.NONE]
+    unknown = predicted([0.8], label=Touch.ROUGH, none=0.6)
+    assert decided_touches(unknown, RULE).tolist() == [Touch.ROUGH]
+    assert decided_touches(unknown, DecisionRule(abstain_from=0.5)).tolist() == [Touch.SMOOTH]
 
 
-def test_bumps_closer_than_a_burst_are_one() -> None:
+def test_bumps_closer_than_a_perceptible_gap_are_one() -> None:
     share = np.zeros(601)
     share[[100, 101, 103, 300]] = 0.9
-    one = judged(share, label=Touch.SMOOTH)
-    assert false_bumps_per_minute([one], RULE) == pytest.approx(2 / 6 * 60)
+    take = predicted(share, label=Touch.SMOOTH)
+    assert false_bumps_per_minute([take], RULE) == pytest.approx(2 / 6 * 60)
 
 
-def test_bumps_count_only_while_something_smooth_is_touched() -> None:
+def test_bumps_count_only_in_contact_with_a_smooth_surface() -> None:
     share = np.full(600, 0.9)
-    half = judged(share, label=Touch.SMOOTH, segments=[Segment(0, 3, "smooth"), Segment(3, 6, "none")])
+    half = predicted(share, label=Touch.SMOOTH, segments=[Segment(0, 3, "smooth"), Segment(3, 6, "none")])
     assert false_bumps_per_minute([half], RULE) == pytest.approx(20, rel=0.01)
-    assert math.isnan(false_bumps_per_minute([judged(share, label=Touch.ROUGH)], RULE))
+    assert math.isnan(false_bumps_per_minute([predicted(share, label=Touch.ROUGH)], RULE))
 
 
-def test_a_right_decision_is_one_that_holds() -> None:
+def test_a_correct_decision_must_hold() -> None:
     share = np.zeros(100)
     share[[25, 26]] = 0.9
     share[40:] = 0.9
     segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
-    found = contact_delays([judged(share, label=Touch.ROUGH, segments=segments)], RULE, latency=0.003)
-    assert found.times.tolist() == pytest.approx([0.41 - 0.2 + 0.003])
-    assert found.missed == 0
-    never = contact_delays([judged(np.zeros(100), label=Touch.ROUGH, segments=segments)], RULE, latency=0)
+    delays = contact_delays([predicted(share, label=Touch.ROUGH, segments=segments)], RULE, latency=0.003)
+    assert delays.times.tolist() == pytest.approx([0.41 - 0.2 + 0.003])
+    assert delays.missed == 0
+    never = contact_delays([predicted(np.zeros(100), label=Touch.ROUGH, segments=segments)], RULE, latency=0)
     assert (never.missed, never.missed_share) == (1, 1.0)
     assert math.isnan(never.quantile_ms(0.5))
 
 
-def test_a_finger_that_stands_still_is_waited_for() -> None:
+def test_delays_count_from_when_the_finger_slides() -> None:
     share = np.where(np.arange(100) < 55, 0.1, 0.9)
     segments = [Segment(0, 0.2, "none"), Segment(0.2, 1.0, "rough")]
-    slides = judged(share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900")
+    slides = predicted(share, label=Touch.ROUGH, segments=segments, slides="0.500-0.900")
     assert contact_delays([slides], RULE, latency=0).times.tolist() == pytest.approx([0.06])
-    mixed = judged(share, label=None, segments=segments)
+    mixed = predicted(share, label=None, segments=segments)
     assert contact_delays([slides, mixed], RULE, latency=0).missed == 0
-    stands = judged(share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900")
+    stands = predicted(share, label=Touch.ROUGH, segments=segments, slides="1.500-1.900")
     assert len(contact_delays([stands], RULE, latency=0).times) == 0
 
 
 def test_edges_are_changes_without_a_lift() -> None:
     share = np.where(np.arange(120) < 70, 0.1, 0.9)
     segments = [Segment(0, 0.1, "none"), Segment(0.1, 0.6, "smooth"), Segment(0.6, 1.2, "rough")]
-    found = edge_delays([judged(share, label=None, segments=segments)], RULE, latency=0)
-    assert found.times.tolist() == pytest.approx([0.11])
+    delays = edge_delays([predicted(share, label=None, segments=segments)], RULE, latency=0)
+    assert delays.times.tolist() == pytest.approx([0.11])
 
 
 def test_calibration_error_is_the_gap_between_confidence_and_truth() -> None:
-    right = [judged([0.75] * 100, label=Touch.ROUGH)] * 3 + [judged([0.75] * 100, label=Touch.SMOOTH)]
+    right = [predicted([0.75] * 100, label=Touch.ROUGH)] * 3 + [predicted([0.75] * 100, label=Touch.SMOOTH)]
     assert calibration_error(right) == pytest.approx(0, abs=1e-6)
-    sure = [judged([0.95] * 100, label=Touch.ROUGH), judged([0.95] * 100, label=Touch.SMOOTH)]
+    sure = [predicted([0.95] * 100, label=Touch.ROUGH), predicted([0.95] * 100, label=Touch.SMOOTH)]
     assert calibration_error(sure) == pytest.approx(0.45, abs=1e-6)

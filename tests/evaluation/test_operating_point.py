@@ -5,16 +5,23 @@ import pytest
 
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation.operating_point import candidates, choose, curve, describe, draw_trade_off, try_rules
-from tactophone.evaluation.predictions import TakePredictions
+from tactophone.evaluation import (
+    TakePredictions,
+    candidate_rules,
+    choose_rule,
+    draw_trade_off,
+    measure_rule,
+    try_rules,
+)
+from tactophone.evaluation.operating_point import rates
 from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
 HOP = 512 / 48_000
 
 
-def predict_take(label: Touch, *, surface: str, seed: int, mean: float, size: int = 600) -> TakePredictions:
-    """Beliefs that wander about a mean, in touches of random length."""
+def predicted(label: Touch, *, surface: str, seed: int, mean: float, size: int = 600) -> TakePredictions:
+    """Predictions that wander about a mean, in touches of random length."""
     rng = np.random.default_rng(seed)
     wander = np.convolve(rng.normal(0, 1, size + 20), np.ones(20) / np.sqrt(20), "valid")[:size]
     share = 1 / (1 + np.exp(-(mean + 2 * wander)))
@@ -24,9 +31,9 @@ def predict_take(label: Touch, *, surface: str, seed: int, mean: float, size: in
     return TakePredictions(recording, 0.256 + HOP * np.arange(size), rows, contact)
 
 
-def judgements() -> list[TakePredictions]:
+def predictions() -> list[TakePredictions]:
     return [
-        predict_take(label, surface=f"{label.name}{surface}", seed=10 * surface + label, mean=mean)
+        predicted(label, surface=f"{label.name}{surface}", seed=10 * surface + label, mean=mean)
         for label, mean in ((Touch.SMOOTH, -1.5), (Touch.ROUGH, 2.0))
         for surface in range(4)
     ]
@@ -36,59 +43,59 @@ RULES = (DecisionRule(), DecisionRule(0.9, 0.6, 1), DecisionRule(0.7, 0.2, 4))
 
 
 def test_rules_side_by_side_decide_as_the_live_decision_does() -> None:
-    for one in judgements():
-        outcome = try_rules([one, judgements()[0], judgements()[-1]], RULES)
+    for take in predictions():
+        outcomes = try_rules([take, predictions()[0], predictions()[-1]], RULES)
         for place, rule in enumerate(RULES):
             live = Decision(rule)
             rough = [
                 live.decide(tuple(map(float, row)), contact=bool(contact))[0] is Touch.ROUGH
-                for row, contact in zip(one.probabilities, one.contact, strict=True)
+                for row, contact in zip(take.probabilities, take.contact, strict=True)
             ]
             bumps = sum(now and not before for before, now in zip([False, *rough], rough, strict=False))
-            assert (outcome.rough[0, place], outcome.bumps[0, place]) == (sum(rough), bumps)
+            assert (outcomes.rough[0, place], outcomes.bumps[0, place]) == (sum(rough), bumps)
 
 
-def test_the_goal_is_kept_and_no_allowed_rule_finds_more() -> None:
-    rules = candidates()
-    outcome = try_rules(judgements(), rules)
-    table = curve(outcome)
+def test_the_limit_is_kept_and_no_allowed_rule_has_more_recall() -> None:
+    rules = candidate_rules()
+    outcomes = try_rules(predictions(), rules)
+    table = rates(outcomes)
     for goal, limit in (("false_bumps_per_minute", 5.0), ("false_positive_rate", 0.02)):
-        place = choose(outcome, rules, goal=goal, limit=limit)
+        place = choose_rule(outcomes, rules, goal=goal, limit=limit)
         assert table[goal][place] <= limit
         allowed = table[goal] <= limit
         assert table["rough_recall"][place] >= table["rough_recall"][allowed].max() - 1e-3
 
 
-def test_more_caution_never_finds_more() -> None:
-    rules = candidates()
-    outcome = try_rules(judgements(), rules)
-    found = [curve(outcome)["rough_recall"][choose(outcome, rules, goal="false_bumps_per_minute", limit=limit)]
+def test_a_lower_limit_never_increases_recall() -> None:
+    rules = candidate_rules()
+    outcomes = try_rules(predictions(), rules)
+    recall = [rates(outcomes)["rough_recall"][choose_rule(outcomes, rules, goal="false_bumps_per_minute", limit=limit)]
              for limit in (0.5, 5.0, 50.0)]  # fmt: skip
-    assert found == sorted(found)
+    assert recall == sorted(recall)
 
 
 def test_a_point_has_intervals_a_delay_and_json() -> None:
-    outcome = try_rules(judgements(), RULES)
-    point = describe(outcome, 0, RULES[0])
+    outcomes = try_rules(predictions(), RULES)
+    point = measure_rule(outcomes, 0, RULES[0])
     assert point.false_bumps_per_minute.low <= point.false_bumps_per_minute.value <= point.false_bumps_per_minute.high
     assert 0 <= point.delay < 1
-    slower = describe(outcome, 2, RULES[2])
+    slower = measure_rule(outcomes, 2, RULES[2])
     assert slower.delay > point.delay
     assert set(point.as_json()) == {"false_bumps_per_minute", "false_positive_rate", "rough_recall", "delay"}
 
 
-def test_what_cannot_be_had_is_named() -> None:
-    sure = [predict_take(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
+def test_impossible_goals_are_named() -> None:
+    sure = [predicted(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
     with pytest.raises(DatasetError, match="no rule keeps"):
-        choose(try_rules(sure, RULES), RULES, goal="false_positive_rate", limit=0.01)
+        choose_rule(try_rules(sure, RULES), RULES, goal="false_positive_rate", limit=0.01)
     with pytest.raises(DatasetError, match="no rough recording"):
-        try_rules(judgements()[:4], RULES)
+        try_rules(predictions()[:4], RULES)
 
 
 def test_the_trade_off_is_drawn(tmp_path: Path) -> None:
-    rules = candidates()
-    outcome = try_rules(judgements(), rules)
-    points = [describe(outcome, place, rules[place]) for place in (0, 40)]
+    rules = candidate_rules()
+    outcomes = try_rules(predictions(), rules)
+    points = [measure_rule(outcomes, place, rules[place]) for place in (0, 40)]
     goal = ("false_bumps_per_minute", 2.0)
-    draw_trade_off(tmp_path / "p.png", outcome, rules, chosen=points[1], before=points[0], limit=goal)
+    draw_trade_off(tmp_path / "p.png", outcomes, rules, chosen=points[1], before=points[0], limit=goal)
     assert (tmp_path / "p.png").stat().st_size > 10_000

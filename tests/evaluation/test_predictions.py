@@ -6,7 +6,7 @@ import pytest
 
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
 from tactophone.dataset import Recording, open_dataset
-from tactophone.evaluation.predictions import predictor_of, scores_of
+from tactophone.evaluation import scores_of, streaming_predictor
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
@@ -27,9 +27,9 @@ class LoudIsRough:
         count = len(whole) // 100
         self.rest = [whole[100 * count :]]
         first = self.seen - len(whole)
-        return [self._judge(whole[100 * n : 100 * n + 100], first + 100 * n) for n in range(count)]
+        return [self._predict(whole[100 * n : 100 * n + 100], first + 100 * n) for n in range(count)]
 
-    def _judge(self, window: np.ndarray, start: int) -> Prediction:
+    def _predict(self, window: np.ndarray, start: int) -> Prediction:
         level = float(np.abs(window).mean())
         rough = min(level / 0.2, 1.0)
         touch = Touch.NONE if level < 0.01 else Touch.ROUGH if rough > 0.5 else Touch.SMOOTH
@@ -43,21 +43,21 @@ class LoudIsRough:
         self.seen, self.rest = 0, []
 
 
-def test_each_recording_is_judged_from_a_fresh_start(tmp_path: Path) -> None:
-    judge = predictor_of(lambda rate: LoudIsRough(), channels=2)
+def test_each_recording_starts_with_a_fresh_detector(tmp_path: Path) -> None:
+    predict = streaming_predictor(lambda rate: LoudIsRough(), channels=2)
     recordings = open_dataset(audiofolder(tmp_path)).recordings
-    first, again = judge(recordings[0]), judge(recordings[0])
-    judge(recordings[1])
+    first, again = predict(recordings[0]), predict(recordings[0])
+    predict(recordings[1])
     assert np.array_equal(first.probabilities, again.probabilities)
     assert first.time[[0, -1]] == pytest.approx([0.025, 0.5])
 
 
 def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
-    judge = predictor_of(lambda rate: LoudIsRough(), channels=2)
+    predict = streaming_predictor(lambda rate: LoudIsRough(), channels=2)
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     loud = Recording(write_sound(tmp_path / "loud.wav", level=0.5), "slate", Touch.ROUGH)
     unknown = Recording(loud.path, "other", None)
-    scores = scores_of([judge(one) for one in (quiet, loud, unknown)], "two-class")
+    scores = scores_of(map(predict, (quiet, loud, unknown)), "two-class")
     assert scores.names == ("slate",)
     assert scores.rough.all()
     assert len(scores.score) == 20
@@ -66,16 +66,16 @@ def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
 def test_nothing_in_contact_says_what_to_do(tmp_path: Path) -> None:
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     with pytest.raises(DatasetError, match="the contact gate never opened"):
-        scores_of([predictor_of(lambda rate: LoudIsRough(), channels=2)(quiet)], "authors")
+        scores_of([streaming_predictor(lambda rate: LoudIsRough(), channels=2)(quiet)], "authors")
 
 
-def test_a_file_that_is_no_sound_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_not_sound_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_text("words")
     with pytest.raises(DatasetError, match=r"a\.wav: cannot be read as sound"):
-        predictor_of(lambda rate: LoudIsRough(), channels=2)(Recording(tmp_path / "a.wav", "slate"))
+        streaming_predictor(lambda rate: LoudIsRough(), channels=2)(Recording(tmp_path / "a.wav", "slate"))
 
 
 def test_a_file_with_too_few_channels_is_named(tmp_path: Path) -> None:
     mono = Recording(write_sound(tmp_path / "a.wav", channels=1), "slate", Touch.ROUGH)
-    with pytest.raises(DatasetError, match="has 1 channel, but the model hears 2"):
-        predictor_of(lambda rate: LoudIsRough(), channels=2)(mono)
+    with pytest.raises(DatasetError, match="has 1 channel, but the model takes 2"):
+        streaming_predictor(lambda rate: LoudIsRough(), channels=2)(mono)

@@ -6,11 +6,12 @@ import pytest
 
 from tactophone import Touch
 from tactophone.dataset import Recording
-from tactophone.evaluation.predictions import TakePredictions
-from tactophone.evaluation.report import make_report
+from tactophone.evaluation import TakePredictions, make_report
 
 
-def judged(surface: str, label: Touch, *, rough: list[float], none: float = 0.0, contact: int = 1) -> TakePredictions:
+def predicted(
+    surface: str, label: Touch, *, rough: list[float], none: float = 0.0, contact: int = 1
+) -> TakePredictions:
     share = np.array(rough) * (1 - none)
     rows = np.stack([np.full(len(rough), none), 1 - none - share, share], axis=1).astype(np.float32)
     gate = np.full(len(rough), bool(contact))
@@ -19,10 +20,10 @@ def judged(surface: str, label: Touch, *, rough: list[float], none: float = 0.0,
 
 def made() -> list[TakePredictions]:
     return [
-        judged("slate", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.2]),
-        judged("brick", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.6], none=0.5),
-        judged("glass", Touch.SMOOTH, rough=[0.1, 0.2, 0.6, 0.3]),
-        judged("steel", Touch.SMOOTH, rough=[0.1] * 4, contact=0),
+        predicted("slate", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.2]),
+        predicted("brick", Touch.ROUGH, rough=[0.9, 0.8, 0.7, 0.6], none=0.5),
+        predicted("glass", Touch.SMOOTH, rough=[0.1, 0.2, 0.6, 0.3]),
+        predicted("steel", Touch.SMOOTH, rough=[0.1] * 4, contact=0),
     ]
 
 
@@ -35,7 +36,7 @@ def test_the_two_rules_differ_where_the_detector_says_none() -> None:
     assert report.rules["authors"]["rough_accuracy"].value == pytest.approx(3 / 8)
 
 
-def test_a_surface_never_in_contact_is_told_and_not_scored() -> None:
+def test_a_surface_never_in_contact_is_listed_and_not_scored() -> None:
     report = make_report(made(), draws=20)
     steel = next(row for row in report.by_surface if row.name == "steel")
     assert (steel.updates, steel.contact) == (4, 0.0)
@@ -44,7 +45,7 @@ def test_a_surface_never_in_contact_is_told_and_not_scored() -> None:
 
 
 def test_it_can_be_written_as_json() -> None:
-    told = json.loads(json.dumps(make_report(made(), draws=20).as_json()))
-    assert set(told["rules"]) == {"authors", "two-class"}
-    assert told["rules"]["authors"]["auc"].keys() == {"value", "low", "high"}
-    assert [row["name"] for row in told["by_recording"]] == ["slate.wav", "brick.wav", "glass.wav", "steel.wav"]
+    loaded = json.loads(json.dumps(make_report(made(), draws=20).as_json()))
+    assert set(loaded["rules"]) == {"authors", "two-class"}
+    assert loaded["rules"]["authors"]["auc"].keys() == {"value", "low", "high"}
+    assert [row["name"] for row in loaded["by_recording"]] == ["slate.wav", "brick.wav", "glass.wav", "steel.wav"]

@@ -31,4 +31,4 @@ def test_one_kind_has_no_edges_and_the_same_seed_has_the_same(tmp_path: Path) ->
     recordings = surfaces(tmp_path).recordings
     assert join_edges(recordings[::2], tmp_path / "edges") == []
     again = [join_edges(recordings, tmp_path / "edges") for _ in range(2)]
-    assert [one.path for one in again[0]] == [one.path for one in again[1]]
+    assert [edge.path for edge in again[0]] == [edge.path for edge in again[1]]

@@ -1,4 +1,4 @@
-"""The stone box's finger, led by messages."""
+"""The stone box's finger, moved by messages."""
 
 import itertools
 import time
@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 import numpy as np
 import pytest
 
-from tactophone.game.finger import StoneBox
+from tactophone.game.finger import StoneBoxSource
 from tactophone.types import Touch
 
 BLOCK = 128
@@ -17,44 +17,44 @@ FIRST = (0.0425, 0.035)
 
 
 @pytest.fixture
-def led() -> tuple[StoneBox, Connection]:
-    inbox, hand = Pipe(duplex=False)
-    return StoneBox(inbox, block_size=BLOCK), hand
+def moved() -> tuple[StoneBoxSource, Connection]:
+    inbox, outbox = Pipe(duplex=False)
+    return StoneBoxSource(inbox, block_size=BLOCK), outbox
 
 
-def test_it_is_a_source_whose_blocks_follow_one_another(led: tuple[StoneBox, Connection]) -> None:
-    with led[0] as box:
+def test_it_is_a_source_whose_blocks_follow_one_another(moved: tuple[StoneBoxSource, Connection]) -> None:
+    with moved[0] as box:
         blocks = list(itertools.islice(box, 5))
     assert (box.sample_rate, box.channels) == (48_000, 2)
     assert [block.start for block in blocks] == [BLOCK * k for k in range(5)]
 
 
-def test_a_press_is_a_touch_within_the_finger_s_way_down(led: tuple[StoneBox, Connection]) -> None:
-    box, hand = led
+def test_a_press_becomes_a_touch_while_the_finger_comes_down(moved: tuple[StoneBoxSource, Connection]) -> None:
+    box, outbox = moved
     blocks = iter(box)
-    hand.send(("move", *FIRST, 1.5))
+    outbox.send(("move", *FIRST, 1.5))
     touched = next(k for k, _ in enumerate(blocks) if box.truth_now() != Touch.NONE)
     assert 0.03 < touched * BLOCK / box.sample_rate < 0.15
 
 
-def test_a_lift_ends_the_touch_and_the_noise(led: tuple[StoneBox, Connection]) -> None:
-    box, hand = led
+def test_a_lift_ends_the_touch_and_the_noise(moved: tuple[StoneBoxSource, Connection]) -> None:
+    box, outbox = moved
     blocks = iter(box)
     for force, truth in ((1.5, Touch.SMOOTH), (-1.0, Touch.NONE)):
-        hand.send(("move", *FIRST, force))
+        outbox.send(("move", *FIRST, force))
         list(itertools.islice(blocks, 200))
         assert box.truth_now() == truth
 
 
-def test_stones_laid_anew_lie_there_and_the_sound_goes_on(led: tuple[StoneBox, Connection]) -> None:
-    box, hand = led
+def test_replaced_stones_are_touched_and_the_sound_goes_on(moved: tuple[StoneBoxSource, Connection]) -> None:
+    box, outbox = moved
     blocks = iter(box)
-    hand.send(("lay", (2, 1, 1, 2, 1), 5))
+    outbox.send(("lay", (2, 1, 1, 2, 1), 5))
     first, until = next(blocks), time.monotonic() + 20
     before = box._finger
     while box._finger is before and time.monotonic() < until:
         last = next(blocks)
-    hand.send(("move", *FIRST, 1.5))
+    outbox.send(("move", *FIRST, 1.5))
     touched = list(itertools.islice(blocks, 200))
     assert box.truth_now() == Touch.ROUGH
     assert touched[0].start == last.start + BLOCK

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.game.rounds import LIFTED, PITCH, WIDTH, Point, Result, Round, past, within_reach
+from tactophone.game.rounds import LIFTED, PITCH, WIDTH, Point, Round, RoundResult, read_results, within_reach
 from tactophone.types import Touch
 
 SMOOTH, ROUGH = Touch.SMOOTH, Touch.ROUGH
@@ -17,7 +17,7 @@ def stroke(game: Round, xs: np.ndarray, force: float = 1.5, y: float = 0.03) -> 
         game.touch(Point(0.01 * k, float(x), y, force))
 
 
-def test_the_stones_lie_where_the_simulation_lays_them() -> None:
+def test_the_stones_are_where_the_simulation_places_them() -> None:
     from tactophone.simulation import five_stones
     from tactophone.simulation.physics.scene import DEPTH
 
@@ -25,7 +25,7 @@ def test_the_stones_lie_where_the_simulation_lays_them() -> None:
         assert (placed.left, placed.near, placed.width) == (pytest.approx(k * PITCH), 0, WIDTH)
         assert Point(0, *placed.centre, 1.0).stone == k
         assert Point(0, placed.centre[0], DEPTH + 0.001, 1.0).stone == -1
-        assert placed.thing.label is ORDER[k]
+        assert placed.object.label is ORDER[k]
 
 
 def test_back_and_forth_is_two_strokes_and_a_tap_is_none() -> None:
@@ -57,28 +57,28 @@ def test_anything_but_two_stones_is_refused(choices: list[int]) -> None:
         Round(ORDER, seed=0).finish(choices, Point(1, 0, 0, LIFTED), finished="now")
 
 
-def test_results_are_appended_and_read_back_and_a_broken_line_is_passed_over(tmp_path: Path) -> None:
+def test_results_are_appended_and_read_back_and_a_broken_line_is_skipped(tmp_path: Path) -> None:
     path = tmp_path / "results.jsonl"
-    assert past(path) == []
-    result = Result("now", 1, ("rough", "smooth"), (0, 1), 1, 2.0, (3, 4))
+    assert read_results(path) == []
+    result = RoundResult("now", 1, ("rough", "smooth"), (0, 1), 1, 2.0, (3, 4))
     result.append(path)
     with path.open("a") as file:
         file.write('{"finished": "half a li\n')
     result.append(path)
-    assert [one.seed for one in past(path)] == [1, 1]
+    assert [entry.seed for entry in read_results(path)] == [1, 1]
 
 
 @pytest.mark.parametrize("force", [0.0, -3.0, float("nan")])
-def test_whoever_does_not_press_lifts(force: float) -> None:
+def test_no_pressure_lifts_the_finger(force: float) -> None:
     assert within_reach(0.1, 0.1, force, now=0).force == LIFTED
 
 
-def test_nobody_reaches_out_of_the_box_or_presses_through_it() -> None:
+def test_requests_are_clipped_to_the_box_and_to_a_hands_force() -> None:
     point = within_reach(9, -9, 1e9, now=0)
     assert (point.x, point.y, point.force) == (pytest.approx(0.54), -0.015, 5.0)
 
 
-def test_the_track_tells_the_truth_under_the_finger() -> None:
+def test_the_track_has_the_truth_under_the_finger() -> None:
     game = Round(ORDER, seed=0)
     game.touch(Point(5.0, PITCH + 0.02, 0.03, 2.0))
     game.touch(Point(5.1, PITCH + 0.02, 0.03, LIFTED))

@@ -1,9 +1,10 @@
-"""The stone box in a real browser, over a run that knows at once what it touches."""
+"""The stone box in a real browser, over a run that detects every touch at once."""
 
 import json
 import os
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing import Pipe
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from tactophone.dashboard import Box, Page, play
+from tactophone.dashboard import Page
+from tactophone.game import GameSettings, serve_game
 from tactophone.types import Touch
 from tests.browser import resize, stroke, text, wait
 from tests.dashboard.running import Run
@@ -29,16 +31,16 @@ def results(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def led() -> Iterator[tuple[Run, Box]]:
-    inbox, hand = Pipe(duplex=False)
+def led() -> Iterator[tuple[Run, GameSettings]]:
+    inbox, finger = Pipe(duplex=False)
     with Run(f"test-box-{os.getpid()}", inbox) as run:
-        yield run, Box(run.telemetry.name, [ORDER, ORDER[::-1]], 7, hand, Path())
+        yield run, GameSettings(run.telemetry.name, [ORDER, ORDER[::-1]], 7, finger, Path())
 
 
 @pytest.fixture
-def box(led: tuple[Run, Box], results: Path) -> Iterator[Page]:
-    _, box = led
-    with play(Box(box.name, box.orders, box.seed, box.hand, results)) as page:
+def box(led: tuple[Run, GameSettings], results: Path) -> Iterator[Page]:
+    _, settings = led
+    with serve_game(replace(settings, results=results)) as page:
         yield page
 
 
@@ -76,13 +78,13 @@ def test_a_round_is_played_to_its_end_by_moving_the_pointer(
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
-def test_nothing_gives_a_stone_away_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
+def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
     begin(browser, box)
     looks = []
     for stone in range(5):
         stroke(browser, stone, lift=False)
         time.sleep(0.3)
-        looks.append(text(browser, "told"))
+        looks.append(text(browser, "message"))
         stroke(browser, stone)
     assert looks == [""] * 5
     slots = browser.find_elements(By.CSS_SELECTOR, "#stage .slot")
@@ -90,14 +92,14 @@ def test_nothing_gives_a_stone_away_before_the_curtain_is_lifted(browser: webdri
     assert "rough" not in browser.execute_script("return document.querySelector('#stage').outerHTML")
 
 
-def test_the_trainer_says_what_is_felt_and_the_round_does_not_count(
+def test_the_trainer_shows_the_detected_touch_and_the_round_does_not_count(
     browser: webdriver.Chrome, box: Page, results: Path
 ) -> None:
     begin(browser, box, trainer=True)
     stroke(browser, 1, lift=False)
-    wait(browser, lambda: text(browser, "told") == "rough under the finger, rough felt")
+    wait(browser, lambda: text(browser, "message") == "rough under the finger, rough detected")
     stroke(browser, 0, lift=False)
-    wait(browser, lambda: text(browser, "told") == "smooth under the finger, smooth felt")
+    wait(browser, lambda: text(browser, "message") == "smooth under the finger, smooth detected")
     body = browser.find_element(By.TAG_NAME, "body")
     body.send_keys("12")
     browser.find_element(By.ID, "done").click()
@@ -106,7 +108,7 @@ def test_the_trainer_says_what_is_felt_and_the_round_does_not_count(
     assert "so far" not in text(browser, "score")
 
 
-def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, led: tuple[Run, Box]) -> None:
+def test_a_round_is_played_by_keys_alone(browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]) -> None:
     begin(browser, box)
     stage = browser.find_element(By.ID, "stage")
     stage.send_keys(Keys.ARROW_LEFT * 27, " ")
@@ -134,7 +136,7 @@ def test_a_second_window_takes_the_place_until_it_is_closed(browser: webdriver.C
     wait(browser, lambda: text(browser, "life") == "ready")
 
 
-def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page, led: tuple[Run, Box]) -> None:
+def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]) -> None:
     begin(browser, box)
     stroke(browser, 4, lift=False)
     wait(browser, lambda: led[0].touch is Touch.ROUGH)

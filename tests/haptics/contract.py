@@ -1,4 +1,4 @@
-"""What every actuator promises, whatever is behind it."""
+"""The contract of every actuator."""
 
 import threading
 from collections.abc import Callable
@@ -7,34 +7,34 @@ from tactophone.haptics import Actuator
 from tactophone.haptics.actuator import Render
 from tactophone.types import FloatArray
 
-PATIENCE = 5.0
-"""Seconds after which a device that should have called is given up."""
+TIMEOUT = 5.0
+"""Seconds after which a device that should have called counts as failed."""
 
 
 class Counting:
-    """Renders a level and tells when it has been asked for so many periods."""
+    """Renders a constant level, counts its periods and waits for more of them."""
 
     def __init__(self) -> None:
         self.level = 0.0
         self.sizes: list[int] = []
         self.fails = False
-        self._wanted = threading.Condition()
+        self._called = threading.Condition()
 
     def __call__(self, out: FloatArray) -> None:
-        with self._wanted:
+        with self._called:
             self.sizes.append(len(out))
-            self._wanted.notify_all()
+            self._called.notify_all()
         if self.fails:
             raise RuntimeError("a render that fails")
         out[:] = self.level
 
     def wait(self, more: int) -> None:
-        with self._wanted:
+        with self._called:
             goal = len(self.sizes) + more
-            assert self._wanted.wait_for(lambda: len(self.sizes) >= goal, PATIENCE), "the device stopped calling"
+            assert self._called.wait_for(lambda: len(self.sizes) >= goal, TIMEOUT), "the device stopped calling"
 
 
-def asks_for_the_waveform_again_and_again(make: Callable[[Render], Actuator]) -> None:
+def calls_for_the_waveform_periodically(make: Callable[[Render], Actuator]) -> None:
     render = Counting()
     with make(render) as actuator:
         render.wait(20)
@@ -44,7 +44,7 @@ def asks_for_the_waveform_again_and_again(make: Callable[[Render], Actuator]) ->
     assert min(render.sizes) > 0
 
 
-def a_render_that_fails_is_counted_and_asked_again(make: Callable[[Render], Actuator]) -> None:
+def a_render_that_fails_is_counted_and_called_again(make: Callable[[Render], Actuator]) -> None:
     render = Counting()
     render.level = 0.5
     render.fails = True
@@ -58,7 +58,7 @@ def a_render_that_fails_is_counted_and_asked_again(make: Callable[[Render], Actu
         assert actuator.device.process_faults == faults
 
 
-def nothing_is_asked_for_after_the_end(make: Callable[[Render], Actuator]) -> None:
+def nothing_is_called_after_the_end(make: Callable[[Render], Actuator]) -> None:
     render = Counting()
     with make(render):
         render.wait(3)
@@ -76,9 +76,9 @@ def can_be_entered_again(make: Callable[[Render], Actuator]) -> None:
 
 
 ALL = (
-    asks_for_the_waveform_again_and_again,
-    a_render_that_fails_is_counted_and_asked_again,
-    nothing_is_asked_for_after_the_end,
+    calls_for_the_waveform_periodically,
+    a_render_that_fails_is_counted_and_called_again,
+    nothing_is_called_after_the_end,
     can_be_entered_again,
 )
 

@@ -50,13 +50,13 @@ def test_the_file_holds_what_was_rendered_and_silence_for_what_failed(tmp_path: 
     assert waveform[-1] == 0.0
 
 
-def test_a_file_that_cannot_be_made_says_so(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DeviceError, match="cannot be written"), clocked_actuator(print, path=tmp_path / "no" / "x.wav"):
         pass
 
 
 @pytest.mark.realtime
-def test_a_port_that_is_not_there_gives_the_candidates(jack_server: DummyServer) -> None:
+def test_a_missing_port_lists_the_candidates(jack_server: DummyServer) -> None:
     actuator = jack_actuator(print, port="system:playback_9", server=jack_server.name)
     with (
         pytest.raises(DeviceError, match=r"no JACK port system:playback_9.*system:playback_1, system:playback_2"),
@@ -89,20 +89,20 @@ def test_portaudio_lists_what_it_has() -> None:
 
 @pytest.mark.realtime
 def test_a_render_that_fails_is_silent_at_the_jack_port(jack_server: DummyServer) -> None:
-    heard: list[float] = []
+    peaks: list[float] = []
 
-    def hear(inputs: list[FloatArray], _: list[FloatArray]) -> None:
-        heard.append(float(np.abs(inputs[0]).max()))
+    def listen(inputs: list[FloatArray], _: list[FloatArray]) -> None:
+        peaks.append(float(np.abs(inputs[0]).max()))
 
     render = contract.Counting()
     render.level = 0.5
     with jack_actuator(render, port="-", server=jack_server.name, name="operator"):
         wire = {"in": "operator:vibration"}
-        listener = JackClient("listener", hear, inputs=wire, outputs={}, server=jack_server.name)
+        listener = JackClient("listener", listen, inputs=wire, outputs={}, server=jack_server.name)
         listener.open()
         render.wait(10)
-        assert heard[-1] == 0.5
+        assert peaks[-1] == 0.5
         render.fails = True
         render.wait(10)
         listener.close()
-    assert heard[-1] == 0.0
+    assert peaks[-1] == 0.0

@@ -5,7 +5,7 @@ from tactophone.haptics import PROFILES, PaperProfile, open_profile
 from tactophone.types import Prediction, Touch
 
 
-def belief(touch: Touch, roughness: float) -> Prediction:
+def prediction(touch: Touch, roughness: float) -> Prediction:
     return Prediction((0.0, 1 - roughness, roughness), touch, roughness, level_dbfs=-20.0, start=1.0, end=1.256)
 
 
@@ -18,16 +18,16 @@ def belief(touch: Touch, roughness: float) -> Prediction:
     ],
 )
 def test_the_papers_three_stimuli(touch: Touch, roughness: float, amplitude: float, frequency: float) -> None:
-    command = PaperProfile().command(belief(touch, roughness))
+    command = PaperProfile().command(prediction(touch, roughness))
     assert command.amplitude == pytest.approx(amplitude)
     assert command.frequency == pytest.approx(frequency)
     assert command.time == 1.256
 
 
 def test_confidence_moves_level_and_frequency_without_turning_back() -> None:
-    commands = [PaperProfile().command(belief(Touch.ROUGH, step / 100)) for step in range(101)]
-    assert sorted(commands, key=lambda one: one.amplitude) == commands
-    assert sorted(commands, key=lambda one: -one.frequency) == commands
+    commands = [PaperProfile().command(prediction(Touch.ROUGH, step / 100)) for step in range(101)]
+    assert sorted(commands, key=lambda command: command.amplitude) == commands
+    assert sorted(commands, key=lambda command: -command.frequency) == commands
 
 
 @pytest.mark.parametrize("name", PROFILES)

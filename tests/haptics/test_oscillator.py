@@ -12,6 +12,10 @@ SMOOTH = HapticCommand(10 ** (-25 / 20), 120.0, 0.0)
 NONE = HapticCommand(0.0, 60.0, 0.0)
 
 
+def full_drive() -> Oscillator:
+    return Oscillator(Limits(ceiling=1.0))
+
+
 def rendered(oscillator: Oscillator, size: int) -> FloatArray:
     out = np.full(size, np.nan, np.float32)
     oscillator.render(out)
@@ -39,16 +43,18 @@ def peak(wave: FloatArray) -> tuple[float, float]:
     ("touch", "roughness", "frequency", "level_dbfs"),
     [(Touch.ROUGH, 1.0, 60.0, 0.0), (Touch.SMOOTH, 0.0, 120.0, -25.0), (Touch.ROUGH, 0.5, 84.85, -12.5)],
 )
-def test_the_papers_feel_by_its_spectrum(touch: Touch, roughness: float, frequency: float, level_dbfs: float) -> None:
+def test_the_papers_stimuli_by_their_spectrum(
+    touch: Touch, roughness: float, frequency: float, level_dbfs: float
+) -> None:
     command = PaperProfile().command(Prediction((0, 1 - roughness, roughness), touch, roughness, -20.0, 0.0, 0.256))
-    wave = held(Oscillator(), command, 2.2)[RATE // 10 :]
+    wave = held(full_drive(), command, 2.2)[RATE // 10 :]
     found, level = peak(wave)
     assert found == pytest.approx(frequency, abs=0.5)
     assert level == pytest.approx(level_dbfs, abs=0.2)
 
 
 def test_no_contact_is_exact_silence() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.5)
     wave = held(oscillator, NONE, 0.2)
     assert not wave[round(0.06 * RATE) :].any()
@@ -59,7 +65,7 @@ def test_any_block_size_gives_the_same_bits(size: int) -> None:
     commands = {0: ROUGH, 700: SMOOTH, 1500: NONE, 1700: ROUGH, 9000: SMOOTH}
 
     def run(step: int) -> FloatArray:
-        oscillator, wave = Oscillator(), []
+        oscillator, wave = full_drive(), []
         for start, end in zip(commands, [*list(commands)[1:], 16_000], strict=True):
             oscillator.submit(commands[start])
             wave += [rendered(oscillator, min(step, end - at)) for at in range(start, end, step)]
@@ -68,22 +74,22 @@ def test_any_block_size_gives_the_same_bits(size: int) -> None:
     np.testing.assert_array_equal(run(size), run(16_000))
 
 
-def test_it_never_jumps_whatever_is_asked() -> None:
+def test_the_waveform_never_jumps() -> None:
     rng = np.random.default_rng(0)
-    oscillator = Oscillator()
+    oscillator = full_drive()
     wave = np.concatenate(
         [
             held(oscillator, HapticCommand(*rng.uniform([-1, 0], [3, 3000]), 0.0), 0.003, hop=int(rng.integers(1, 144)))
             for _ in range(200)
         ]
     )
-    steepest = 2 * np.pi * Limits().highest / RATE + 1 / (Limits().settling * RATE)
+    steepest = 2 * np.pi * Limits().highest / RATE + 1 / (Limits().time_constant * RATE)
     assert np.abs(np.diff(wave)).max() <= steepest
     assert np.abs(wave).max() <= 1
 
 
 def test_a_change_keeps_the_phase() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     before = held(oscillator, ROUGH, 0.2)
     after = held(oscillator, HapticCommand(1.0, 120.0, 0.0), 0.1)
     joined = np.concatenate([before[-2:], after[:2]])
@@ -97,15 +103,19 @@ def test_never_over_the_ceiling(ceiling: float) -> None:
     assert np.abs(wave).max() == pytest.approx(ceiling, abs=1e-3)
 
 
+def test_the_default_ceiling_is_half_of_full_drive() -> None:
+    assert np.abs(held(Oscillator(), ROUGH, 0.5)).max() == pytest.approx(0.5, abs=1e-3)
+
+
 def test_a_ceiling_lowered_in_a_run_holds_at_once() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.2)
     oscillator.limits = Limits(ceiling=0.2)
     assert np.abs(rendered(oscillator, 1024)).max() <= np.float32(0.2)
 
 
 def test_a_stale_command_fades_within_the_promise() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.3)
     oscillator.submit(ROUGH)
     wave = np.abs(np.concatenate([rendered(oscillator, 512) for _ in range(20)]))
@@ -116,22 +126,22 @@ def test_a_stale_command_fades_within_the_promise() -> None:
     assert oscillator.faults == {"stale": 1}
 
 
-def test_after_a_fade_a_fresh_command_is_felt_again() -> None:
-    oscillator = Oscillator()
+def test_after_a_fade_a_fresh_command_vibrates_again() -> None:
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.1)
     rendered(oscillator, RATE)
     assert np.abs(held(oscillator, ROUGH, 0.1)).max() > 0.9
 
 
 def test_rest_is_never_stale() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     assert not rendered(oscillator, RATE).any()
     assert not oscillator.faults
 
 
 @pytest.mark.parametrize("garbage", [math.nan, math.inf, -math.inf])
 def test_a_command_that_is_no_number_silences_and_is_counted(garbage: float) -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.2)
     wave = held(oscillator, HapticCommand(garbage, 60.0, 0.0), 0.1)
     assert np.isfinite(wave).all()
@@ -140,7 +150,7 @@ def test_a_command_that_is_no_number_silences_and_is_counted(garbage: float) -> 
 
 
 def test_stop_latches() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, ROUGH, 0.2)
     oscillator.stop()
     assert not held(oscillator, ROUGH, 0.2)[round(0.05 * RATE) :].any()
@@ -151,14 +161,14 @@ def test_stop_latches() -> None:
 
 
 def test_the_first_sample_answers_as_declared() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     rendered(oscillator, 100)
     oscillator.submit(ROUGH)
     assert np.flatnonzero(rendered(oscillator, 100))[0] == round(oscillator.latency * RATE)
 
 
 def test_reset_equals_new() -> None:
-    oscillator = Oscillator()
+    oscillator = full_drive()
     held(oscillator, SMOOTH, 0.1)
     oscillator.reset()
-    np.testing.assert_array_equal(held(oscillator, ROUGH, 0.1), held(Oscillator(), ROUGH, 0.1))
+    np.testing.assert_array_equal(held(oscillator, ROUGH, 0.1), held(full_drive(), ROUGH, 0.1))

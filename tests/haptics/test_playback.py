@@ -3,7 +3,7 @@ import pytest
 
 from tactophone.haptics import Oscillator, Playback
 from tactophone.types import FloatArray, HapticCommand
-from tests.sounds import UGLY_SIZES
+from tests.sounds import ODD_SIZES
 
 COMMANDS = [HapticCommand(amplitude, 60.0 + 5 * n, 0.0107 * n) for n, amplitude in enumerate([1, 0.3, 0, 0.7] * 10)]
 
@@ -17,7 +17,7 @@ def played(size: int) -> FloatArray:
     return np.concatenate(waves)[:24_000]
 
 
-@pytest.mark.parametrize("size", UGLY_SIZES)
+@pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_portions_give_the_same_bits(size: int) -> None:
     np.testing.assert_array_equal(played(size), played(24_000))
 

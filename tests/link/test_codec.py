@@ -1,4 +1,4 @@
-"""What each codec keeps, how late it is, and what it refuses."""
+"""Quality, latency and errors of each codec."""
 
 import numpy as np
 import pytest
@@ -29,12 +29,12 @@ def round_trip(codec: Codec, sound: FloatArray) -> FloatArray:
 def test_an_impulse_measures_the_declared_lookahead(codec: Codec) -> None:
     sound = np.zeros((9_600, codec.channels), np.float32)
     sound[4_000] = 0.5
-    heard = round_trip(codec, sound)
-    assert np.abs(heard).argmax(axis=0).tolist() == [4_000 + codec.lookahead] * codec.channels
+    decoded = round_trip(codec, sound)
+    assert np.abs(decoded).argmax(axis=0).tolist() == [4_000 + codec.lookahead] * codec.channels
 
 
 @by_name
-def test_every_packet_has_the_same_size_and_says_its_length(codec: Codec) -> None:
+def test_every_packet_has_the_same_size_and_states_its_length(codec: Codec) -> None:
     noise = np.random.default_rng(0).normal(0, 0.1, (50, codec.packet_size, codec.channels)).astype(np.float32)
     noise[:20] = 0
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
@@ -43,20 +43,20 @@ def test_every_packet_has_the_same_size_and_says_its_length(codec: Codec) -> Non
     assert {decoder.size(packet) for packet in packets} == {codec.packet_size}
 
 
-def test_the_microphones_stay_apart() -> None:
+def test_the_channels_stay_separate() -> None:
     sound = np.zeros((48_000, 2), np.float32)
     sound[:, 0] = np.random.default_rng(1).normal(0, 0.1, 48_000)
-    heard = round_trip(Codec("opus"), sound)
-    assert heard[:, 1].std() < 10 ** (-50 / 20) * heard[:, 0].std()
+    decoded = round_trip(Codec("opus"), sound)
+    assert decoded[:, 1].std() < 10 ** (-50 / 20) * decoded[:, 0].std()
 
 
 def test_opus_keeps_touch_below_one_kilohertz() -> None:
-    # 20 noise-like partials a channel: 25 dB is what the study measured at 5 ms and 96 kbit/s, less a margin.
+    # 20 noise-like partials a channel: 25 dB is what the study measured at 5 ms and 96 kbit/s, minus a margin.
     random, time = np.random.default_rng(2), np.arange(48_000)[:, np.newaxis] / 48_000
     partials = 0.02 * np.sin(2 * np.pi * random.uniform(30, 900, (2, 1, 20)) * time + random.uniform(0, 6, (2, 1, 20)))
     sound = np.ascontiguousarray(partials.sum(axis=2).T, np.float32)
-    heard = round_trip(Codec("opus"), sound)
-    error = heard[4_920:] - sound[4_800:-120]
+    decoded = round_trip(Codec("opus"), sound)
+    error = decoded[4_920:] - sound[4_800:-120]
     assert 20 * np.log10(sound.std() / error.std()) > 25
 
 
@@ -66,20 +66,20 @@ def test_pcm_is_lossless_for_16_bit_sound() -> None:
 
 
 def test_pcm_clips_rather_than_wraps() -> None:
-    heard = round_trip(Codec("pcm16", packet_size=1), np.array([[1.5, -1.5]], np.float32))
-    np.testing.assert_allclose(heard, [[1, -1]], atol=1e-4)
+    decoded = round_trip(Codec("pcm16", packet_size=1), np.array([[1.5, -1.5]], np.float32))
+    np.testing.assert_allclose(decoded, [[1, -1]], atol=1e-4)
 
 
 @by_name
-def test_a_hole_is_filled_to_its_size_and_softly(codec: Codec) -> None:
+def test_a_gap_is_concealed_to_its_size_without_clicks(codec: Codec) -> None:
     time = np.arange(20 * codec.packet_size, dtype=np.float32)[:, np.newaxis]
     sound = np.repeat(np.sin(2 * np.pi * 200 * time / 48_000) * 0.5, codec.channels, axis=1)
     encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
     packets = [encoder.encode(sound[k * codec.packet_size :][: codec.packet_size]) for k in range(20)]
-    heard = [decoder.decode(packet) for packet in packets[:10]]
-    heard += [decoder.conceal(2 * codec.packet_size, packets[12])]
-    heard += [decoder.decode(packet) for packet in packets[12:]]
-    joined = np.concatenate(heard)
+    decoded = [decoder.decode(packet) for packet in packets[:10]]
+    decoded += [decoder.conceal(2 * codec.packet_size, packets[12])]
+    decoded += [decoder.decode(packet) for packet in packets[12:]]
+    joined = np.concatenate(decoded)
     assert joined.shape == sound.shape
     assert np.abs(np.diff(joined, axis=0)).max() < 0.1
 
@@ -93,7 +93,7 @@ def test_a_hole_is_filled_to_its_size_and_softly(codec: Codec) -> None:
         ({"channels": 3}, "1 or 2"),
     ],
 )
-def test_a_codec_that_cannot_be_is_refused_with_the_choices(wrong: dict[str, object], words: str) -> None:
+def test_an_invalid_codec_is_refused_with_the_choices(wrong: dict[str, object], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         Codec(**wrong)
 
@@ -102,7 +102,7 @@ def test_a_codec_that_cannot_be_is_refused_with_the_choices(wrong: dict[str, obj
     "kind", [PayloadType.OPUS, PayloadType.MULTIOPUS, PayloadType.L16_MONO, PayloadType.L16_STEREO]
 )
 @pytest.mark.parametrize("content", [b"", b"\xff", b"\xff\xff\xff"])
-def test_nonsense_is_refused_not_decoded(kind: PayloadType, content: bytes) -> None:
+def test_invalid_payloads_are_refused(kind: PayloadType, content: bytes) -> None:
     with pytest.raises(PacketError):
         open_decoder(kind).decode(content)
 
@@ -112,13 +112,13 @@ def test_the_encoder_refuses_another_length() -> None:
         open_encoder(Codec("opus")).encode(np.zeros((239, 2), np.float32))
 
 
-def test_wider_sound_asks_for_a_wider_band() -> None:
+def test_wider_sound_needs_a_wider_band() -> None:
     time = np.arange(48_000, dtype=np.float32)[:, np.newaxis] / 48_000
     sound = np.repeat(0.3 * np.sin(2 * np.pi * 6_000 * time), 2, axis=1).astype(np.float32)
     assert round_trip(Codec("opus", bandwidth=7_600), sound)[4_800:].std() > 0.15
     assert round_trip(Codec("opus", bandwidth=1_000), sound)[4_800:].std() < 0.02
 
 
-def test_belief_is_not_sound() -> None:
-    with pytest.raises(PacketError, match="BELIEF is not sound"):
-        open_decoder(PayloadType.BELIEF)
+def test_a_prediction_is_not_sound() -> None:
+    with pytest.raises(PacketError, match="PREDICTION is not sound"):
+        open_decoder(PayloadType.PREDICTION)

@@ -5,7 +5,7 @@ from tactophone.link import Codec, round_trip
 
 
 @pytest.mark.parametrize("codec", [Codec("pcm16", channels=2), Codec("opus", channels=2, packet_size=480)])
-def test_sound_comes_back_as_long_as_it_was_and_in_step(codec: Codec) -> None:
+def test_sound_comes_back_with_its_length_and_aligned(codec: Codec) -> None:
     time = np.arange(10_007) / 48_000
     sound = np.stack([0.5 * np.sin(2 * np.pi * 200 * time), 0.1 * np.sin(2 * np.pi * 330 * time)], axis=1)
     back = round_trip(sound.astype(np.float32), codec)

@@ -1,4 +1,4 @@
-"""The least transit, and what it says of the clocks."""
+"""The minimum transit time, and the clock skew."""
 
 import math
 
@@ -7,30 +7,30 @@ import pytest
 from tactophone.link.delay_estimator import WINDOW, MinDelayFilter, Skew
 
 
-def test_a_shorter_way_is_believed_at_once_and_a_longer_one_after_a_window_or_two() -> None:
-    envelope = MinDelayFilter()
+def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_a_window_or_two() -> None:
+    delay = MinDelayFilter()
     seen = []
     for step in range(1_000):
         now = step * 0.005
         transit = 0.010 if step < 400 else 0.030 if step < 800 else 0.005
-        envelope.push(transit, now=now)
-        seen.append(envelope.least)
-    longer = next(step for step, least in enumerate(seen) if least == 0.030)
+        delay.push(transit, now=now)
+        seen.append(delay.minimum)
+    longer = next(step for step, minimum in enumerate(seen) if minimum == 0.030)
     assert WINDOW <= (longer - 400) * 0.005 <= 2 * WINDOW + 0.01
     assert seen[800] == 0.005
 
 
-def test_a_stall_and_its_clump_do_not_pass_for_a_longer_way() -> None:
-    envelope = MinDelayFilter()
+def test_a_stall_and_its_burst_are_not_taken_for_a_longer_path() -> None:
+    delay = MinDelayFilter()
     for step in range(200):
-        envelope.push(0.010, now=step * 0.005)
+        delay.push(0.010, now=step * 0.005)
     for step in range(400):
-        envelope.push(0.010 + (400 - step) * 0.005, now=3.0)
-    assert envelope.least == 0.010
+        delay.push(0.010 + (400 - step) * 0.005, now=3.0)
+    assert delay.minimum == 0.010
 
 
-def test_nothing_is_known_at_first() -> None:
-    assert math.isinf(MinDelayFilter().least)
+def test_the_initial_values_are_undefined() -> None:
+    assert math.isinf(MinDelayFilter().minimum)
     assert math.isnan(Skew().ppm)
 
 

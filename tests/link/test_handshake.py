@@ -5,13 +5,13 @@ from itertools import product
 import pytest
 
 from tactophone.link import Peers
-from tactophone.link.handshake import LIFETIME, Handshake, Handshakes, hello_random, is_hello
+from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes, hello_random, is_hello
 
-from .lines import OPERATOR, ROBOT, STRANGER
+from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 
 
-def shaken(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, Handshake | None]:
-    """Let robot and operator agree, but lose the datagrams of these numbers."""
+def run_handshake(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, Handshake | None]:
+    """Let robot and operator connect, but lose the datagrams with these numbers."""
     calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
     answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
     robot, operator, number = calling.call(now=0.0), None, 0
@@ -38,8 +38,8 @@ def shaken(lost: set[int], *, duration: float = 2.0) -> tuple[Handshake, Handsha
 
 
 @pytest.mark.parametrize("lost", [set(), *({k} for k in range(1, 8)), *({a, b} for a, b in product((2, 3), (4, 5, 6)))])
-def test_any_lost_datagram_is_repeated(lost: set[int]) -> None:
-    robot, operator = shaken(lost)
+def test_any_lost_datagram_is_retransmitted(lost: set[int]) -> None:
+    robot, operator = run_handshake(lost)
     assert operator is not None
     assert robot.agreement is not None
     assert operator.agreement is not None
@@ -48,23 +48,23 @@ def test_any_lost_datagram_is_repeated(lost: set[int]) -> None:
     assert (robot.agreement.peer, operator.agreement.peer) == ("operator", "robot")
 
 
-def test_every_handshake_makes_other_keys() -> None:
+def test_every_handshake_makes_fresh_keys() -> None:
     keys = set()
     for _ in range(3):
-        robot, _ = shaken(set(), duration=0.1)
+        robot, _ = run_handshake(set(), duration=0.1)
         assert robot.agreement is not None
         keys |= {robot.agreement.secrets.outbound, robot.agreement.secrets.inbound}
     assert len(keys) == 6
 
 
-def test_a_handshake_without_an_answer_gives_up() -> None:
-    robot, _ = shaken(set(range(1, 1_000)), duration=LIFETIME + 0.5)
-    assert robot.failure == f"no answer within {LIFETIME:g} s"
+def test_a_handshake_without_an_answer_fails() -> None:
+    robot, _ = run_handshake(set(range(1, 1_000)), duration=HANDSHAKE_TIMEOUT + 0.5)
+    assert robot.failure == f"no answer within {HANDSHAKE_TIMEOUT:g} s"
     assert robot.outgoing() == []
 
 
-def test_a_hello_is_told_by_its_bytes_and_keeps_its_random() -> None:
-    robot = Handshakes(STRANGER, Peers()).call(now=0.0)
+def test_a_hello_is_recognised_and_keeps_its_random() -> None:
+    robot = Handshakes(UNTRUSTED, Peers()).call(now=0.0)
     (hello,) = robot.outgoing()
     robot.poll(0.2)
     (repeated,) = robot.outgoing()

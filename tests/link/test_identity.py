@@ -1,4 +1,4 @@
-"""Keys and pins on disk: what is refused, and why."""
+"""Keys and pins on disk, and what is refused."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from tactophone.link import Identity, Peers
 from tactophone.link.identity import parse_fingerprint
 
 
-def test_an_identity_survives_the_disk(tmp_path: Path) -> None:
+def test_an_identity_is_saved_and_loaded(tmp_path: Path) -> None:
     identity = Identity.create("robot")
     identity.save(tmp_path / "new" / "folder")
     loaded = Identity.load(tmp_path / "new" / "folder")
@@ -21,14 +21,14 @@ def test_every_identity_is_its_own() -> None:
 
 
 @pytest.mark.parametrize("mode", [0o604, 0o640, 0o660, 0o700 | 0o001])
-def test_a_key_that_others_may_touch_is_refused(tmp_path: Path, mode: int) -> None:
+def test_a_key_that_others_may_access_is_refused(tmp_path: Path, mode: int) -> None:
     Identity.create("robot").save(tmp_path)
     (tmp_path / "key.pem").chmod(mode)
     with pytest.raises(ConfigError, match="chmod 600"):
         Identity.load(tmp_path)
 
 
-def test_no_key_a_broken_one_and_anothers_are_told_apart(tmp_path: Path) -> None:
+def test_missing_broken_and_mismatched_keys_have_different_errors(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="pair init"):
         Identity.load(tmp_path)
     Identity.create("robot").save(tmp_path)
@@ -41,16 +41,16 @@ def test_no_key_a_broken_one_and_anothers_are_told_apart(tmp_path: Path) -> None
         Identity.load(tmp_path)
 
 
-def test_peers_survive_the_disk_and_are_ours_to_write(tmp_path: Path) -> None:
+def test_peers_are_saved_and_must_not_be_writable_by_others(tmp_path: Path) -> None:
     peers = Peers().trusting("robot one", "ab" * 32)
     peers.save(tmp_path)
     assert Peers.load(tmp_path).items() == peers.items()
     (tmp_path / "peers.txt").chmod(0o622)
-    with pytest.raises(ConfigError, match="nobody else may touch it"):
+    with pytest.raises(ConfigError, match="no other user may access it"):
         Peers.load(tmp_path)
 
 
-def test_a_line_without_a_name_is_pointed_at(tmp_path: Path) -> None:
+def test_a_line_without_a_name_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "peers.txt"
     path.write_text("ab" * 32)
     path.chmod(0o600)
@@ -66,6 +66,6 @@ def test_a_name_has_one_fingerprint() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "AB", "zz" * 32, "ab" * 33])
-def test_what_is_no_fingerprint_is_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match="no fingerprint"):
+def test_a_malformed_fingerprint_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError, match="not a fingerprint"):
         parse_fingerprint(text)

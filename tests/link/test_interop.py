@@ -1,4 +1,4 @@
-"""Others' tools read our packets: Wireshark the wire, GStreamer the sound. Skipped where they are not installed."""
+"""Wireshark parses the packets and GStreamer decodes them. Skipped where they are not installed."""
 
 import json
 import shutil
@@ -11,7 +11,7 @@ import pytest
 
 from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.packet import Packet
-from tactophone.simulation.network.virtual_link import VirtualLine, paired_ends
+from tactophone.simulation.network import VirtualLink, paired_sessions
 from tactophone.types import AudioBlock, FloatArray
 
 RATE = 48_000
@@ -47,10 +47,10 @@ def write_capture(path: Path, datagrams: list[bytes]) -> None:
 
 
 def dissect(path: Path, protocol: str, *fields: str) -> list[dict[str, list[str]]]:
-    wanted = [word for field in fields for word in ("-e", field)]
+    arguments = [word for field in fields for word in ("-e", field)]
     decode = ["-d", f"udp.port=={PORT},{protocol}"]
     run = subprocess.run(
-        ["tshark", "-r", path, *decode, "-T", "json", *wanted], capture_output=True, check=True, timeout=120
+        ["tshark", "-r", path, *decode, "-T", "json", *arguments], capture_output=True, check=True, timeout=120
     )
     return [packet["_source"]["layers"] for packet in json.loads(run.stdout)]
 
@@ -70,9 +70,9 @@ def test_wireshark_reads_header_and_redundancy(tmp_path: Path) -> None:
 
 
 @needs_wireshark
-def test_wireshark_reads_a_whole_call(tmp_path: Path) -> None:
-    line, seen = VirtualLine(*paired_ends(Codec("opus"))), []
-    for end in (line.robot, line.operator):
+def test_wireshark_reads_a_whole_session(tmp_path: Path) -> None:
+    link, seen = VirtualLink(*paired_sessions(Codec("opus"))), []
+    for end in (link.robot, link.operator):
         opened = end.session.outgoing
 
         def outgoing(opened=opened) -> list:  # type: ignore[no-untyped-def,type-arg]
@@ -81,27 +81,27 @@ def test_wireshark_reads_a_whole_call(tmp_path: Path) -> None:
             return fresh
 
         end.session.outgoing = outgoing  # type: ignore[method-assign]
-    now = line.connect(0.0)
-    shaken = len(seen)
-    line.robot.push(AudioBlock(tone(2)[:2_400], RATE))
-    line.carry(now)
+    now = link.connect(0.0)
+    handshake_size = len(seen)
+    link.robot.push(AudioBlock(tone(2)[:2_400], RATE))
+    link.carry(now)
     write_capture(tmp_path / "call.pcap", seen)
-    handshake = dissect(tmp_path / "call.pcap", "dtls", "dtls.handshake.type")[:shaken]
+    handshake = dissect(tmp_path / "call.pcap", "dtls", "dtls.handshake.type")[:handshake_size]
     types = [kind for layers in handshake for kind in layers.get("dtls.handshake.type", [])]
     assert types[:4] == ["1", "3", "1", "2"]  # hello, verify, hello, server hello
-    sealed = dissect(tmp_path / "call.pcap", "rtp", "rtp.p_type")[shaken:]
+    sealed = dissect(tmp_path / "call.pcap", "rtp", "rtp.p_type")[handshake_size:]
     assert [layers["rtp.p_type"][0] for layers in sealed if "rtp.p_type" in layers][:2] == ["99", "101"]
 
 
 def gstreamer(tmp_path: Path, datagrams: list[bytes], caps: str, *stages: str) -> FloatArray:
-    """Let GStreamer read a capture and write down the samples that it hears."""
+    """Let GStreamer read a capture and write the samples that it decodes."""
     write_capture(tmp_path / "stream.pcap", datagrams)
-    heard = tmp_path / "heard.raw"
+    received = tmp_path / "received.raw"
     source = f"filesrc location={tmp_path / 'stream.pcap'} ! pcapparse dst-port={PORT} caps={caps}"
-    sink = f"audioconvert ! audio/x-raw,format=F32LE ! filesink location={heard}"
+    sink = f"audioconvert ! audio/x-raw,format=F32LE ! filesink location={received}"
     pipeline = " ! ".join([source, *stages, sink])
     subprocess.run(["gst-launch-1.0", "-q", *pipeline.split()], check=True, capture_output=True, timeout=120)
-    return np.fromfile(heard, np.float32)
+    return np.fromfile(received, np.float32)
 
 
 @needs_gstreamer
@@ -112,8 +112,8 @@ def test_gstreamer_reads_pcm(tmp_path: Path, channels: int) -> None:
         f"application/x-rtp,media=audio,clock-rate={RATE},encoding-name=L16,channels={channels},"
         f"encoding-params=(string){channels},payload={codec.kind:d}"
     )
-    heard = gstreamer(tmp_path, [bytes(packet) for packet in packets(codec)], caps, "rtpL16depay")
-    np.testing.assert_allclose(heard.reshape(-1, channels), tone(channels), atol=1e-4)
+    received = gstreamer(tmp_path, [bytes(packet) for packet in packets(codec)], caps, "rtpL16depay")
+    np.testing.assert_allclose(received.reshape(-1, channels), tone(channels), atol=1e-4)
 
 
 @needs_gstreamer
@@ -126,5 +126,5 @@ def test_gstreamer_reads_opus(tmp_path: Path, channels: int) -> None:
         f"application/x-rtp,media=audio,clock-rate={RATE},encoding-name={name},{mapping}"
         f"encoding-params=(string)2,payload={codec.kind:d}"
     )
-    heard = gstreamer(tmp_path, [bytes(packet) for packet in packets(codec)], caps, "rtpopusdepay", "opusdec")
-    assert heard.std() == pytest.approx(0.25 / np.sqrt(2), rel=0.05)
+    received = gstreamer(tmp_path, [bytes(packet) for packet in packets(codec)], caps, "rtpopusdepay", "opusdec")
+    assert received.std() == pytest.approx(0.25 / np.sqrt(2), rel=0.05)

@@ -7,7 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.errors import PacketError
-from tactophone.link.packet import LONGEST_EARLIER, LONGEST_OFFSET, Packet, Payload, PayloadType, ahead, parse
+from tactophone.link.packet import (
+    MAX_EARLIER_OFFSET,
+    MAX_EARLIER_SIZE,
+    Packet,
+    Payload,
+    PayloadType,
+    ahead,
+    parse_packet,
+)
 
 GOLDEN = Path(__file__).parents[1] / "data" / "packets"
 
@@ -38,7 +46,7 @@ SHAPES = {
 }
 
 kinds = st.sampled_from([kind for kind in PayloadType if kind != PayloadType.RED])
-earlier = st.tuples(kinds, st.integers(0, LONGEST_OFFSET), st.binary(max_size=LONGEST_EARLIER))
+earlier = st.tuples(kinds, st.integers(0, MAX_EARLIER_OFFSET), st.binary(max_size=MAX_EARLIER_SIZE))
 
 
 def golden(name: str) -> bytes:
@@ -48,18 +56,18 @@ def golden(name: str) -> bytes:
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_fault_is_named(name: str) -> None:
     with pytest.raises(PacketError, match=FAULTS[name]):
-        parse(golden(name))
+        parse_packet(golden(name))
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_each_shape_is_read_and_written_to_the_byte(name: str) -> None:
-    assert parse(golden(name)) == SHAPES[name]
+    assert parse_packet(golden(name)) == SHAPES[name]
     assert bytes(SHAPES[name]) == golden(name)
 
 
 @pytest.mark.parametrize("name", ["contributing_sources", "extension", "padded"])
-def test_what_only_others_send_is_read_past(name: str) -> None:
-    assert parse(golden(name)) == PLAIN
+def test_fields_of_other_senders_are_skipped(name: str) -> None:
+    assert parse_packet(golden(name)) == PLAIN
 
 
 @given(st.integers(0, 65_535), st.integers(0, 2**32 - 1), st.lists(earlier, max_size=2), st.binary(), st.booleans())
@@ -69,18 +77,18 @@ def test_any_packet_survives_the_wire(
     before = tuple(Payload(kind, (timestamp - offset) % 2**32, sound) for kind, offset, sound in past)
     payload = Payload(PayloadType.L16_STEREO, timestamp, content)
     packet = Packet(sequence, ssrc=9, payload=payload, earlier=before, marker=marker)
-    assert parse(bytes(packet)) == packet
+    assert parse_packet(bytes(packet)) == packet
 
 
 @given(st.binary(max_size=80))
 def test_no_bytes_crash_the_parser(datagram: bytes) -> None:
     for start in (b"", b"\x80\x65", b"\xb1\x62"):
         try:
-            parse(start + datagram)
+            parse_packet(start + datagram)
         except PacketError:
             continue
 
 
 @given(st.integers(0, 2**16 - 1), st.integers(-(2**15), 2**15 - 1))
-def test_wrapping_counters_are_compared_by_their_shorter_way(reference: int, step: int) -> None:
+def test_wrapping_counters_are_compared_by_the_shorter_distance(reference: int, step: int) -> None:
     assert ahead((reference + step) % 2**16, reference, bits=16) == step

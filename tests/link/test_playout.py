@@ -71,13 +71,13 @@ def test_loss_and_a_stall_make_no_step(codec: Codec) -> None:
     assert after.std() == pytest.approx(AMPLITUDE / np.sqrt(2), rel=0.1)
 
 
-def test_redundancy_mends_nearly_all() -> None:
+def test_redundancy_recovers_nearly_all() -> None:
     _, bare = played(8, loss=0.05)
     _, mended = played(8, loss=0.05, depth=1)
     assert mended.reception.stats.samples_concealed < 0.2 * bare.reception.stats.samples_concealed
 
 
-def test_silence_when_nothing_ever_came_and_after_a_drought() -> None:
+def test_silence_before_the_first_packet_and_in_a_long_gap() -> None:
     playout = Playout(block_size=BLOCK)
     assert not playout.pull(now=0.0).any()
     sound, _ = played(6, stall=(4.0, 6.0))
@@ -99,13 +99,13 @@ def test_late_and_doubled_packets_are_counted() -> None:
     assert playout.reception.stats.packets_late == 1
 
 
-@pytest.mark.parametrize(("sent", "given"), [(1, 2), (2, 1)])
-def test_channels_are_fitted_to_the_listener(sent: int, given: int) -> None:
+@pytest.mark.parametrize(("sent", "played"), [(1, 2), (2, 1)])
+def test_channels_are_fitted_to_the_listener(sent: int, played: int) -> None:
     codec = Codec("pcm16", channels=sent, packet_size=96)
-    departure = Packetizer(codec, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
-    playout = Playout(block_size=96, channels=given)
-    for step, packet in enumerate(departure.push(AudioBlock(tone(1)[:, :sent], RATE))):
+    packetizer = Packetizer(codec, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
+    playout = Playout(block_size=96, channels=played)
+    for step, packet in enumerate(packetizer.push(AudioBlock(tone(1)[:, :sent], RATE))):
         playout.push(packet, now=step * 0.002)
         block = playout.pull(now=step * 0.002)
-    assert block.shape == (96, given)
+    assert block.shape == (96, played)
     assert block.any(axis=0).all()

@@ -1,4 +1,4 @@
-"""Belief in 16 bytes."""
+"""Predictions in 16 bytes."""
 
 import math
 
@@ -14,7 +14,7 @@ shares = st.floats(0, 1)
 
 
 @given(shares, shares, shares, st.sampled_from(Touch), st.floats(-120, 0), st.floats(0, 1), st.booleans())
-def test_a_belief_survives_the_wire(
+def test_a_prediction_survives_the_wire(
     smooth: float, rough: float, roughness: float, touch: Touch, level: float, length: float, faulty: bool
 ) -> None:
     none = max(0.001, 1 - smooth - rough)
@@ -37,12 +37,12 @@ def test_silence_is_minus_infinity() -> None:
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf])
-def test_what_is_no_number_arrives_as_a_fault(wrong: float) -> None:
+def test_non_finite_values_arrive_as_a_fault(wrong: float) -> None:
     content = write_prediction(Prediction((wrong, 0.0, 0.0), Touch.ROUGH, wrong, wrong, 0.0, 1.0))
     assert read_prediction(content, end=1.0).faulty
 
 
 @pytest.mark.parametrize("content", [b"", bytes(15), bytes(17), bytes(16), b"\x03" + b"\x01" * 15])
-def test_nonsense_is_refused(content: bytes) -> None:
+def test_invalid_bytes_are_refused(content: bytes) -> None:
     with pytest.raises(PacketError):
         read_prediction(content, end=0.0)

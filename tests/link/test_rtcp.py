@@ -15,16 +15,16 @@ from tactophone.link.rtcp import (
     round_trip,
 )
 
-HEARD = ReceiverReport(1, 2, fraction_lost=0.25, lost=300, highest=70_000, jitter=0.001, last_report=9, since=0.5)
+REPORT = ReceiverReport(1, 2, fraction_lost=0.25, lost=300, highest=70_000, jitter=0.001, last_report=9, since=0.5)
 
 
-@pytest.mark.parametrize("report", [HEARD, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7), ReceiverRequest(3, 7_600)])
+@pytest.mark.parametrize("report", [REPORT, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7), ReceiverRequest(3, 7_600)])
 def test_reports_survive_the_wire(report: Report) -> None:
     assert parse_report(bytes(report)) == report
 
 
 def test_a_receiver_report_has_the_bytes_of_the_standard() -> None:
-    assert bytes(HEARD).hex(" ", -4) == (
+    assert bytes(REPORT).hex(" ", -4) == (
         "81c90007 00000001 00000002 4000012c 00011170 00000030 00000009 00008000"  # RFC 3550 section 6.4.2
     )
 
@@ -38,7 +38,7 @@ def test_no_bytes_crash_the_parser(content: bytes) -> None:
             continue
 
 
-def test_the_way_there_and_back_leaves_out_the_time_between() -> None:
+def test_the_round_trip_excludes_the_time_at_the_peer() -> None:
     sent = SenderReport(1, 100.0, 0, 0, 0)
     answer = ReceiverReport(2, 1, 0, 0, 0, 0, last_report=sent.stamp, since=0.2)
     assert round_trip(answer, now=100.23) == pytest.approx(0.03, abs=1e-3)

@@ -1,4 +1,4 @@
-"""Sessions begin, end, begin anew, and are disturbed by nobody."""
+"""Sessions start, end and restart, and forged datagrams have no effect."""
 
 import random
 
@@ -8,129 +8,129 @@ from hypothesis import strategies as st
 
 from tactophone.link import Connected, Disconnected, PacketReceived, Session
 from tactophone.link.rtcp import ReceiverReport
-from tactophone.link.session import MOST_HANDSHAKES, PATIENCE, RESTLESS, DatagramKind
+from tactophone.link.session import MAX_HANDSHAKES, RECALL_AFTER, SESSION_TIMEOUT, DatagramKind
 
-from .lines import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, STRANGER, Line, answering, calling
-
-
-def connected() -> Line:
-    line = Line()
-    line.wait(0.1)
-    assert line.robot.peer == "operator"
-    assert line.operator.peer == "robot"
-    return line
+from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
 
 
-def rtp(line: Line, sequence: int = 1) -> bytes:
-    ssrc = next(event.local_ssrc for event in reversed(line.at_robot) if isinstance(event, Connected))
+def connected() -> SessionPair:
+    pair = SessionPair()
+    pair.wait(0.1)
+    assert pair.robot.peer == "operator"
+    assert pair.operator.peer == "robot"
+    return pair
+
+
+def rtp(pair: SessionPair, sequence: int = 1) -> bytes:
+    ssrc = next(event.local_ssrc for event in reversed(pair.at_robot) if isinstance(event, Connected))
     return b"\x80\x62" + sequence.to_bytes(2) + bytes(4) + ssrc.to_bytes(4) + b"sound"
 
 
-def test_both_ends_learn_of_each_other_and_of_the_streams() -> None:
-    line = connected()
-    at_robot, at_operator = line.at_robot[-1], line.at_operator[-1]
+def test_both_ends_agree_on_peers_and_streams() -> None:
+    pair = connected()
+    at_robot, at_operator = pair.at_robot[-1], pair.at_operator[-1]
     assert isinstance(at_robot, Connected)
     assert isinstance(at_operator, Connected)
     assert (at_robot.local_ssrc, at_robot.remote_ssrc) == (at_operator.remote_ssrc, at_operator.local_ssrc)
 
 
-def test_packets_pass_both_ways_and_are_sealed() -> None:
-    line = connected()
-    line.robot.send(rtp(line))
-    line.exchange()
-    assert line.at_operator[-1] == PacketReceived(rtp(line), report=False)
-    assert b"sound" not in line.passed[-1]
-    ssrc = next(event.local_ssrc for event in line.at_operator if isinstance(event, Connected))
+def test_packets_pass_both_ways_encrypted() -> None:
+    pair = connected()
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    assert pair.at_operator[-1] == PacketReceived(rtp(pair), report=False)
+    assert b"sound" not in pair.passed[-1]
+    ssrc = next(event.local_ssrc for event in pair.at_operator if isinstance(event, Connected))
     report = bytes(ReceiverReport(ssrc, 1, 0.5, 3, 9, 0.001))
-    line.operator.send(report)
-    line.exchange()
-    assert line.at_robot[-1] == PacketReceived(report, report=True)
+    pair.operator.send(report)
+    pair.exchange()
+    assert pair.at_robot[-1] == PacketReceived(report, report=True)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_lossy_line_connects_all_the_same(seed: int) -> None:
-    fate = random.Random(seed)
-    line = Line(lost=[fate.random() < 0.3 for _ in range(200)])
-    while line.robot.peer is None and line.now < 10:
-        line.wait(0.05)
-    line.lose(())
-    line.robot.send(rtp(line))
-    line.exchange()
-    assert isinstance(line.at_operator[-1], PacketReceived)
+def test_a_lossy_link_connects(seed: int) -> None:
+    rng = random.Random(seed)
+    pair = SessionPair(lost=[rng.random() < 0.3 for _ in range(200)])
+    while pair.robot.peer is None and pair.now < 10:
+        pair.wait(0.05)
+    pair.lose(())
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    assert isinstance(pair.at_operator[-1], PacketReceived)
 
 
-def test_a_stranger_who_calls_is_refused() -> None:
-    line = Line(robot=calling(STRANGER))
-    line.wait(4)
-    assert line.robot.peer is None
-    assert line.operator.peer is None
-    assert line.operator.failure == "certificate verify failed"
+def test_an_untrusted_caller_is_refused() -> None:
+    pair = SessionPair(robot=calling(UNTRUSTED))
+    pair.wait(4)
+    assert pair.robot.peer is None
+    assert pair.operator.peer is None
+    assert pair.operator.failure == "certificate verify failed"
 
 
-def test_a_stranger_who_answers_is_refused() -> None:
-    line = Line(operator=answering(STRANGER))
-    line.wait(4)
-    assert line.robot.peer is None
-    assert line.operator.peer is None
-    assert line.robot.failure is not None
+def test_an_untrusted_answerer_is_refused() -> None:
+    pair = SessionPair(operator=answering(UNTRUSTED))
+    pair.wait(4)
+    assert pair.robot.peer is None
+    assert pair.operator.peer is None
+    assert pair.robot.failure is not None
 
 
 def test_the_robot_may_start_first() -> None:
-    line = Line(lost=[True] * 12)
-    line.wait(5)
-    assert line.robot.peer == "operator"
+    pair = SessionPair(lost=[True] * 12)
+    pair.wait(5)
+    assert pair.robot.peer == "operator"
 
 
 def test_a_robot_that_returns_is_connected_at_once_with_fresh_keys() -> None:
-    line = connected()
-    line.robot.send(rtp(line))
-    line.exchange()
-    recorded = line.passed[-1]
-    line.robot = calling()
-    line.wait(0.2)
-    assert line.robot.peer == "operator"
-    heard = len(line.at_operator)
-    assert line.operator.receive(recorded, source=AT_ROBOT, now=line.now) == []
-    assert len(line.at_operator) == heard
+    pair = connected()
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    recorded = pair.passed[-1]
+    pair.robot = calling()
+    pair.wait(0.2)
+    assert pair.robot.peer == "operator"
+    received = len(pair.at_operator)
+    assert pair.operator.receive(recorded, source=AT_ROBOT, now=pair.now) == []
+    assert len(pair.at_operator) == received
 
 
-def test_an_operator_who_returns_is_called_again_within_the_restless_time() -> None:
-    line = connected()
-    line.operator = answering()
-    line.wait(RESTLESS + 0.2)
-    assert line.operator.peer == "robot"
-    line.robot.send(rtp(line))
-    line.exchange()
-    assert isinstance(line.at_operator[-1], PacketReceived)
+def test_a_restarted_operator_is_called_again_within_the_recall_time() -> None:
+    pair = connected()
+    pair.operator = answering()
+    pair.wait(RECALL_AFTER + 0.2)
+    assert pair.operator.peer == "robot"
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    assert isinstance(pair.at_operator[-1], PacketReceived)
 
 
 def test_silence_ends_a_session() -> None:
-    line = connected()
-    line.lose([True] * 10_000)
-    line.wait(PATIENCE + 0.2)
-    assert line.at_operator[-1] == Disconnected("nothing heard for 5 s")
-    assert line.at_robot[-1] == Disconnected("nothing heard for 5 s")
+    pair = connected()
+    pair.lose([True] * 10_000)
+    pair.wait(SESSION_TIMEOUT + 0.2)
+    assert pair.at_operator[-1] == Disconnected("nothing received for 5 s")
+    assert pair.at_robot[-1] == Disconnected("nothing received for 5 s")
 
 
 def test_goodbye_ends_a_session_at_once() -> None:
-    line = connected()
-    line.robot.hang_up()
-    line.exchange()
-    assert line.at_operator[-1] == Disconnected("robot hung up")
-    assert line.robot.hang_up() == []
+    pair = connected()
+    pair.robot.hang_up()
+    pair.exchange()
+    assert pair.at_operator[-1] == Disconnected("robot hung up")
+    assert pair.robot.hang_up() == []
 
 
 def test_a_forged_hello_does_not_disturb_a_session() -> None:
-    line = connected()
-    forger = calling(STRANGER)
+    pair = connected()
+    forger = calling(UNTRUSTED)
     forger.poll(0)
     for datagram, _ in forger.outgoing():
-        line.operator.receive(datagram, source=AT_ROBOT, now=line.now)
-    line.wait(0.5)
-    assert line.operator.peer == "robot"
-    line.robot.send(rtp(line))
-    line.exchange()
-    assert isinstance(line.at_operator[-1], PacketReceived)
+        pair.operator.receive(datagram, source=AT_ROBOT, now=pair.now)
+    pair.wait(0.5)
+    assert pair.operator.peer == "robot"
+    pair.robot.send(rtp(pair))
+    pair.exchange()
+    assert isinstance(pair.at_operator[-1], PacketReceived)
 
 
 def test_hellos_from_forged_addresses_cost_no_memory() -> None:
@@ -143,8 +143,8 @@ def test_hellos_from_forged_addresses_cost_no_memory() -> None:
     assert not operator._pending
 
 
-def test_callers_who_never_finish_are_few_and_then_forgotten() -> None:
-    operator, robots = answering(), [calling() for _ in range(MOST_HANDSHAKES + 3)]
+def test_callers_that_never_finish_are_limited_and_time_out() -> None:
+    operator, robots = answering(), [calling() for _ in range(MAX_HANDSHAKES + 3)]
     for port, robot in enumerate(robots):
         robot.poll(0)
         for _ in range(2):  # hello, and hello with the cookie; then silence
@@ -153,7 +153,7 @@ def test_callers_who_never_finish_are_few_and_then_forgotten() -> None:
             for datagram, target in operator.outgoing():
                 if target == ("192.0.2.9", port) and len(datagram) < 100:
                     robot.receive(datagram, source=AT_OPERATOR, now=0)
-    assert len(operator._pending) == MOST_HANDSHAKES
+    assert len(operator._pending) == MAX_HANDSHAKES
     operator.poll(10.0)
     assert not operator._pending
 
@@ -163,8 +163,8 @@ def test_a_forged_alert_does_not_end_a_handshake() -> None:
     robot.poll(0)
     alert = bytes.fromhex("15fefd00000000000000010002 0228")
     robot.receive(alert, source=AT_OPERATOR, now=0)
-    line = Line(robot, operator)
-    line.wait(0.5)
+    pair = SessionPair(robot, operator)
+    pair.wait(0.5)
     assert robot.peer == "operator"
 
 
@@ -172,18 +172,18 @@ def test_a_forged_alert_does_not_end_a_handshake() -> None:
     st.binary(max_size=200), st.sampled_from([b"", b"\x80\x62", b"\x80\xc9", b"\x16\xfe\xfd", b"\x16\xfe\xff", b"\x15"])
 )
 def test_no_bytes_change_a_session(rest: bytes, start: bytes) -> None:
-    line = SHARED
-    assert line.operator.receive(start + rest, source=AT_ROBOT, now=line.now) == []
-    assert line.robot.receive(start + rest, source=AT_OPERATOR, now=line.now) == []
-    line.operator.outgoing()
-    line.robot.outgoing()
-    assert (line.robot.peer, line.operator.peer) == ("operator", "robot")
+    pair = SHARED
+    assert pair.operator.receive(start + rest, source=AT_ROBOT, now=pair.now) == []
+    assert pair.robot.receive(start + rest, source=AT_OPERATOR, now=pair.now) == []
+    pair.operator.outgoing()
+    pair.robot.outgoing()
+    assert (pair.robot.peer, pair.operator.peer) == ("operator", "robot")
 
 
 def test_what_was_changed_cut_or_sent_twice_is_refused() -> None:
-    line = connected()
-    line.robot.send(rtp(line))
-    (datagram, _), *_ = line.robot.outgoing()
+    pair = connected()
+    pair.robot.send(rtp(pair))
+    (datagram, _), *_ = pair.robot.outgoing()
     wrong = [datagram[:k] for k in range(len(datagram))]
     wrong += [
         datagram[:k] + bytes([datagram[k] ^ 1 << bit]) + datagram[k + 1 :]
@@ -191,31 +191,31 @@ def test_what_was_changed_cut_or_sent_twice_is_refused() -> None:
         for bit in range(8)
     ]
     for forged in wrong:
-        assert line.operator.receive(forged, source=AT_ROBOT, now=line.now) == []
-    assert len(line.operator.receive(datagram, source=AT_ROBOT, now=line.now)) == 1
-    assert line.operator.receive(datagram, source=AT_ROBOT, now=line.now) == []
+        assert pair.operator.receive(forged, source=AT_ROBOT, now=pair.now) == []
+    assert len(pair.operator.receive(datagram, source=AT_ROBOT, now=pair.now)) == 1
+    assert pair.operator.receive(datagram, source=AT_ROBOT, now=pair.now) == []
 
 
-def test_sealed_packets_are_taken_from_wherever_the_robot_now_is() -> None:
-    line = connected()
-    line.robot.send(rtp(line))
-    (datagram, _), *_ = line.robot.outgoing()
-    assert len(line.operator.receive(datagram, source=("203.0.113.7", 1), now=line.now)) == 1
+def test_encrypted_packets_are_accepted_from_any_address_of_the_robot() -> None:
+    pair = connected()
+    pair.robot.send(rtp(pair))
+    (datagram, _), *_ = pair.robot.outgoing()
+    assert len(pair.operator.receive(datagram, source=("203.0.113.7", 1), now=pair.now)) == 1
 
 
 @pytest.mark.parametrize(
-    ("first", "kind"), [(22, "DTLS"), (63, "DTLS"), (128, "SEALED"), (0, "NEITHER"), (255, "NEITHER")]
+    ("first", "kind"), [(22, "DTLS"), (63, "DTLS"), (128, "SRTP"), (0, "NEITHER"), (255, "NEITHER")]
 )
-def test_a_datagram_is_told_by_its_first_byte(first: int, kind: str) -> None:
+def test_the_first_byte_gives_the_kind_of_a_datagram(first: int, kind: str) -> None:
     assert DatagramKind.of(bytes([first])).name == kind
 
 
 def test_nothing_secret_is_shown() -> None:
-    line = connected()
-    shown = repr(ROBOT) + repr(line.robot._current.agreement)  # type: ignore[union-attr]
+    pair = connected()
+    shown = repr(ROBOT) + repr(pair.robot._current.agreement)  # type: ignore[union-attr]
     assert "hidden" in shown
     assert OPERATOR.fingerprint not in repr(ROBOT)
-    assert isinstance(line.robot, Session)
+    assert isinstance(pair.robot, Session)
 
 
 SHARED = connected()

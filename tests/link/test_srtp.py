@@ -1,4 +1,4 @@
-"""The seal alone; what a whole session refuses is in test_session."""
+"""Encryption of single packets; whole sessions are in test_session."""
 
 import pytest
 
@@ -14,30 +14,30 @@ def pair() -> tuple[SrtpCrypto, SrtpCrypto]:
     return SrtpCrypto(Secrets(FIRST, SECOND, local_ssrc=1, remote_ssrc=2)), SrtpCrypto(Secrets(SECOND, FIRST, 2, 1))
 
 
-def test_what_is_sealed_opens_once_at_the_other_end_only() -> None:
+def test_a_packet_decrypts_once_and_only_at_the_other_end() -> None:
     robot, operator = pair()
-    sealed = robot.close(RTP)
-    assert len(sealed) == len(RTP) + OVERHEAD
-    assert operator.open(sealed) == RTP
+    encrypted = robot.protect(RTP)
+    assert len(encrypted) == len(RTP) + OVERHEAD
+    assert operator.unprotect(encrypted) == RTP
     with pytest.raises(PacketError, match="replay"):
-        operator.open(sealed)
+        operator.unprotect(encrypted)
     with pytest.raises(PacketError):
-        robot.open(sealed)
+        robot.unprotect(encrypted)
 
 
-def test_reports_are_sealed_too() -> None:
+def test_reports_are_encrypted_too() -> None:
     robot, operator = pair()
     report = bytes(Goodbye(1))
-    sealed = robot.close(report)
-    assert is_report(sealed)
-    assert operator.open(sealed) == report
+    encrypted = robot.protect(report)
+    assert is_report(encrypted)
+    assert operator.unprotect(encrypted) == report
 
 
 def test_another_stream_under_the_same_key_is_refused() -> None:
     _, operator = pair()
     other = SrtpCrypto(Secrets(FIRST, SECOND, local_ssrc=3, remote_ssrc=2))
     with pytest.raises(PacketError):
-        operator.open(other.close(RTP[:8] + (3).to_bytes(4) + b"sound"))
+        operator.unprotect(other.protect(RTP[:8] + (3).to_bytes(4) + b"sound"))
 
 
 def test_the_keys_are_not_shown() -> None:

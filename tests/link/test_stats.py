@@ -1,4 +1,4 @@
-"""What is counted, by the algorithms of RFC 3550's appendix."""
+"""Counters, by the algorithms of RFC 3550's appendix."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from tactophone.link.rtcp import SenderReport
 from tactophone.link.stats import Reception
 
 
-def heard(sequences: list[int]) -> Reception:
+def reception_of(sequences: list[int]) -> Reception:
     reception = Reception()
     for step, sequence in enumerate(sequences):
         reception.count(sequence % 2**16, 240 * step, 100, now=0.005 * step)
@@ -14,31 +14,31 @@ def heard(sequences: list[int]) -> Reception:
 
 
 def test_loss_is_expected_less_received() -> None:
-    stats = heard([10, 11, 13, 14, 17]).stats
+    stats = reception_of([10, 11, 13, 14, 17]).stats
     assert (stats.packets_expected, stats.packets_received, stats.packets_lost) == (8, 5, 3)
 
 
 def test_numbers_wrap() -> None:
-    stats = heard(list(range(65_530, 65_545))).stats
+    stats = reception_of(list(range(65_530, 65_545))).stats
     assert (stats.packets_expected, stats.packets_lost, stats.packets_reordered) == (15, 0, 0)
 
 
 def test_order_and_doubles_are_counted_apart() -> None:
-    stats = heard([1, 3, 2, 2, 4]).stats
+    stats = reception_of([1, 3, 2, 2, 4]).stats
     assert (stats.packets_reordered, stats.packets_duplicated, stats.packets_received) == (1, 1, 4)
 
 
-def test_a_report_tells_the_loss_since_the_one_before() -> None:
-    reception = heard([1, 2, 4])
+def test_a_report_contains_the_loss_since_the_last_report() -> None:
+    reception = reception_of([1, 2, 4])
     assert reception.report(ssrc=1, of=2, now=1).fraction_lost == pytest.approx(0.25)
     assert reception.report(ssrc=1, of=2, now=2).fraction_lost == 0
     assert reception.report(ssrc=1, of=2, now=2).lost == 1
 
 
-def test_a_report_returns_the_peers_stamp_and_how_long_it_lay() -> None:
-    reception = heard([1])
+def test_a_report_returns_the_peers_stamp_and_its_age() -> None:
+    reception = reception_of([1])
     sent = SenderReport(2, 50.0, 0, 0, 0)
-    reception.hear(sent, now=7.0)
+    reception.note_sender_report(sent, now=7.0)
     report = reception.report(ssrc=1, of=2, now=7.25)
     assert (report.last_report, report.since) == (sent.stamp, 0.25)
 
@@ -51,5 +51,5 @@ def test_jitter_is_smoothed_by_a_sixteenth() -> None:
 
 
 def test_memory_is_bounded() -> None:
-    reception = heard(list(range(20_000)))
+    reception = reception_of(list(range(20_000)))
     assert len(reception._seen) <= 2_049

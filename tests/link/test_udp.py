@@ -1,4 +1,4 @@
-"""The socket: what it gives, and what it swallows."""
+"""The UDP socket."""
 
 from collections.abc import Iterator
 
@@ -14,7 +14,7 @@ def pair() -> Iterator[tuple[DatagramSocket, DatagramSocket]]:
         yield first, second
 
 
-def test_datagrams_arrive_whole_and_say_whence(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_datagrams_arrive_whole_with_their_source(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
     first, second = pair
     assert first.send([(b"one", second.address), (b"two", second.address)]) == 0
     received = second.receive(1.0)
@@ -23,12 +23,12 @@ def test_datagrams_arrive_whole_and_say_whence(pair: tuple[DatagramSocket, Datag
     assert received == [(b"one", first.address), (b"two", first.address)]
 
 
-def test_nothing_is_waited_for_longer_than_asked(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_receive_waits_no_longer_than_its_timeout(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
     assert pair[0].receive(0) == []
     assert pair[0].receive(0.01) == []
 
 
-def test_a_closed_door_is_no_error(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_a_closed_port_is_not_an_error(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
     first, second = pair
     target = second.address
     second.close()

@@ -5,28 +5,28 @@ import numpy as np
 import pytest
 
 from tactophone.config import Settings
-from tactophone.measurement.failsafe_timing import EndlessStroke, Listener
+from tactophone.measurement.failsafe_timing import EndlessStroke, PeakRecorder
 
 
 @pytest.fixture
-def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
-    """One that hears half a second of vibration and then silence, a period each 10 ms."""
+def recorder(monkeypatch: pytest.MonkeyPatch) -> PeakRecorder:
+    """A recorder of half a second of vibration and then silence, one period every 10 ms."""
     clock = itertools.count(1)
     monkeypatch.setattr("tactophone.measurement.failsafe_timing.time.monotonic", lambda: 0.01 * next(clock))
-    listener = Listener()
+    recorder = PeakRecorder()
     for peak in [0.5] * 50 + [0.0] * 50:
-        listener.process([np.full(8, peak, np.float32)], [])
-    return listener
+        recorder.process([np.full(8, peak, np.float32)], [])
+    return recorder
 
 
-def test_the_first_silent_period_ends_it(listener: Listener) -> None:
-    assert listener.outlived(0.45) == pytest.approx(0.06)
-    assert listener.peak == 0.0
+def test_the_first_silent_period_ends_it(recorder: PeakRecorder) -> None:
+    assert recorder.time_to_silence(0.45) == pytest.approx(0.06)
+    assert recorder.peak == 0.0
 
 
-def test_what_never_ends_is_infinite(listener: Listener) -> None:
-    listener.process([np.full(8, 0.5, np.float32)], [])
-    assert listener.outlived(0.45) == math.inf
+def test_an_endless_vibration_is_infinite(recorder: PeakRecorder) -> None:
+    recorder.process([np.full(8, 0.5, np.float32)], [])
+    assert recorder.time_to_silence(0.45) == math.inf
 
 
 def test_the_stroke_has_no_seam() -> None:

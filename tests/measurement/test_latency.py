@@ -9,9 +9,9 @@ from tactophone.telemetry import STAGES
 
 
 @pytest.mark.realtime
-def test_clicks_cross_the_running_chain(jack_server: DummyServer) -> None:
+def test_impulses_cross_the_running_system(jack_server: DummyServer) -> None:
     settings = config.change(Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"])
-    measured = measure(settings, Graph(jack_server.name), clicks=12)
+    measured = measure(settings, Graph(jack_server.name), impulses=12)
     assert measured.missed <= 1
     assert np.median(measured.end_to_end) < 0.012
     assert measured.disagreement < 0.001

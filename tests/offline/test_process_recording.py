@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone.capture import FileSource
 from tactophone.haptics import Limits
-from tactophone.offline.process_recording import TAIL, Outputs, Summary, feel
+from tactophone.offline.process_recording import TAIL, OutputFiles, RunSummary, process_recording
 from tactophone.pipeline import open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone
@@ -21,18 +21,18 @@ def recording(tmp_path: Path) -> Path:
     return tmp_path / "rough.wav"
 
 
-def felt(recording: Path, *, block_size: int = 4096, ceiling: float = 1.0) -> tuple[Summary, Outputs]:
+def process(recording: Path, *, block_size: int = 4096, ceiling: float = 1.0) -> tuple[RunSummary, OutputFiles]:
     model = str(write_tiny_model(recording.parent / "tiny.onnx"))
-    outputs = Outputs.beside(recording.parent, f"out{block_size}", json=True)
+    outputs = OutputFiles.in_folder(recording.parent, f"out{block_size}", json=True)
     source = FileSource(recording, block_size=block_size)
-    walk = open_pipeline(
+    pipeline = open_pipeline(
         model, sample_rate=source.sample_rate, channels=source.channels, limits=Limits(ceiling=ceiling)
     )
-    return feel(source, walk, outputs)[0], outputs
+    return process_recording(source, pipeline, outputs)[0], outputs
 
 
 def test_the_vibration_is_as_long_as_the_sound_and_its_fade(recording: Path) -> None:
-    _, outputs = felt(recording)
+    _, outputs = process(recording)
     wave, rate = soundfile.read(outputs.waveform)
     assert rate == 48_000
     assert len(wave) == round((2 + TAIL) * rate)
@@ -42,14 +42,14 @@ def test_the_vibration_is_as_long_as_the_sound_and_its_fade(recording: Path) -> 
 
 
 def test_the_files_do_not_depend_on_the_blocks_read(recording: Path) -> None:
-    _, one = felt(recording, block_size=4096)
-    _, other = felt(recording, block_size=509)
-    assert one.timeline.read_bytes() == other.timeline.read_bytes()
-    assert one.waveform.read_bytes() == other.waveform.read_bytes()
+    _, first = process(recording, block_size=4096)
+    _, second = process(recording, block_size=509)
+    assert first.timeline.read_bytes() == second.timeline.read_bytes()
+    assert first.waveform.read_bytes() == second.waveform.read_bytes()
 
 
-def test_the_summary_sums_up(recording: Path) -> None:
-    summary, outputs = felt(recording)
+def test_the_summary_holds_the_totals(recording: Path) -> None:
+    summary, outputs = process(recording)
     lines = list(csv.DictReader(outputs.timeline.open()))
     assert summary.duration == 2
     assert summary.updates == len(lines)
@@ -60,13 +60,13 @@ def test_the_summary_sums_up(recording: Path) -> None:
 
 
 def test_the_ceiling_holds_in_the_file(recording: Path) -> None:
-    _, outputs = felt(recording, ceiling=0.25)
+    _, outputs = process(recording, ceiling=0.25)
     assert np.abs(soundfile.read(outputs.waveform)[0]).max() <= 0.25
 
 
-def test_garbage_is_summed_up_as_a_fault(recording: Path) -> None:
+def test_invalid_samples_are_counted_as_a_fault(recording: Path) -> None:
     samples, rate = soundfile.read(recording, dtype="float32")
     samples[70_000] = np.nan
     soundfile.write(recording, samples, rate, subtype="FLOAT")
-    summary, _ = felt(recording)
+    summary, _ = process(recording)
     assert summary.faults["sound"] > 0

@@ -2,18 +2,18 @@ import numpy as np
 import pytest
 
 from tactophone.dataset import Segment
-from tactophone.offline.run_summary import measure
+from tactophone.offline.run_summary import score_run
 from tactophone.types import Touch
 
 
-def test_numbers_hold_what_was_felt_against_the_truth() -> None:
+def test_a_run_is_scored_against_its_labels() -> None:
     truth = (Segment(0, 1, "none"), Segment(1, 2, "smooth"), Segment(2, 3, "rough"), Segment(3, 4, "none"))
     time = np.arange(0.05, 4, 0.1)
     touch = np.select([time < 1.1, time < 2.5, time < 3.1], [Touch.NONE, Touch.SMOOTH, Touch.ROUGH], Touch.NONE)
     timeline = {"time": time, "touch": touch, "amplitude": (touch != Touch.NONE) * 0.5}
-    found = measure(timeline, truth)
-    assert found.smooth_right == pytest.approx(0.9)
-    assert found.rough_right == pytest.approx(0.5)
-    assert found.false_bumps == 0
-    assert found.touch_to_felt == pytest.approx(0.15)
-    assert found.lift_to_silence == pytest.approx(0.15)
+    scores = score_run(timeline, truth)
+    assert scores.smooth_right == pytest.approx(0.9)
+    assert scores.rough_right == pytest.approx(0.5)
+    assert scores.false_bumps == 0
+    assert scores.touch_to_vibration == pytest.approx(0.15)
+    assert scores.lift_to_silence == pytest.approx(0.15)

@@ -4,12 +4,12 @@ import pytest
 from tactophone.perception.contact import CLEAR_DB, Contact, ContactGate
 from tactophone.perception.features.loudness import LoudnessRule
 from tactophone.types import AudioBlock
-from tests.sounds import UGLY_SIZES, blocks, noise, tone
+from tests.sounds import ODD_SIZES, blocks, noise, tone
 
 THRESHOLD_DBFS = -40.0
 
 
-def watch(samples: np.ndarray, size: int = 480) -> list[Contact]:
+def changes_in(samples: np.ndarray, size: int = 480) -> list[Contact]:
     gate = ContactGate(THRESHOLD_DBFS, sample_rate=48_000)
     return [change for block in blocks(samples, size) for change in gate.push(block)]
 
@@ -26,48 +26,48 @@ def touches(changes: list[Contact]) -> list[float]:
     return [change.time for change in changes if change.touching]
 
 
-@pytest.mark.parametrize("size", UGLY_SIZES)
+@pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_changes(size: int) -> None:
     samples = stroke(0.3, 0.6)
-    assert watch(samples, size) == watch(samples, len(samples))
+    assert changes_in(samples, size) == changes_in(samples, len(samples))
 
 
 def test_a_clear_touch_is_known_in_two_milliseconds_and_its_end_in_35() -> None:
-    times = touches(watch(stroke(0.3, 0.6)))
+    times = touches(changes_in(stroke(0.3, 0.6)))
     assert 0.3 < times[0] <= 0.302
     assert times[-1] <= 0.635
 
 
 def test_a_faint_touch_is_known_once_it_has_lasted() -> None:
-    times = touches(watch(stroke(0.3, 0.6, level_dbfs=THRESHOLD_DBFS + 1)))
+    times = touches(changes_in(stroke(0.3, 0.6, level_dbfs=THRESHOLD_DBFS + 1)))
     assert 0.31 < times[0] <= 0.34
 
 
 def test_noise_with_hum_and_motors_under_the_threshold_opens_nothing() -> None:
     motor = tone(35, amplitude=10 ** ((THRESHOLD_DBFS - 5) / 20) * 2**0.5, duration=10)
-    assert not touches(watch(motor + noise(level_dbfs=THRESHOLD_DBFS - 8, duration=10, channels=1)))
+    assert not touches(changes_in(motor + noise(level_dbfs=THRESHOLD_DBFS - 8, duration=10, channels=1)))
 
 
-def test_a_click_is_a_touch_that_can_be_felt() -> None:
+def test_a_click_is_a_touch_long_enough_to_be_perceived() -> None:
     samples = np.zeros((48_000, 1), np.float32)
     samples[24_000:24_048] = 10 ** ((THRESHOLD_DBFS + CLEAR_DB + 7) / 20)
-    changes = [change for change in watch(samples, 48) if change.touching]
+    changes = [change for change in changes_in(samples, 48) if change.touching]
     assert changes[0].time == 0.501
-    after = next(change for change in watch(samples, 48) if not change.touching and change.time > 0.501)
+    after = next(change for change in changes_in(samples, 48) if not change.touching and change.time > 0.501)
     assert 0.029 < after.time - 0.501 < 0.04
 
 
 def test_a_turning_stroke_is_one_touch() -> None:
     samples = stroke(0.3, 0.6)
     samples[round(0.45 * 48_000) : round(0.47 * 48_000)] = 0
-    assert all(change.touching for change in watch(samples) if 0.31 < change.time < 0.6)
+    assert all(change.touching for change in changes_in(samples) if 0.31 < change.time < 0.6)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])
-def test_garbage_closes_the_gate_at_once(value: float) -> None:
+def test_invalid_samples_close_the_gate_at_once(value: float) -> None:
     samples = stroke(0.3, 0.6)
     samples[round(0.31 * 48_000) :] = value
-    assert not any(change.touching for change in watch(samples) if change.time > 0.311)
+    assert not any(change.touching for change in changes_in(samples) if change.time > 0.311)
 
 
 @pytest.mark.parametrize(("level_dbfs", "touching"), [(-39.5, True), (-43.5, False)])
@@ -79,6 +79,6 @@ def test_the_level_is_of_the_rule_at_hand(rule: LoudnessRule, level_dbfs: float,
     assert gate.push(AudioBlock(square, 48_000))[-1].touching == touching
 
 
-def test_a_sign_of_life_comes_every_ten_milliseconds() -> None:
-    times = [change.time for change in watch(np.zeros((48_000, 1), np.float32))]
+def test_a_heartbeat_comes_every_ten_milliseconds() -> None:
+    times = [change.time for change in changes_in(np.zeros((48_000, 1), np.float32))]
     assert np.diff(times) == pytest.approx(0.01)

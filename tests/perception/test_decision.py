@@ -12,22 +12,22 @@ def test_the_papers_rule_takes_the_likelier() -> None:
     assert shares(Decision(DecisionRule()), 0.4, 0.6, 0.4) == [Touch.SMOOTH, Touch.ROUGH, Touch.SMOOTH]
 
 
-def test_no_contact_overrides_and_the_networks_none_is_not_asked() -> None:
+def test_no_contact_overrides_and_the_networks_none_is_not_used() -> None:
     decision = Decision(DecisionRule())
     assert decision.decide((0.0, 0.0, 1.0), contact=False) == (Touch.NONE, 0.0)
     assert decision.decide((0.98, 0.005, 0.015), contact=True)[0] is Touch.ROUGH
 
 
-def test_hysteresis_holds_a_belief_between_its_thresholds() -> None:
+def test_hysteresis_holds_a_decision_between_its_thresholds() -> None:
     decision = Decision(DecisionRule(rough_on=0.7, rough_off=0.3))
     assert shares(decision, 0.6, 0.8, 0.4, 0.2) == [Touch.SMOOTH, Touch.ROUGH, Touch.ROUGH, Touch.SMOOTH]
 
 
-def test_rough_must_be_confirmed_and_is_not_felt_before() -> None:
+def test_rough_must_be_confirmed_and_is_not_rendered_before() -> None:
     decision = Decision(DecisionRule(confirm=3))
-    answers = [decision.decide((0.0, 0.0, 1.0), contact=True) for _ in range(3)]
-    assert [touch for touch, _ in answers] == [Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH]
-    assert [roughness < 0.5 for _, roughness in answers] == [True, True, False]
+    decisions = [decision.decide((0.0, 0.0, 1.0), contact=True) for _ in range(3)]
+    assert [touch for touch, _ in decisions] == [Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH]
+    assert [roughness < 0.5 for _, roughness in decisions] == [True, True, False]
 
 
 def test_the_threshold_lies_at_half_roughness() -> None:

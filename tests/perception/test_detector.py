@@ -5,19 +5,23 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import open_window_detector
+from tactophone.perception import WindowDetector, model_path, read_model
 from tactophone.types import Detector, Prediction, Touch
 from tests.models import write_tiny_model
-from tests.sounds import UGLY_SIZES, blocks, noise, tone
+from tests.sounds import ODD_SIZES, blocks, noise, tone
+
+
+def open_model(path: Path) -> WindowDetector:
+    return WindowDetector(read_model(path), sample_rate=48_000)
 
 
 @pytest.fixture
 def detector(tmp_path: Path) -> Detector:
-    return open_window_detector(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000)
+    return open_model(write_tiny_model(tmp_path / "tiny.onnx"))
 
 
 def predict(detector: Detector, samples: np.ndarray, size: int = 480) -> list[Prediction]:
-    predictions = [one for block in blocks(samples, size) for one in detector.push(block)]
+    predictions = [prediction for block in blocks(samples, size) for prediction in detector.push(block)]
     return predictions + detector.flush()
 
 
@@ -29,7 +33,7 @@ def test_an_update_every_512_samples_of_the_papers_sound(detector: Detector) -> 
     assert detector.hop == pytest.approx(512 / 48_000)
 
 
-@pytest.mark.parametrize("size", UGLY_SIZES)
+@pytest.mark.parametrize("size", ODD_SIZES)
 def test_any_block_size_gives_the_same_bits(detector: Detector, size: int) -> None:
     samples = noise(duration=0.5)
     samples[12_000:12_100] = np.nan
@@ -38,34 +42,34 @@ def test_any_block_size_gives_the_same_bits(detector: Detector, size: int) -> No
     assert predict(detector, samples, size) == whole
 
 
-def test_it_hears_what_the_network_hears(detector: Detector) -> None:
-    assert {one.touch for one in predict(detector, tone(100))} == {Touch.SMOOTH}
+def test_predictions_follow_the_network(detector: Detector) -> None:
+    assert {prediction.touch for prediction in predict(detector, tone(100))} == {Touch.SMOOTH}
     detector.reset()
-    assert {one.touch for one in predict(detector, tone(400))} == {Touch.ROUGH}
+    assert {prediction.touch for prediction in predict(detector, tone(400))} == {Touch.ROUGH}
     detector.reset()
-    assert {one.touch for one in predict(detector, tone(400, amplitude=0.005))} == {Touch.NONE}
+    assert {prediction.touch for prediction in predict(detector, tone(400, amplitude=0.005))} == {Touch.NONE}
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e30])
-def test_garbage_in_the_sound_is_silence_while_a_window_holds_it(detector: Detector, value: float) -> None:
+def test_invalid_samples_are_faulty_while_a_window_holds_it(detector: Detector, value: float) -> None:
     samples = tone(400, duration=2)
     samples[48_000] = value
-    faulty = [one for one in predict(detector, samples) if one.faulty]
-    assert all(one.touch is Touch.NONE for one in faulty)
+    faulty = [prediction for prediction in predict(detector, samples) if prediction.faulty]
+    assert all(prediction.touch is Touch.NONE for prediction in faulty)
     assert faulty[0].end <= 1.0 + 2 * detector.hop
     assert faulty[-1].start >= 1.0 - 2 * detector.hop
     assert detector.faults["sound"] == len(faulty)
 
 
 @pytest.mark.parametrize("gain", [math.nan, math.inf])
-def test_garbage_from_the_model_is_silence(tmp_path: Path, gain: float) -> None:
-    detector = open_window_detector(str(write_tiny_model(tmp_path / "bad.onnx", gain=gain)), sample_rate=48_000)
+def test_invalid_output_of_the_model_is_faulty(tmp_path: Path, gain: float) -> None:
+    detector = open_model(write_tiny_model(tmp_path / "bad.onnx", gain=gain))
     predictions = predict(detector, tone(400))
-    assert all(one.faulty and one.touch is Touch.NONE for one in predictions)
+    assert all(prediction.faulty and prediction.touch is Touch.NONE for prediction in predictions)
     assert detector.faults["model"] == len(predictions)
 
 
-def test_a_window_is_judged_once_its_end_and_the_latency_have_passed(detector: Detector) -> None:
+def test_a_window_is_classified_once_its_end_and_the_latency_have_passed(detector: Detector) -> None:
     for block in blocks(tone(100), 1):
         if predictions := detector.push(block):
             assert block.end / 48_000 == pytest.approx(predictions[0].end + detector.latency, abs=1e-9)
@@ -73,16 +77,16 @@ def test_a_window_is_judged_once_its_end_and_the_latency_have_passed(detector: D
 
 
 def test_one_channel_for_a_model_of_two_is_refused(tmp_path: Path) -> None:
-    detector = open_window_detector(str(write_tiny_model(tmp_path / "two.onnx", channels=2)), sample_rate=48_000)
-    with pytest.raises(ModelError, match="wants 2"):
+    detector = open_model(write_tiny_model(tmp_path / "two.onnx", channels=2))
+    with pytest.raises(ModelError, match="needs 2"):
         predict(detector, tone(100))
 
 
 def test_a_kind_of_the_future_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="kind crystal-ball"):
-        open_window_detector(str(write_tiny_model(tmp_path / "new.onnx", kind="crystal-ball")), sample_rate=48_000)
+        open_model(write_tiny_model(tmp_path / "new.onnx", kind="crystal-ball"))
 
 
 def test_a_model_that_is_not_there_lists_those_that_are() -> None:
     with pytest.raises(ModelError, match="no model papper"):
-        open_window_detector("papper", sample_rate=48_000)
+        model_path("papper")

@@ -26,7 +26,7 @@ def test_a_truncated_model_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [pickle.dumps({"weights": 1}), b"PK\x03\x04 as torch.save writes"])
-def test_pickles_are_refused_unread(tmp_path: Path, content: bytes) -> None:
+def test_pickles_are_refused_unopened(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "evil.pt").write_bytes(content)
     with pytest.raises(ModelError, match="model import"):
         read_model(tmp_path / "evil.pt")

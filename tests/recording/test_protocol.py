@@ -11,8 +11,8 @@ def protocol(**options: object) -> Protocol:
     return Protocol(PROTOCOL, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options})
 
 
-def hear(machine: Protocol, seconds: float, size: int = 100) -> int:
-    """Push sound; give how many samples were taken."""
+def feed(machine: Protocol, seconds: float, size: int = 100) -> int:
+    """Push sound; return how many samples were recorded."""
     return sum(
         machine.push(AudioBlock(np.zeros((min(size, round(seconds * RATE) - start), 2), np.float32), RATE)).size
         for start in range(0, round(seconds * RATE), size)
@@ -27,13 +27,13 @@ def test_the_paper_has_seven_takes() -> None:
 
 
 @pytest.mark.parametrize("size", [1, 17, 480, 5000])
-def test_a_take_is_counted_down_recorded_to_the_sample_and_judged(size: int) -> None:
+def test_a_take_is_counted_down_recorded_to_the_sample_and_reviewed(size: int) -> None:
     machine = protocol()
-    assert hear(machine, 1.0, size) == 0
+    assert feed(machine, 1.0, size) == 0
     machine.press(Key.GO)
     assert machine.stage is Stage.COUNTDOWN
-    assert hear(machine, 3.0, size) == 2 * RATE or size == 5000
-    assert machine.stage is Stage.JUDGED
+    assert feed(machine, 3.0, size) == 2 * RATE or size == 5000
+    assert machine.stage is Stage.REVIEW
     machine.press(Key.GO)
     assert (machine.stage, machine.take.name, machine.number) == (Stage.READY, "long_medium", 2)
 
@@ -42,7 +42,7 @@ def test_all_takes_lead_to_the_end() -> None:
     machine = protocol()
     for _ in PROTOCOL:
         machine.press(Key.GO)
-        assert hear(machine, 2.6) == 2 * RATE
+        assert feed(machine, 2.6) == 2 * RATE
         machine.press(Key.GO)
     assert machine.stage is Stage.DONE
     machine.press(Key.GO)
@@ -52,12 +52,12 @@ def test_all_takes_lead_to_the_end() -> None:
 def test_pausing_keeps_what_there_is_and_notes_where() -> None:
     machine = protocol()
     machine.press(Key.GO)
-    taken = hear(machine, 1.5)
+    taken = feed(machine, 1.5)
     machine.press(Key.GO)
     assert machine.stage is Stage.PAUSED
-    assert hear(machine, 5.0) == 0
+    assert feed(machine, 5.0) == 0
     machine.press(Key.GO)
-    assert taken + hear(machine, 5.0) == 2 * RATE
+    assert taken + feed(machine, 5.0) == 2 * RATE
     assert machine.pauses == (1.0,)
 
 
@@ -65,11 +65,11 @@ def test_pausing_keeps_what_there_is_and_notes_where() -> None:
 def test_a_retake_begins_the_same_take_anew(seconds: float) -> None:
     machine = protocol()
     machine.press(Key.GO)
-    hear(machine, seconds)
+    feed(machine, seconds)
     machine.press(Key.RETAKE)
     assert (machine.stage, machine.take.name) == (Stage.READY, "long_light")
     machine.press(Key.GO)
-    assert hear(machine, 4.0) == 2 * RATE
+    assert feed(machine, 4.0) == 2 * RATE
 
 
 def test_keys_that_make_no_sense_do_nothing() -> None:
@@ -81,15 +81,15 @@ def test_keys_that_make_no_sense_do_nothing() -> None:
     assert machine.stage is Stage.COUNTDOWN
 
 
-def test_what_is_done_is_not_asked_for_again() -> None:
+def test_finished_takes_are_skipped() -> None:
     assert protocol(done=("long_light", "wiggle")).take.name == "long_medium"
     everything = protocol(done=[take.name for take in PROTOCOL])
     assert everything.stage is Stage.DONE
 
 
-def test_remaining_time_is_told() -> None:
+def test_remaining_time_is_reported() -> None:
     machine = protocol()
     machine.press(Key.GO)
     assert machine.remaining == 0.5
-    hear(machine, 1.0)
+    feed(machine, 1.0)
     assert machine.remaining == pytest.approx(1.5)

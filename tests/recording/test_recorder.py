@@ -4,31 +4,29 @@ import soundfile
 
 from tactophone import Touch
 from tactophone.dataset import Dataset, check, open_dataset
-from tactophone.perception.sensor_health.faults import Reference
+from tactophone.perception import Reference
 from tactophone.recording.protocol import PROTOCOL, Key, Stage
-from tactophone.recording.recorder import Plan, Recorder, Subject
-from tactophone.simulation import TAKES, find
-from tactophone.simulation.participants.participant import SimulatedParticipant
-from tactophone.simulation.physics.sensor_faults import FaultSpan, FaultySource
+from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone.simulation import TAKES, FaultSpan, FaultySource, SimulatedParticipant, find
 
-SUBJECT = Subject("Whiteboard", Touch.SMOOTH, material="enamel", scenario="table", session="2026-01-01")
+TARGET = RecordedObject("Whiteboard", Touch.SMOOTH, material="enamel", scenario="table", session="2026-01-01")
 SECONDS = 6.0
 
 
-def plan(root: Path, takes: int = 2) -> Plan:
-    return Plan(root, Reference(threshold_dbfs=-42.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
+def plan(root: Path, takes: int = 2) -> SessionPlan:
+    return SessionPlan(root, Reference(threshold_dbfs=-42.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
 
 
 def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = "") -> Recorder:
     """A whole session with a simulated person, in virtual time."""
-    volunteer = SimulatedParticipant(find("whiteboard"), gain_db=-12)
-    source = FaultySource(volunteer, [FaultSpan(fault)] if fault else [])
-    recorder = Recorder(SUBJECT, plan(root, takes), known, sample_rate=48_000, channels=2)
+    participant = SimulatedParticipant(find("whiteboard"), gain_db=-12)
+    source = FaultySource(participant, [FaultSpan(fault)] if fault else [])
+    recorder = Recorder(TARGET, plan(root, takes), known, sample_rate=48_000, channels=2)
     blocks = iter(source)
     while recorder.protocol.stage is not Stage.DONE:
         if recorder.protocol.stage is Stage.READY:
-            volunteer.take(TAKES[PROTOCOL.index(recorder.protocol.take)], SECONDS + 0.5)
-        if recorder.protocol.stage in (Stage.READY, Stage.JUDGED):
+            participant.take(TAKES[PROTOCOL.index(recorder.protocol.take)], SECONDS + 0.5)
+        if recorder.protocol.stage in (Stage.READY, Stage.REVIEW):
             recorder.press(Key.GO)
         recorder.push(next(blocks))
     return recorder
@@ -38,9 +36,9 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
     recorder = session(tmp_path, takes=3)
     dataset = open_dataset(tmp_path)
     assert check(dataset) == ()
-    assert [one.take for one in dataset.recordings] == ["long_light", "long_medium", "long_loud"]
-    assert [one.known("verdict") for one in recorder.made] == ["good"] * 3
-    assert {soundfile.info(one.path).duration for one in dataset.recordings} == {SECONDS}
+    assert [recording.take for recording in dataset.recordings] == ["long_light", "long_medium", "long_loud"]
+    assert [recording.known("quality") for recording in recorder.recordings] == ["good"] * 3
+    assert {soundfile.info(recording.path).duration for recording in dataset.recordings} == {SECONDS}
     first = dataset.recordings[0]
     assert first.path == tmp_path / "whiteboard" / "table" / "long_light.flac"
     assert (first.surface, first.label, first.scenario) == ("Whiteboard", Touch.SMOOTH, "table")
@@ -50,18 +48,18 @@ def test_a_session_makes_a_data_set_that_has_nothing_wrong(tmp_path: Path) -> No
 def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
     session(tmp_path, takes=1)
     again = session(tmp_path, takes=2, known=open_dataset(tmp_path))
-    assert [one.take for one in again.made] == ["long_medium"]
+    assert [recording.take for recording in again.recordings] == ["long_medium"]
     assert len(open_dataset(tmp_path).recordings) == 2
 
 
-def test_a_fault_in_a_take_is_in_its_verdict(tmp_path: Path) -> None:
+def test_a_fault_in_a_take_is_in_its_quality(tmp_path: Path) -> None:
     recorder = session(tmp_path, takes=1, fault="air-dead")
-    assert "air microphone dead" in str(recorder.verdict)
-    assert "air microphone dead" in open_dataset(tmp_path).recordings[0].known("verdict")
+    assert "air microphone dead" in str(recorder.quality)
+    assert "air microphone dead" in open_dataset(tmp_path).recordings[0].known("quality")
 
 
 def begun(root: Path) -> tuple[Recorder, "object"]:
-    recorder = Recorder(SUBJECT, plan(root), None, sample_rate=48_000, channels=2)
+    recorder = Recorder(TARGET, plan(root), None, sample_rate=48_000, channels=2)
     blocks = iter(SimulatedParticipant(find("lava stone")))
     recorder.press(Key.GO)
     for _ in range(150):
@@ -74,7 +72,7 @@ def test_quitting_keeps_what_was_recorded(tmp_path: Path) -> None:
     recorder.close()
     (kept,) = open_dataset(tmp_path).recordings
     assert soundfile.info(kept.path).duration == 1.0
-    assert "ends after 1.0 of 6 s" in kept.known("verdict")
+    assert "ends after 1.0 of 6 s" in kept.known("quality")
 
 
 def test_retaking_before_the_end_keeps_nothing(tmp_path: Path) -> None:

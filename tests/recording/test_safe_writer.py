@@ -12,7 +12,7 @@ from tactophone import Touch
 from tactophone.dataset import check, open_dataset
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
-from tactophone.recording.safe_writer import PART, TakeFile, recover
+from tactophone.recording.safe_writer import PART, TakeWriter, recover
 from tactophone.types import AudioBlock
 
 RATE = 48_000
@@ -29,14 +29,14 @@ take = begin(Path(sys.argv[1]))
 for place in range(int(sys.argv[2])):
     take.write(block(place))
     print(take.size, flush=True)
-take.finish(verdict="good")
+take.finish(quality="good")
 print("finished", flush=True)
 """
 
 
-def begin(root: Path, name: str = "long_light") -> TakeFile:
+def begin(root: Path, name: str = "long_light") -> TakeWriter:
     recording = Recording(root / "slate" / f"{name}.flac", "slate", Touch.ROUGH, ("contact", "air"), take=name)
-    return TakeFile.begin(root, recording, sample_rate=RATE)
+    return TakeWriter.begin(root, recording, sample_rate=RATE)
 
 
 def block(place: int) -> AudioBlock:
@@ -66,11 +66,11 @@ def test_a_take_becomes_a_lossless_file_and_a_line(tmp_path: Path) -> None:
     take = begin(tmp_path)
     for place in range(10):
         take.write(block(place))
-    recording = take.finish(verdict="good")
+    recording = take.finish(quality="good")
     samples, rate = soundfile.read(recording.path)
     assert (len(samples), rate, soundfile.info(recording.path).subtype) == (10 * BLOCK, RATE, "PCM_24")
     (listed,) = open_dataset(tmp_path).recordings
-    assert (listed.surface, listed.take, listed.known("verdict")) == ("slate", "long_light", "good")
+    assert (listed.surface, listed.take, listed.known("quality")) == ("slate", "long_light", "good")
     assert [path.name for path in recording.path.parent.iterdir()] == ["long_light.flac"]
 
 
@@ -83,7 +83,7 @@ def test_a_kill_loses_less_than_a_second(tmp_path: Path, killed_after: int) -> N
     process.send_signal(signal.SIGKILL)
     process.communicate()
     assert recovered(tmp_path) > written - RATE
-    assert "cut off after" in open_dataset(tmp_path).recordings[0].known("verdict")
+    assert "cut off after" in open_dataset(tmp_path).recordings[0].known("quality")
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.002, 0.01, 0.03, 0.08])
@@ -101,8 +101,8 @@ def test_a_kill_while_the_take_is_finished_loses_nothing(tmp_path: Path, delay: 
 
 def test_a_full_disk_keeps_what_was_written_and_says_so(tmp_path: Path) -> None:
     process = writer(tmp_path, 100, most_bytes=1_000_000)
-    told, errors = process.communicate()
-    written = int(told.split()[-1])
+    printed, errors = process.communicate()
+    written = int(printed.split()[-1])
     assert "what was recorded is kept" in errors
     assert recovered(tmp_path) >= written
 
@@ -114,13 +114,13 @@ def test_a_truly_full_file_system_loses_nothing_that_was_written(tmp_path: Path)
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=2m", "tmpfs", str(disk)], capture_output=True).returncode:
         pytest.skip("no right to mount a small file system here")
     try:
-        told, errors = writer(disk, 100).communicate()
+        printed, errors = writer(disk, 100).communicate()
         assert "Free some space" in errors
         with pytest.raises(DatasetError, match="free some space"):
             list(recover(disk))
         assert (disk / "slate" / f"long_light{PART}").is_file()
         subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
-        assert recovered(disk) >= int(told.split()[-1])
+        assert recovered(disk) >= int(printed.split()[-1])
     finally:
         subprocess.run(["umount", str(disk)], check=True)
 
@@ -130,9 +130,9 @@ def test_a_retake_replaces_the_take_and_its_line(tmp_path: Path) -> None:
         take = begin(tmp_path)
         for place in range(count):
             take.write(block(place))
-        take.finish(verdict=str(count))
+        take.finish(quality=str(count))
     (listed,) = open_dataset(tmp_path).recordings
-    assert listed.known("verdict") == "3"
+    assert listed.known("quality") == "3"
     assert soundfile.info(listed.path).frames == 3 * BLOCK
 
 
@@ -153,16 +153,16 @@ def test_takes_of_several_objects_share_one_manifest(tmp_path: Path) -> None:
         take = begin(tmp_path, name)
         take.write(block(0))
         take.finish()
-    assert [one.take for one in open_dataset(tmp_path).recordings] == ["long_light", "wiggle"]
+    assert [recording.take for recording in open_dataset(tmp_path).recordings] == ["long_light", "wiggle"]
 
 
-def test_a_story_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
+def test_an_entry_that_was_cut_off_is_dropped(tmp_path: Path) -> None:
     (tmp_path / "x.part.json").write_text('{"file": "x.fl')
     assert list(recover(tmp_path)) == []
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "slate").write_text("in the way")
     with pytest.raises(DatasetError, match="--out"):
         begin(tmp_path)

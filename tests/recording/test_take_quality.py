@@ -1,42 +1,42 @@
 import numpy as np
 import pytest
 
-from tactophone.perception.sensor_health.faults import Kind, Reference, SensorFault
+from tactophone.perception import FaultKind, Reference, SensorFault
 from tactophone.recording.protocol import PROTOCOL
-from tactophone.recording.take_quality import TakeLevels, TakeMeter, judge
+from tactophone.recording.take_quality import TakeLevels, TakeMeter, assess_take
 from tactophone.types import AudioBlock
 
 LIGHT, MEDIUM = PROTOCOL[:2]
 GOOD = TakeLevels(30.0, contact=0.6, clipped=0.0, level_dbfs=-15.0)
 
 
-def complaints(heard: TakeLevels, others: dict[str, float] | None = None) -> str:
-    return str(judge(MEDIUM, heard, others or {"long_light": -20.0}, duration=30.0))
+def complaints(levels: TakeLevels, others: dict[str, float] | None = None) -> str:
+    return str(assess_take(MEDIUM, levels, others or {"long_light": -20.0}, duration=30.0))
 
 
 def test_a_good_take_is_good() -> None:
-    verdict = judge(MEDIUM, GOOD, {"long_light": -20.0}, duration=30.0)
-    assert verdict.good
-    assert str(verdict) == "good"
+    quality = assess_take(MEDIUM, GOOD, {"long_light": -20.0}, duration=30.0)
+    assert quality.good
+    assert str(quality) == "good"
 
 
 @pytest.mark.parametrize(
-    ("heard", "words"),
+    ("levels", "words"),
     [
-        (TakeLevels(30.0, 0.02, 0.0, -15.0), "touches for 2% of the time"),
+        (TakeLevels(30.0, 0.02, 0.0, -15.0), "contact for only 2% of the time"),
         (TakeLevels(30.0, 0.6, 0.05, -15.0), "5.0% is clipped"),
         (TakeLevels(12.0, 0.6, 0.0, -15.0), "ends after 12.0 of 30 s"),
-        (TakeLevels(30.0, 0.6, 0.0, -19.5), "no more pressed than light (+0.5 dB)"),
-        (TakeLevels(30.0, 0.6, 0.0, -15.0, (SensorFault(Kind.DEAD, 1),)), "air microphone dead"),
+        (TakeLevels(30.0, 0.6, 0.0, -19.5), "not louder than light pressure (+0.5 dB)"),
+        (TakeLevels(30.0, 0.6, 0.0, -15.0, (SensorFault(FaultKind.DEAD, 1),)), "air microphone dead"),
     ],
 )
-def test_each_complaint_says_what_was_found(heard: TakeLevels, words: str) -> None:
-    assert words in complaints(heard)
+def test_each_complaint_says_what_was_found(levels: TakeLevels, words: str) -> None:
+    assert words in complaints(levels)
 
 
 def test_pressure_is_compared_with_the_same_stroke_only() -> None:
-    assert judge(LIGHT, GOOD, {"long_medium": -10.0, "short_light": -10.0}, duration=30).good
-    assert judge(PROTOCOL[-1], GOOD, {take.name: 0.0 for take in PROTOCOL}, duration=30).good
+    assert assess_take(LIGHT, GOOD, {"long_medium": -10.0, "short_light": -10.0}, duration=30).good
+    assert assess_take(PROTOCOL[-1], GOOD, {take.name: 0.0 for take in PROTOCOL}, duration=30).good
 
 
 def test_the_meter_measures_contact_level_and_clipping() -> None:
@@ -48,11 +48,11 @@ def test_the_meter_measures_contact_level_and_clipping() -> None:
     meter = TakeMeter(rate, Reference())
     for start in range(0, len(sound), 509):
         meter.push(AudioBlock(sound[start : start + 509].astype(np.float32), rate))
-    assert meter.heard.duration == pytest.approx(4.0)
-    assert meter.heard.contact == pytest.approx(0.55, abs=0.1)
-    assert meter.heard.clipped > 0.1
-    assert [fault.code for fault in meter.heard.faults] == ["contact-clipped"]
+    assert meter.levels.duration == pytest.approx(4.0)
+    assert meter.levels.contact == pytest.approx(0.55, abs=0.1)
+    assert meter.levels.clipped > 0.1
+    assert [fault.code for fault in meter.levels.faults] == ["contact-clipped"]
 
 
 def test_a_take_too_short_to_measure_has_no_contact() -> None:
-    assert TakeMeter(48_000, Reference()).heard.contact == 0.0
+    assert TakeMeter(48_000, Reference()).levels.contact == 0.0

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tactophone.link import Codec
-from tactophone.runtime.latency_budget import follow, operators_part, robots_part
-from tactophone.telemetry import MARKS, Telemetry, Watcher
-from tactophone.telemetry.memory import MARK
+from tactophone.runtime.latency_budget import follow, operator_stages, robot_stages
+from tactophone.telemetry import MARK, MARKS, Telemetry, Watcher
 
 WRAP = 1 << 32
 
@@ -26,16 +25,16 @@ def test_stretches_are_followed_over_the_wrap_of_the_timestamp() -> None:
     times = follow(
         {
             "decoded": marks((WRAP - 120, 1.0), (0, 2.0), (120, 3.0)),
-            "judged": marks((WRAP - 120, 4.0), (0, 5.0), (120, 6.0)),
+            "detected": marks((WRAP - 120, 4.0), (0, 5.0), (120, 6.0)),
         }
     )
-    assert (times["judged"] - times["decoded"]).tolist() == [3.0, 3.0, 3.0]
+    assert (times["detected"] - times["decoded"]).tolist() == [3.0, 3.0, 3.0]
 
 
 def test_what_has_not_come_through_yet_is_left_out() -> None:
-    times = follow({"decoded": marks((120, 1.0), (240, 2.0)), "judged": marks((120, 1.5))})
+    times = follow({"decoded": marks((120, 1.0), (240, 2.0)), "detected": marks((120, 1.5))})
     assert times["decoded"].tolist() == [1.0]
-    assert follow({"decoded": marks((120, 1.0)), "judged": marks()})["decoded"].size == 0
+    assert follow({"decoded": marks((120, 1.0)), "detected": marks()})["decoded"].size == 0
 
 
 @pytest.mark.parametrize("name", ["doctest-budget"])
@@ -47,22 +46,22 @@ def test_the_stages_add_up_to_the_total(name: str) -> None:
             for index, mark in enumerate(MARKS):
                 telemetry.mark(index, 120 * packet, now=packet + lags[mark])
         watcher = Watcher(name)
-        robot = robots_part(watcher, codec)
+        robot = robot_stages(watcher, codec)
         for stage, duration in robot.items():
             telemetry.gauge(f"latency_{stage}", duration)
-        stages = operators_part(watcher, watcher, device_latency=0.003)
-        relayed = operators_part(watcher, watcher, 0.003, sound_delay=0.02)
+        stages = operator_stages(watcher, watcher, device_latency=0.003)
+        passed_through = operator_stages(watcher, watcher, 0.003, sound_delay=0.02)
     assert robot["capture"] == pytest.approx(60 / 48_000)
     assert robot["encode"] == pytest.approx((60 + 120) / 48_000 + 0.001)
     assert stages["network"] == pytest.approx(0.002)
     assert stages["decode"] == pytest.approx(0.0005)
     assert stages["render"] == pytest.approx(0.001)
     assert stages.pop("total") == pytest.approx(math.fsum(stages.values()))
-    assert relayed["total"] == pytest.approx(sum(robot.values()) + 0.002 + 0.02 + 0.003)
+    assert passed_through["total"] == pytest.approx(sum(robot.values()) + 0.002 + 0.02 + 0.003)
 
 
 def test_a_run_without_sound_has_no_budget() -> None:
     with Telemetry("doctest-budget") as telemetry:
         watcher = Watcher(telemetry.name)
-        assert robots_part(watcher, Codec()) == {}
-        assert math.isnan(operators_part(watcher, None, device_latency=0.0)["judge"])
+        assert robot_stages(watcher, Codec()) == {}
+        assert math.isnan(operator_stages(watcher, None, device_latency=0.0)["detect"])

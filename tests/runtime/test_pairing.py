@@ -2,11 +2,11 @@ from pathlib import Path
 
 from tactophone.config import Settings
 from tactophone.link import Identity, Peers
-from tactophone.runtime.pairing import on_one_machine
+from tactophone.runtime.pairing import pair_on_one_machine
 
 
 def test_both_sides_trust_each_other_and_nobody_else(tmp_path: Path) -> None:
-    robot, operator = on_one_machine(Settings(), tmp_path, name="loopback")
+    robot, operator = pair_on_one_machine(Settings(), tmp_path, name="loopback")
     assert (robot.process.name, operator.process.name) == ("loopback-robot", "loopback")
     assert robot.link.port == operator.link.port != 0
     assert robot.link.peer == operator.link.host == "127.0.0.1"
@@ -16,6 +16,6 @@ def test_both_sides_trust_each_other_and_nobody_else(tmp_path: Path) -> None:
 
 
 def test_keys_are_fresh_each_time(tmp_path: Path) -> None:
-    pairs = [on_one_machine(Settings(), tmp_path / str(number), name="loopback")[0] for number in range(2)]
+    pairs = [pair_on_one_machine(Settings(), tmp_path / str(number), name="loopback")[0] for number in range(2)]
     first, second = (Identity.load(Path(settings.link.identity)).fingerprint for settings in pairs)
     assert first != second

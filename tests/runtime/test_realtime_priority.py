@@ -4,11 +4,11 @@ import threading
 
 import pytest
 
-from tactophone.runtime import realtime_priority as tuning
+from tactophone.runtime.realtime_priority import freeze_garbage_collector, prioritize_thread
 
 
 def test_settling_hides_everything_from_the_collector() -> None:
-    tuning.settle()
+    freeze_garbage_collector()
     try:
         assert gc.get_freeze_count() > 1000
     finally:
@@ -20,17 +20,17 @@ def test_a_refused_priority_is_one_sentence_with_a_remedy(monkeypatch: pytest.Mo
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert "limits.d" in tuning.prioritize_thread(50)
+    assert "limits.d" in prioritize_thread(50)
 
 
 def test_only_the_calling_thread_is_prioritized() -> None:
     warnings: list[str] = []
-    thread = threading.Thread(target=lambda: warnings.append(tuning.prioritize_thread(1)))
+    thread = threading.Thread(target=lambda: warnings.append(prioritize_thread(1)))
     thread.start()
     thread.join()
     assert warnings[0] == "" or "no right" in warnings[0]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
 
-def test_no_priority_asks_for_nothing() -> None:
-    assert tuning.prioritize_thread(0) == ""
+def test_priority_zero_requests_nothing() -> None:
+    assert prioritize_thread(0) == ""

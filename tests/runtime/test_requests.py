@@ -3,14 +3,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.endpoints import OperatorEndpoint, open_pipeline
+from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, Oscillator, PassthroughRenderer
 from tactophone.link import Codec
+from tactophone.pipeline import open_pipeline
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.requests import RequestHandler
-from tactophone.simulation.network.virtual_link import paired_ends
+from tactophone.simulation.network import paired_sessions
 from tactophone.telemetry import Request
-from tactophone.types import HapticCommand
+from tactophone.types import HapticCommand, Prediction, Touch
 
 from ..models import write_tiny_model
 
@@ -21,20 +22,20 @@ def oscillator() -> Oscillator:
 
 
 @pytest.fixture
-def receiver(tmp_path: Path) -> OperatorEndpoint:
-    _, end = paired_ends(Codec())
+def endpoint(tmp_path: Path) -> OperatorEndpoint:
+    _, session = paired_sessions(Codec())
     return OperatorEndpoint(
-        end, open_pipeline(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000, channels=2)
+        session, open_pipeline(str(write_tiny_model(tmp_path / "tiny.onnx")), sample_rate=48_000, channels=2)
     )
 
 
 @pytest.fixture
-def desk(oscillator: Oscillator, receiver: OperatorEndpoint) -> RequestHandler:
-    return RequestHandler(OutputGate(ceiling=0.5), oscillator, receiver)
+def handler(oscillator: Oscillator, endpoint: OperatorEndpoint) -> RequestHandler:
+    return RequestHandler(OutputGate(ceiling=0.5), oscillator, endpoint)
 
 
 def peak(oscillator: Oscillator) -> float:
-    """What is felt a tenth of a second after a command for all there is."""
+    """Peak of the vibration a tenth of a second after a command for full drive."""
     out = np.empty(1200, np.float32)
     for _ in range(4):
         oscillator.submit(HapticCommand(1.0, 60.0, 0.0))
@@ -42,42 +43,59 @@ def peak(oscillator: Oscillator) -> float:
     return float(np.abs(out).max())
 
 
-def test_the_ceiling_reaches_the_oscillator(desk: RequestHandler, oscillator: Oscillator) -> None:
+def test_the_ceiling_reaches_the_oscillator(handler: RequestHandler, oscillator: Oscillator) -> None:
     assert 0.4 < peak(oscillator) <= 0.5
-    assert desk.obey([Request("ceiling", 0.1)]) == []
+    assert handler.apply([Request("ceiling", 0.1)]) == []
     assert 0.0 < peak(oscillator) <= np.float32(0.1)
 
 
-def test_stopping_and_arming_reach_the_oscillator(desk: RequestHandler, oscillator: Oscillator) -> None:
-    desk.stop()
+def test_a_ceiling_lowered_and_raised_in_a_run_scales_the_whole_profile(
+    handler: RequestHandler, endpoint: OperatorEndpoint
+) -> None:
+    rough = Prediction((0.0, 0.0, 1.0), Touch.ROUGH, 1.0, -20.0, start=0.0, end=0.256)
+    smooth = Prediction((0.0, 1.0, 0.0), Touch.SMOOTH, 0.0, -20.0, start=0.0, end=0.256)
+    for ceiling in (0.1, 0.3, 0.5):
+        assert handler.apply([Request("ceiling", ceiling)]) == []
+        amplitudes = [
+            handler.gate.bound(endpoint.pipeline.command_for(prediction).amplitude) for prediction in (rough, smooth)
+        ]
+        assert amplitudes == pytest.approx([ceiling, ceiling * 10 ** (-25 / 20)])
+
+
+def test_stopping_and_arming_reach_the_oscillator(handler: RequestHandler, oscillator: Oscillator) -> None:
+    handler.stop()
     assert peak(oscillator) == 0.0
-    desk.obey([Request("arm")])
+    handler.apply([Request("arm")])
     assert peak(oscillator) > 0.4
 
 
-def test_who_begins_muted_vibrates_from_arming_on(oscillator: Oscillator, receiver: OperatorEndpoint) -> None:
-    desk = RequestHandler(OutputGate(ceiling=0.5, muted_because="for a test"), oscillator, receiver)
+def test_who_begins_muted_vibrates_from_arming_on(oscillator: Oscillator, endpoint: OperatorEndpoint) -> None:
+    handler = RequestHandler(OutputGate(ceiling=0.5, muted_because="for a test"), oscillator, endpoint)
     assert peak(oscillator) == 0.0
-    desk.obey([Request("arm")])
+    handler.apply([Request("arm")])
     assert peak(oscillator) > 0.4
 
 
-def test_threshold_and_profile_reach_the_walk_or_are_refused(desk: RequestHandler, receiver: OperatorEndpoint) -> None:
-    assert desk.obey([Request("threshold_dbfs", -12.0), Request("profile", text="paper")]) == []
-    assert receiver.walk.judge.threshold_dbfs == -12.0
-    assert desk.obey([Request("threshold_dbfs", 3.0), Request("profile", text="telephone")]) == [
+def test_threshold_and_profile_reach_the_pipeline_or_are_refused(
+    handler: RequestHandler, endpoint: OperatorEndpoint
+) -> None:
+    assert handler.apply([Request("threshold_dbfs", -12.0), Request("profile", text="paper")]) == []
+    assert endpoint.pipeline.threshold_dbfs == -12.0
+    assert handler.apply([Request("threshold_dbfs", 3.0), Request("profile", text="telephone")]) == [
         "threshold_dbfs",
         "profile",
     ]
-    assert desk.obey([Request("threshold_dbfs", float("nan"))]) == ["threshold_dbfs"]
-    assert receiver.walk.judge.threshold_dbfs == -12.0
+    assert handler.apply([Request("threshold_dbfs", float("nan"))]) == ["threshold_dbfs"]
+    assert endpoint.pipeline.threshold_dbfs == -12.0
 
 
-def test_a_relay_of_sound_is_given_no_other_profile(receiver: OperatorEndpoint) -> None:
-    receiver.walk.profile = GateProfile("direct")
-    relay = PassthroughRenderer(PASSTHROUGH["direct"](None), lambda size: np.zeros((size, 2), np.float32))
-    desk = RequestHandler(OutputGate(ceiling=0.5), relay, receiver)
-    assert desk.profiles == ("direct",)
-    assert desk.obey([Request("profile", text="erm")]) == ["profile"]
-    desk.stop()
-    assert relay.stopped
+def test_a_renderer_of_sound_gets_no_other_profile(endpoint: OperatorEndpoint) -> None:
+    endpoint.pipeline.profile = GateProfile("direct")
+    renderer = PassthroughRenderer(
+        PASSTHROUGH["direct"](Limits(ceiling=1.0)), lambda size: np.zeros((size, 2), np.float32)
+    )
+    handler = RequestHandler(OutputGate(ceiling=0.5), renderer, endpoint)
+    assert handler.profiles == ("direct",)
+    assert handler.apply([Request("profile", text="erm")]) == ["profile"]
+    handler.stop()
+    assert renderer.stopped

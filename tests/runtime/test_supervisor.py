@@ -15,30 +15,30 @@ from tactophone.telemetry import State, Telemetry, Watcher
 pytestmark = pytest.mark.realtime
 
 
-def live(settings: Settings, birth: ProcessInfo, *, stall_after: int = 0) -> None:
-    """Be a side that vibrates; the first of its line stalls after so many periods."""
+def live(settings: Settings, info: ProcessInfo, *, stall_after: int = 0) -> None:
+    """Act as a side that vibrates; the first process stalls after so many periods."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
-    with Telemetry(birth.name) as telemetry:
-        telemetry.count("process_restarts", birth.restarts)
+    with Telemetry(info.name) as telemetry:
+        telemetry.count("process_restarts", info.restarts)
         telemetry.gauge("output_amplitude", 0.5)
         while not terminated.wait(0.003):
             telemetry.count("callbacks")
             telemetry.update(State(role="test"), now=time.monotonic())
-            if stall_after and birth.restarts == 0 and telemetry.counter("callbacks") == stall_after:
+            if stall_after and info.restarts == 0 and telemetry.counter("callbacks") == stall_after:
                 os.kill(os.getpid(), signal.SIGSTOP)
 
 
-def live_and_stall(settings: Settings, birth: ProcessInfo) -> None:
-    live(settings, birth, stall_after=30)
+def live_and_stall(settings: Settings, info: ProcessInfo) -> None:
+    live(settings, info, stall_after=30)
 
 
-def fail_to_open(settings: Settings, birth: ProcessInfo) -> None:
+def fail_to_open(settings: Settings, info: ProcessInfo) -> None:
     raise DeviceError("there is no such device: choose another")
 
 
-def end_at_once(settings: Settings, birth: ProcessInfo) -> None:
-    with Telemetry(birth.name) as telemetry:
+def end_at_once(settings: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
         telemetry.update(State(), now=time.monotonic())
         time.sleep(0.2)
 
@@ -56,7 +56,7 @@ def eventually(condition: Callable[[], bool]) -> bool:
     return False
 
 
-def test_a_stalled_process_is_ended_and_followed_by_another(name: str) -> None:
+def test_a_stalled_process_is_killed_and_replaced(name: str) -> None:
     with Supervisor(live_and_stall, Settings(), name=name) as supervisor:
         first = supervisor.pid
         assert eventually(lambda: supervisor.restarts == 1)
@@ -67,7 +67,7 @@ def test_a_stalled_process_is_ended_and_followed_by_another(name: str) -> None:
     assert not os.path.exists(f"/proc/{last}")
 
 
-def test_what_a_process_says_at_its_start_is_raised_in_one_line(name: str) -> None:
+def test_an_error_at_the_start_is_raised_in_one_line(name: str) -> None:
     with (
         pytest.raises(TactophoneError, match="no such device: choose another"),
         Supervisor(fail_to_open, Settings(), name=name),
@@ -75,7 +75,7 @@ def test_what_a_process_says_at_its_start_is_raised_in_one_line(name: str) -> No
         pass
 
 
-def test_a_process_whose_sound_has_ended_is_not_followed(name: str) -> None:
+def test_a_process_whose_sound_has_ended_is_not_restarted(name: str) -> None:
     with Supervisor(end_at_once, Settings(), name=name) as supervisor:
         assert supervisor.wait(5.0)
         assert not supervisor.running

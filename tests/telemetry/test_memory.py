@@ -16,7 +16,7 @@ def name() -> str:
     return f"test-{uuid.uuid4().hex[:8]}"
 
 
-def test_the_memory_is_for_its_user_alone_and_goes_with_the_run(name: str) -> None:
+def test_the_memory_is_private_and_is_removed_with_the_run(name: str) -> None:
     path = folder() / f"{PREFIX}{name}"
     with Telemetry(name):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
@@ -30,7 +30,7 @@ def test_a_name_is_taken_while_its_process_lives(name: str) -> None:
         Telemetry(name)
 
 
-def test_what_a_killed_process_left_is_replaced(name: str) -> None:
+def test_the_memory_of_a_killed_process_is_replaced(name: str) -> None:
     killed = (
         "import os, sys; from tactophone.telemetry import Telemetry; Telemetry(sys.argv[1]).count('xruns'); os.abort()"
     )
@@ -42,7 +42,7 @@ def test_what_a_killed_process_left_is_replaced(name: str) -> None:
         assert Watcher(name).snapshot().counters["xruns"] == 0
 
 
-def test_watching_nothing_says_what_to_start(name: str) -> None:
+def test_watching_a_missing_run_names_the_command_to_start(name: str) -> None:
     with pytest.raises(TactophoneError, match="tactophone receive"):
         Watcher(name)
 
@@ -55,13 +55,13 @@ def test_another_version_is_refused(name: str) -> None:
             Watcher(name)
 
 
-def test_what_another_version_left_is_replaced(name: str) -> None:
+def test_the_memory_of_another_version_is_replaced(name: str) -> None:
     (folder() / f"{PREFIX}{name}").write_bytes(b"\0" * 1000)
     with Telemetry(name):
-        assert Watcher(name).snapshot().tick_end == 0
+        assert Watcher(name).snapshot().step_end == 0
 
 
-def test_a_file_that_somebody_else_laid_there_is_not_opened_through_a_link(name: str) -> None:
+def test_a_symbolic_link_is_not_opened(name: str) -> None:
     path = folder() / f"{PREFIX}{name}"
     path.symlink_to(os.devnull)
     try:

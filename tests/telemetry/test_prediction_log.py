@@ -1,28 +1,45 @@
 import csv
 import json
 import math
+import os
+import signal
+import subprocess
+import sys
+import time
+import uuid
 from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 
-from tactophone.errors import DatasetError
-from tactophone.telemetry.prediction_log import COLUMNS, TimelineWriter, read_timeline
+from tactophone.errors import ConfigError, DatasetError
+from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, memory, read_timeline
+from tactophone.telemetry.prediction_log import COLUMNS
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 BLOCK = AudioBlock(np.zeros((1, 1), np.float32), 48_000)
 
 
-def tick(count: int) -> PipelineStep:
-    beliefs = [Prediction((0.2, 0.3, 0.5), Touch(n % 3), 0.6, -20.0, n / 10, n / 10 + 0.256) for n in range(count)]
-    return PipelineStep(BLOCK, tuple(beliefs), tuple(HapticCommand(0.5, 75.0, one.end + 0.003) for one in beliefs))
+def step(count: int, *, first: int = 0, commands: bool = True) -> PipelineStep:
+    predictions = [
+        Prediction((0.2, 0.3, 0.5), Touch(n % 3), 0.6, -20.0, n / 10, n / 10 + 0.256)
+        for n in range(first, first + count)
+    ]
+    made = tuple(HapticCommand(0.5, 75.0, prediction.end + 0.003) for prediction in predictions if commands)
+    return PipelineStep(BLOCK, tuple(predictions), made)
+
+
+@pytest.fixture
+def name() -> str:
+    return f"test-{uuid.uuid4().hex[:8]}"
 
 
 def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     with TimelineWriter(path) as timeline:
-        timeline.write(tick(4))
-        timeline.write(tick(0))
+        timeline.write(step(4))
+        timeline.write(step(0))
     columns = read_timeline(path)
     assert set(columns) == set(COLUMNS)
     assert columns["touch"].tolist() == [0, 1, 2, 0]
@@ -33,13 +50,13 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [0, 1, 5])
 def test_json_holds_the_same(tmp_path: Path, count: int) -> None:
     with TimelineWriter(tmp_path / "a.csv", json_path=tmp_path / "a.json") as timeline:
-        timeline.write(tick(count))
+        timeline.write(step(count))
     lines = list(csv.DictReader((tmp_path / "a.csv").open()))
     entries = json.loads((tmp_path / "a.json").read_text())
     assert [{name: str(value) for name, value in entry.items()} for entry in entries] == lines
 
 
-def test_no_level_at_all_is_null_in_json(tmp_path: Path) -> None:
+def test_a_level_of_minus_infinity_is_null_in_json(tmp_path: Path) -> None:
     silent = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, 0.0, 0.256)
     with TimelineWriter(tmp_path / "a.csv", json_path=tmp_path / "a.json") as timeline:
         timeline.write(PipelineStep(BLOCK, (silent,), (HapticCommand(0.0, 120.0, 0.26),)))
@@ -50,5 +67,98 @@ def test_no_level_at_all_is_null_in_json(tmp_path: Path) -> None:
 def test_another_csv_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "metadata.csv"
     path.write_text("file_name,label\na.wav,rough\n")
-    with pytest.raises(DatasetError, match="no timeline of ours"):
+    with pytest.raises(DatasetError, match="not a timeline"):
         read_timeline(path)
+
+
+def test_a_live_log_is_the_timeline_of_the_same_steps(tmp_path: Path, name: str) -> None:
+    steps = [step(2), step(0), step(3, first=2)]
+    with TimelineWriter(tmp_path / "offline.csv") as timeline:
+        for each in steps:
+            timeline.write(each)
+    with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "live.csv") as log:
+        for each in steps:
+            telemetry.publish(each, now=time.monotonic())
+            log.read()
+    assert (tmp_path / "live.csv").read_text() == (tmp_path / "offline.csv").read_text()
+    assert log.missed == 0
+
+
+def test_each_read_reaches_the_disk(tmp_path: Path, name: str) -> None:
+    with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv") as log:
+        telemetry.publish(step(3), now=time.monotonic())
+        log.read()
+        assert len(read_timeline(tmp_path / "a.csv")["time"]) == 3
+
+
+def test_predictions_without_a_command_have_no_amplitude(tmp_path: Path, name: str) -> None:
+    with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv"):
+        telemetry.publish(step(2, commands=False), now=time.monotonic())
+    columns = read_timeline(tmp_path / "a.csv")
+    assert np.isnan(columns["amplitude"]).all()
+    assert columns["time"].tolist() == columns["window_end"].tolist() == [0.256, 0.356]
+
+
+def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.telemetry.follower.READ_INTERVAL", 1e3)
+    messages: list[str] = []
+    total = memory.PREDICTION_CAPACITY + 100
+    with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv", report=messages.append) as log:
+        telemetry.publish(step(total), now=time.monotonic())
+    written = len(read_timeline(tmp_path / "a.csv")["time"])
+    assert log.missed == total - written == 101  # one row more than fits: the writer may be filling it
+    assert "101 predictions before 10.356 s are missing" in messages[0]
+
+
+def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str) -> None:
+    code = (
+        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_prediction_log import *\n"
+        "telemetry = Telemetry(sys.argv[1])\n"
+        "telemetry.publish(step(2), now=1.0); print(flush=True); sys.stdin.read(1)\n"
+        "telemetry.publish(step(2, first=2), now=1.0); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    with PredictionLog(name, tmp_path / "a.csv") as log:
+        log.read()
+        process.communicate(b"x")
+        with Telemetry(name) as telemetry:
+            telemetry.publish(step(3), now=time.monotonic())
+            log.read()
+    assert read_timeline(tmp_path / "a.csv")["touch"].tolist() == [0, 1, 2, 0, 0, 1, 2]
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> None:
+    with Telemetry(name), pytest.raises(ConfigError, match="--log"), PredictionLog(name, tmp_path / "no" / "a.csv"):
+        pass
+
+
+@pytest.mark.realtime
+def test_a_killed_loopback_leaves_a_log_that_lacks_at_most_a_second(tmp_path: Path, name: str) -> None:
+    noise = np.random.default_rng(0).normal(0, 0.05, (48_000 * 20, 2))
+    soundfile.write(tmp_path / "noise.wav", noise, 48_000)
+    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "file", "--actuator", "none", "--name", name]
+    command += ["--device", str(tmp_path / "noise.wav"), "--log", str(tmp_path / "log.csv")]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as loopback:
+        watcher = _wait_for(name, predictions=150)
+        os.kill(watcher.pid, signal.SIGKILL)  # the process with the audio callback
+        rows, count = watcher.predictions()
+        loopback.kill()
+    log = read_timeline(tmp_path / "log.csv")
+    assert set(log) == set(COLUMNS)
+    assert rows["end"][-1] - log["window_end"][-1] < 1.0
+    np.testing.assert_allclose(log["window_end"], rows["end"][: len(log["window_end"])], atol=1e-6)
+    assert np.isfinite(log["amplitude"]).all()
+    assert count >= 150
+
+
+def _wait_for(name: str, *, predictions: int) -> Watcher:
+    ends = time.monotonic() + 40
+    while time.monotonic() < ends:
+        time.sleep(0.05)
+        if (memory.folder() / f"{memory.PREFIX}{name}").exists():
+            watcher = Watcher(name)
+            if watcher.snapshot().counters["predictions"] >= predictions:
+                return watcher
+    raise TimeoutError(f"{name} made fewer than {predictions} predictions in 40 s")

@@ -43,30 +43,30 @@ def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:
     while writer.poll() is None:
         snapshot = watcher.snapshot()
         snapshots += 1
-        ticks = snapshot.ticks
-        assert (np.diff(ticks["time"]) == 1.0).all()
-        assert (ticks["time"] % 65536 == ticks["amplitude"]).all()
-        assert (ticks["amplitude"] == ticks["frequency"]).all()
+        steps = snapshot.steps
+        assert (np.diff(steps["time"]) == 1.0).all()
+        assert (steps["time"] % 65536 == steps["amplitude"]).all()
+        assert (steps["amplitude"] == steps["frequency"]).all()
         assert np.isin(np.diff(snapshot.sound[:, 0]), [0, 1, -65535]).all()
         assert len(snapshot.state.source) == snapshot.state.sample_rate % 1000 or not snapshot.state.source
     assert snapshots > 10
 
 
-def test_since_gives_only_what_is_new(telemetry: Telemetry) -> None:
+def test_since_returns_only_what_is_new(telemetry: Telemetry) -> None:
     watcher = Watcher(telemetry.name)
-    telemetry.feel(np.ones(100, np.float32))
+    telemetry.rendered(np.ones(100, np.float32))
     first = watcher.snapshot()
-    telemetry.feel(np.zeros(7, np.float32))
+    telemetry.rendered(np.zeros(7, np.float32))
     telemetry.publish(
         PipelineStep(AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000), (), (HapticCommand(0, 60, 0),)),
         now=0.0,
     )
     second = watcher.snapshot(first)
-    assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.ticks)) == (100, 7, 5, 1)
+    assert (len(first.vibration), len(second.vibration), len(second.sound), len(second.steps)) == (100, 7, 5, 1)
     assert len(watcher.snapshot(second).vibration) == 0
 
 
-def test_a_run_that_gives_no_sign_of_life_is_not_alive(telemetry: Telemetry) -> None:
+def test_a_run_without_a_heartbeat_is_not_alive(telemetry: Telemetry) -> None:
     watcher = Watcher(telemetry.name)
     assert not watcher.snapshot().alive
     telemetry.update(State(), now=time.monotonic())
@@ -81,7 +81,7 @@ def test_a_text_that_does_not_fit_is_refused(telemetry: Telemetry) -> None:
         Watcher(telemetry.name).ask("profile", text="x" * 65)
 
 
-def test_a_pulse_is_the_least_that_tells_life(telemetry: Telemetry) -> None:
+def test_a_pulse_contains_callbacks_amplitude_and_heartbeat(telemetry: Telemetry) -> None:
     telemetry.count("callbacks", 5)
     telemetry.gauge("output_amplitude", 0.25)
     telemetry.update(State(), now=7.0)
@@ -92,9 +92,9 @@ def test_a_pulse_is_the_least_that_tells_life(telemetry: Telemetry) -> None:
 def test_marks_are_kept_by_kind_newest_last(telemetry: Telemetry) -> None:
     for index in range(5000):
         telemetry.mark(MARKS.index("sent"), 120 * index, now=float(index))
-    telemetry.mark(MARKS.index("judged"), 7, now=1.0)
+    telemetry.mark(MARKS.index("detected"), 7, now=1.0)
     sent = Watcher(telemetry.name).marks("sent")
     assert sent[-1].tolist() == (120 * 4999, 4999.0)
     assert (np.diff(sent["position"]) == 120).all()
     assert len(sent) > 4000
-    assert Watcher(telemetry.name).marks("judged").tolist() == [(7, 1.0)]
+    assert Watcher(telemetry.name).marks("detected").tolist() == [(7, 1.0)]

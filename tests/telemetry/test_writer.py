@@ -8,7 +8,7 @@ from tactophone.telemetry import COUNTERS, Fault, State, Telemetry, Watcher
 from tactophone.telemetry.memory import SOUND_CAPACITY
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
-BELIEF = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)
+PREDICTION = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)
 
 
 @pytest.fixture
@@ -17,49 +17,53 @@ def telemetry() -> Iterator[Telemetry]:
         yield telemetry
 
 
-def tick(size: int = 120, *, start: int = 0, judged: bool = True) -> PipelineStep:
+def step(size: int = 120, *, start: int = 0, predicted: bool = True) -> PipelineStep:
     block = AudioBlock(np.arange(2 * size, dtype=np.float32).reshape(size, 2) + start, sample_rate=48_000, start=start)
-    return PipelineStep(block, (BELIEF,), (HapticCommand(0.5, 60.0, 0.0),)) if judged else PipelineStep(block, (), ())
+    return (
+        PipelineStep(block, (PREDICTION,), (HapticCommand(0.5, 60.0, 0.0),))
+        if predicted
+        else PipelineStep(block, (), ())
+    )
 
 
-def test_a_tick_carries_belief_and_command(telemetry: Telemetry) -> None:
-    telemetry.publish(tick(), now=1.0, truth=Touch.ROUGH)
-    row = Watcher(telemetry.name).snapshot().ticks[0]
+def test_a_step_contains_prediction_and_command(telemetry: Telemetry) -> None:
+    telemetry.publish(step(), now=1.0, truth=Touch.ROUGH)
+    row = Watcher(telemetry.name).snapshot().steps[0]
     assert row["time"] == pytest.approx(120 / 48_000)
     assert row["probabilities"].tolist() == pytest.approx([0.1, 0.2, 0.7])
     assert (row["touch"], row["truth"], row["sound_end"]) == (2, 2, 120)
     assert (row["amplitude"], row["frequency"]) == (0.5, 60.0)
 
 
-def test_a_tick_without_a_new_window_keeps_the_last_belief(telemetry: Telemetry) -> None:
-    telemetry.publish(tick(judged=False), now=1.0)
-    telemetry.publish(tick(), now=1.0)
-    telemetry.publish(tick(judged=False), now=1.0)
-    ticks = Watcher(telemetry.name).snapshot().ticks
-    assert np.isnan(ticks[0]["probabilities"]).all()
-    assert ticks[2]["roughness"] == ticks[1]["roughness"] == 0.75
+def test_a_step_without_a_prediction_repeats_the_last(telemetry: Telemetry) -> None:
+    telemetry.publish(step(predicted=False), now=1.0)
+    telemetry.publish(step(), now=1.0)
+    telemetry.publish(step(predicted=False), now=1.0)
+    steps = Watcher(telemetry.name).snapshot().steps
+    assert np.isnan(steps[0]["probabilities"]).all()
+    assert steps[2]["roughness"] == steps[1]["roughness"] == 0.75
     assert telemetry.counter("predictions") == 1
 
 
-def test_one_microphone_shows_on_both_rows(telemetry: Telemetry) -> None:
+def test_mono_sound_fills_both_channels(telemetry: Telemetry) -> None:
     block = AudioBlock(np.ones((10, 1), np.float32), sample_rate=48_000)
     telemetry.publish(PipelineStep(block, (), ()), now=0.0)
     assert Watcher(telemetry.name).snapshot().sound.tolist() == [[1.0, 1.0]] * 10
 
 
 @pytest.mark.parametrize("size", [1, 17, 480, 509, 20_000])
-def test_the_vibration_comes_out_as_it_went_in(telemetry: Telemetry, size: int) -> None:
+def test_the_vibration_is_read_as_written(telemetry: Telemetry, size: int) -> None:
     total = SOUND_CAPACITY + 50_000 if size > 100 else 3_000
     waveform = np.arange(total, dtype=np.float32)
     for start in range(0, total, size):
-        telemetry.feel(waveform[start : start + size])
+        telemetry.rendered(waveform[start : start + size])
     snapshot = Watcher(telemetry.name).snapshot()
     assert snapshot.vibration_end == total
     np.testing.assert_array_equal(snapshot.vibration, waveform[total - len(snapshot.vibration) :])
     assert len(snapshot.vibration) >= min(total, 96_000)
 
 
-def test_the_mailbox_is_emptied_in_the_order_of_asking(telemetry: Telemetry) -> None:
+def test_the_mailbox_is_emptied_in_the_order_of_the_requests(telemetry: Telemetry) -> None:
     watcher = Watcher(telemetry.name)
     watcher.ask("ceiling", 0.5)
     watcher.ask("ceiling", 0.25)
@@ -71,12 +75,12 @@ def test_the_mailbox_is_emptied_in_the_order_of_asking(telemetry: Telemetry) -> 
     assert telemetry.requests() == []
 
 
-def test_an_unknown_counter_is_our_own_mistake(telemetry: Telemetry) -> None:
+def test_an_unknown_counter_raises(telemetry: Telemetry) -> None:
     with pytest.raises(KeyError):
         telemetry.count("packets_eaten")
 
 
-def test_state_is_shown_and_is_a_sign_of_life(telemetry: Telemetry) -> None:
+def test_the_state_is_published_with_a_heartbeat(telemetry: Telemetry) -> None:
     telemetry.update(State(armed=True, faults=(Fault("link", "no sound from the robot"),)), now=5.0)
     snapshot = Watcher(telemetry.name).snapshot()
     assert snapshot.state.armed
@@ -85,7 +89,7 @@ def test_state_is_shown_and_is_a_sign_of_life(telemetry: Telemetry) -> None:
         telemetry.update(State(source="x" * 20_000), now=6.0)
 
 
-def test_counters_start_at_zero_and_gauges_at_unknown(telemetry: Telemetry) -> None:
+def test_counters_start_at_zero_and_gauges_at_nan(telemetry: Telemetry) -> None:
     snapshot = Watcher(telemetry.name).snapshot()
     assert set(snapshot.counters.values()) == {0}
     assert list(snapshot.counters) == list(COUNTERS)

@@ -8,15 +8,15 @@ from tactophone.dataset import Dataset, Recording, open_dataset
 from tactophone.errors import DatasetError, ModelError
 from tactophone.perception import Gate, read_model
 from tactophone.training.finetuning import (
-    Material,
+    FinetuningData,
+    finetuning_job,
     hold_out,
     mixtures,
     thinned,
     train_on_both,
-    training_job_for,
-    write_adapted,
+    write_finetuned,
 )
-from tactophone.training.model_export import make_card, read_weights, write_model
+from tactophone.training.network.export import make_card, read_weights, write_model
 from tactophone.training.network.model import PaperNetwork, weights_of
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
@@ -26,31 +26,31 @@ QUIET = replace(CALIBRATION, threshold_dbfs=-55.0, window_dbfs=-60.0)
 
 
 def recordings(surfaces: int, takes: int) -> Dataset:
-    made = [
+    takes_made = [
         Recording(Path(f"{surface}-{take}.wav"), f"stone {surface}", Touch.SMOOTH, take=str(take))
         for surface in range(surfaces)
         for take in range(takes)
     ]
-    return Dataset("new", Path(), tuple(made))
+    return Dataset("new", Path(), tuple(takes_made))
 
 
 def test_a_third_of_each_objects_takes_is_held_out() -> None:
     kept, out = hold_out(recordings(2, 7))
     assert len(kept) == 10
-    assert [one.take for one in out] == ["1", "4", "1", "4"]
+    assert [take.take for take in out] == ["1", "4", "1", "4"]
     assert not set(kept) & set(out)
 
 
-@pytest.mark.parametrize(("surfaces", "takes", "words"), [(1, 7, "two or more"), (3, 1, "one take only")])
-def test_too_little_is_named(surfaces: int, takes: int, words: str) -> None:
-    with pytest.raises(DatasetError, match=words):
+@pytest.mark.parametrize(("surfaces", "takes", "message"), [(1, 7, "two or more"), (3, 1, "one take only")])
+def test_too_few_recordings_are_an_error(surfaces: int, takes: int, message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
         hold_out(recordings(surfaces, takes))
 
 
 def test_thinning_draws_over_all_surfaces() -> None:
     kept = thinned(recordings(5, 8).recordings, 10)
     assert len(kept) == 10
-    assert len({one.surface for one in kept}) == 5
+    assert len({take.surface for take in kept}) == 5
     assert len(thinned(recordings(2, 2).recordings, 10)) == 4
 
 
@@ -61,36 +61,36 @@ def model(folder: Path, kind: str = "paper") -> Path:
     return folder / "general.onnx"
 
 
-def test_training_on_both_gives_networks_between_the_old_and_the_new(tmp_path: Path) -> None:
+def test_mixtures_lie_between_the_old_and_the_new_network(tmp_path: Path) -> None:
     start = model(tmp_path)
     made = open_dataset(audiofolder(tmp_path / "stones")).recordings
-    material = Material(made[:4], made[4:6], made[4:], made[:2], made[:2])
-    course = training_job_for(start, "blend", calibration=QUIET)
-    course = replace(course, recipe=replace(course.recipe, least_steps=2, hop=64))
-    trained = train_on_both(course, material)
+    data = FinetuningData(made[:4], made[4:6], made[4:], made[:2], made[:2])
+    job = finetuning_job(start, "blend", calibration=QUIET)
+    job = replace(job, settings=replace(job.settings, least_steps=2, hop=64))
+    trained = train_on_both(job, data)
     mixed = dict(mixtures(start, trained, "blend"))
     assert list(mixed) == [0.5, 0.25]
     before = read_weights(start)
     middle = (before["layer1.weight"] + trained["layer1.weight"]) / 2
     np.testing.assert_allclose(mixed[0.5]["layer1.weight"], middle, atol=1e-6)
-    write_adapted(tmp_path / "a.onnx", course, mixed[0.5], facts={"way": "blend"})
+    write_finetuned(tmp_path / "a.onnx", job, mixed[0.5], facts={"strategy": "blend"})
     card = read_model(tmp_path / "a.onnx").card
     assert card.training["dataset"] == "stones"
-    assert card.training["adapted"] == {"from": "general", "way": "blend"}
+    assert card.training["finetuned"] == {"from": "general", "strategy": "blend"}
     assert card.gate == Gate(QUIET.threshold_dbfs)
 
 
-def test_the_papers_way_has_its_threshold_and_mixes_nothing(tmp_path: Path) -> None:
+def test_the_papers_strategy_has_its_threshold_and_mixes_nothing(tmp_path: Path) -> None:
     start = model(tmp_path)
-    course = training_job_for(start, "fine-tuned", calibration=QUIET)
-    assert course.recipe.labelling.relative
+    job = finetuning_job(start, "fine-tuned", calibration=QUIET)
+    assert job.settings.labelling.relative
     trained = read_weights(start)
     assert [share for share, _ in mixtures(start, trained, "fine-tuned")] == [1.0]
 
 
-def test_both_labels_and_the_right_kind_are_asked_for(tmp_path: Path) -> None:
+def test_both_labels_and_kind_paper_are_required(tmp_path: Path) -> None:
     one_label = recordings(3, 2).recordings
     with pytest.raises(DatasetError, match="one label only"):
-        train_on_both(training_job_for(model(tmp_path), "blend"), Material(one_label, (), (), (), ()))
+        train_on_both(finetuning_job(model(tmp_path), "blend"), FinetuningData(one_label, (), (), (), ()))
     with pytest.raises(ModelError, match="kind texture"):
-        training_job_for(model(tmp_path, "texture"), "blend")
+        finetuning_job(model(tmp_path, "texture"), "blend")

@@ -6,11 +6,13 @@ import pytest
 import torch
 
 from tactophone import AudioBlock, ModelError
-from tactophone.perception import Gate, detector_for, read_model
-from tactophone.perception.features.spectrum import magnitudes
-from tactophone.training.model_export import add_scores, make_card, read_weights, training_facts, write_model
+from tactophone.dataset import open_dataset
+from tactophone.perception import Gate, WindowDetector, magnitudes, read_model
+from tactophone.training.model_export import add_scores
+from tactophone.training.network.export import make_card, read_weights, training_facts, write_model
 from tactophone.training.network.model import PaperNetwork, weights_of
-from tactophone.training.network.recipe import paper
+from tactophone.training.network.settings import network_settings
+from tests.dataset.folders import audiofolder
 
 GATE = Gate(-60.0)
 
@@ -20,23 +22,24 @@ def test_the_live_side_runs_what_was_written_and_agrees_with_torch(tmp_path: Pat
     network = PaperNetwork(channels=channels)
     weights = weights_of(network)
     write_model(tmp_path / "a.onnx", make_card(weights, name="a", gate=GATE), weights, storage="float32")
-    detector = detector_for(read_model(tmp_path / "a.onnx"), sample_rate=2000)
+    detector = WindowDetector(read_model(tmp_path / "a.onnx"), sample_rate=2000)
     sound = np.random.default_rng(0).normal(0, 0.1, (512, channels)).astype(np.float32)
     (prediction,) = detector.push(AudioBlock(sound, 2000))
-    wanted = network(torch.from_numpy(magnitudes(sound)[None])).exp()[0].tolist()
-    assert prediction.probabilities == pytest.approx(wanted, abs=1e-5)
+    expected = network(torch.from_numpy(magnitudes(sound)[None])).exp()[0].tolist()
+    assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
 
-def test_the_card_tells_the_papers_settings(tmp_path: Path) -> None:
+def test_the_card_holds_the_papers_settings(tmp_path: Path) -> None:
     weights = weights_of(PaperNetwork())
     card = make_card(weights, name="a", gate=GATE, licence="BSD-3-Clause")
-    facts = training_facts(paper("general"), seed=3, dataset="stones", fingerprint="00ff", surfaces=20)
+    dataset = open_dataset(audiofolder(tmp_path / "stones"))
+    facts = training_facts(network_settings("general"), seed=3, dataset=dataset)
     write_model(tmp_path / "a.onnx", replace(card, training=facts), weights)
     read = read_model(tmp_path / "a.onnx").card
     assert (read.sample_rate, read.window_size, float(read.hop / read.sample_rate)) == (2000, 512, 512 / 48_000)
     assert (read.channels, read.gate, read.licence) == (2, GATE, "BSD-3-Clause")
     assert (read.training["recipe"], read.training["dataset"], read.training["sha256"]) == (
-        "paper/general", "stones", "00ff",
+        "paper/general", "stones", dataset.fingerprint,
     )  # fmt: skip
 
 
@@ -52,7 +55,7 @@ def test_scores_are_added_beside_others_and_the_network_stays(tmp_path: Path) ->
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.onnx"]
 
 
-def test_training_goes_on_only_from_the_papers_network(tmp_path: Path) -> None:
+def test_training_continues_only_from_the_papers_network(tmp_path: Path) -> None:
     weights = weights_of(PaperNetwork(channels=1))
     other = replace(make_card(weights, name="a", gate=GATE), kind="bands")
     write_model(tmp_path / "a.onnx", other, weights)

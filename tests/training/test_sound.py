@@ -7,7 +7,7 @@ import soundfile
 from tactophone import DatasetError
 from tactophone.dataset import Recording
 from tactophone.link import Codec
-from tactophone.perception.features.resample import Resampler
+from tactophone.perception import Resampler
 from tactophone.training import sound
 from tactophone.training.sound import read_signals
 
@@ -24,23 +24,21 @@ def write(path: Path, *, rate: int = 48_000, seconds: float = 1.0, seed: int = 0
 
 
 @pytest.mark.parametrize("read_size", [480, 1 << 15])
-def test_training_hears_what_the_live_system_hears(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read_size: int
-) -> None:
+def test_training_sound_equals_live_sound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, read_size: int) -> None:
     monkeypatch.setattr(sound, "READ_SIZE", read_size)
     recording = write(tmp_path / f"{read_size}.wav")
     whole = soundfile.read(recording.path, dtype="float32")[0]
     live = Resampler(48_000, 2000, channels=2)
-    wanted = np.concatenate([live.push(whole), live.flush()])
-    assert np.array_equal(read_signals([recording], channels=2)[0], wanted)
+    expected = np.concatenate([live.push(whole), live.flush()])
+    assert np.array_equal(read_signals([recording], channels=2)[0], expected)
 
 
 def test_swapped_channels_are_put_right_and_one_channel_is_contact(tmp_path: Path) -> None:
     straight = write(tmp_path / "a.wav")
     swapped = Recording(straight.path, "slate", channels=("air", "contact"))
-    one, two = read_signals([straight], channels=2)[0], read_signals([swapped], channels=2)[0]
-    assert np.array_equal(one, two[:, ::-1])
-    assert np.array_equal(read_signals([swapped], channels=1)[0], one[:, 1:])
+    both, exchanged = read_signals([straight], channels=2)[0], read_signals([swapped], channels=2)[0]
+    assert np.array_equal(both, exchanged[:, ::-1])
+    assert np.array_equal(read_signals([swapped], channels=1)[0], both[:, 1:])
 
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
@@ -53,7 +51,7 @@ def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
 def test_opus_changes_sound_a_little_and_its_length_not_at_all(tmp_path: Path, channels: int) -> None:
     recording = write(tmp_path / "a.wav")
     codec = Codec("opus", channels=channels, packet_size=480)
-    plain, coded = (read_signals([recording], channels=channels, codec=one)[0] for one in (None, codec))
+    plain, coded = (read_signals([recording], channels=channels, codec=each)[0] for each in (None, codec))
     assert plain.shape == coded.shape
     assert 0 < np.abs(plain - coded)[100:-100].max() < 0.05
 
@@ -65,7 +63,7 @@ def test_opus_at_another_rate_says_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [None, "words"])
-def test_what_cannot_be_read_is_named(tmp_path: Path, content: str | None) -> None:
+def test_an_unreadable_file_is_named(tmp_path: Path, content: str | None) -> None:
     if content:
         (tmp_path / "a.wav").write_text(content)
     with pytest.raises(DatasetError, match=r"a\.wav"):

@@ -1,1 +1,70 @@
-"""Every method on the same splits, behind one protocol; the paper's tables and the report."""
+"""Every method on the same splits, behind one protocol; the paper's tables and the report.
+
+What needs the training room (torch, onnx, scikit-learn) or the simulator is imported when it is first used.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, default_cache, permute_labels
+from tactophone.benchmark.job_runner import Job, Place, run_jobs
+
+if TYPE_CHECKING:
+    from tactophone.benchmark.costs import Cost, measure_costs
+    from tactophone.benchmark.html_report import format_heights, format_permuted, steps_by_profile, write_report
+    from tactophone.benchmark.methods import graph_predictor, method_of, recipe_method
+    from tactophone.benchmark.paper_tables import TableRow, predict_held_out, table_one, table_two
+    from tactophone.benchmark.plan import DatasetResults, Plan, origin_of, plan_for, run_plan, splits_of
+    from tactophone.benchmark.result import in_true_contact
+    from tactophone.benchmark.stone_task import TaskOutcome, play_task, task_methods
+
+__all__ = [
+    "Cache",
+    "Cost",
+    "DatasetResults",
+    "Job",
+    "Method",
+    "Place",
+    "Plan",
+    "TableRow",
+    "TaskOutcome",
+    "cross_validate",
+    "default_cache",
+    "format_heights",
+    "format_permuted",
+    "graph_predictor",
+    "in_true_contact",
+    "measure_costs",
+    "method_of",
+    "origin_of",
+    "permute_labels",
+    "plan_for",
+    "play_task",
+    "predict_held_out",
+    "recipe_method",
+    "run_jobs",
+    "run_plan",
+    "splits_of",
+    "steps_by_profile",
+    "table_one",
+    "table_two",
+    "task_methods",
+    "write_report",
+]
+
+_MODULE_OF = {
+    "costs": ("Cost", "measure_costs"),
+    "html_report": ("format_heights", "format_permuted", "steps_by_profile", "write_report"),
+    "methods": ("graph_predictor", "method_of", "recipe_method"),
+    "paper_tables": ("TableRow", "predict_held_out", "table_one", "table_two"),
+    "plan": ("DatasetResults", "Plan", "origin_of", "plan_for", "run_plan", "splits_of"),
+    "result": ("in_true_contact",),
+    "stone_task": ("TaskOutcome", "play_task", "task_methods"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULE_OF.items():
+        if name in names:
+            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__} has no attribute {name}")

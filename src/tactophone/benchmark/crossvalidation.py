@@ -1,4 +1,4 @@
-"""Trains on each fold's one side and judges its other: every recording is judged by a model that never met it."""
+"""Cross-validation: every recording is predicted by a model that was trained without its side of the split."""
 
 import hashlib
 import os
@@ -11,60 +11,57 @@ from typing import Protocol
 import numpy as np
 
 from tactophone.dataset import Dataset, Fold, Recording, fingerprint
-from tactophone.evaluation.predictions import Judge, TakePredictions
+from tactophone.evaluation import Predictor, TakePredictions
 from tactophone.types import Touch
 
 
 class Method(Protocol):
-    """A way to tell rough from smooth that learns from recordings."""
+    """Anything that trains on recordings and then predicts others; :mod:`tactophone.benchmark.methods` has them."""
 
     @property
     def name(self) -> str:
         """For tables."""
-        ...
 
     @property
     def identity(self) -> str:
-        """All that decides its answers but the recordings: recipe, seed, version. Results are cached by it."""
-        ...
+        """Text that changes whenever the predictions may, for equal recordings: key of cached folds."""
 
-    def fit(self, recordings: Sequence[Recording]) -> Judge:
-        """Learn from labelled recordings; give the judge of others."""
-        ...
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        """Train on labelled recordings; return a predictor of other recordings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cache:
-    """Judgements kept on disk by what they follow from, so that a second run costs seconds.
+    """Predictions on disk, keyed by everything that they follow from, so that a second run takes seconds.
 
-    A changed method, label or sound has another key; nothing here ever needs to be thrown away by hand.
+    A changed method, label or sound has another key; entries never need to be deleted by hand.
     """
 
     folder: Path
 
     def get(self, key: str, fold: Fold) -> list[TakePredictions] | None:
-        """Give a fold's judgements, or ``None`` if they are not there, whole."""
+        """Return a fold's predictions; ``None`` if they are absent or broken."""
         try:
             with np.load(self.folder / f"{key}.npz", allow_pickle=False) as file:
                 return [
-                    TakePredictions(one, file[f"time{n}"], file[f"probabilities{n}"], file[f"contact{n}"])
-                    for n, one in enumerate(fold.test)
+                    TakePredictions(recording, file[f"time{n}"], file[f"probabilities{n}"], file[f"contact{n}"])
+                    for n, recording in enumerate(fold.test)
                 ]
         except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
             return None
 
     def holds(self, key: str) -> bool:
-        """Tell whether a fold's judgements are there, without reading them."""
+        """Return whether a fold's predictions are there, without reading them."""
         return zipfile.is_zipfile(self.folder / f"{key}.npz")
 
-    def put(self, key: str, judgements: Sequence[TakePredictions]) -> None:
-        """Keep a fold's judgements."""
+    def put(self, key: str, predictions: Sequence[TakePredictions]) -> None:
+        """Write a fold's predictions, whole or not at all."""
         self.folder.mkdir(parents=True, exist_ok=True)
         partial = self.folder / f"{key}.{os.getpid()}.part"
         arrays = {
             f"{name}{n}": array
-            for n, one in enumerate(judgements)
-            for name, array in (("time", one.time), ("probabilities", one.probabilities), ("contact", one.contact))
+            for n, take in enumerate(predictions)
+            for name, array in (("time", take.time), ("probabilities", take.probabilities), ("contact", take.contact))
         }
         with partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -72,7 +69,7 @@ class Cache:
 
 
 def default_cache() -> Cache:
-    """Give the user's cache, ``~/.cache/tactophone/folds`` or below ``$XDG_CACHE_HOME``."""
+    """Return the user's cache: ``$XDG_CACHE_HOME/tactophone/folds``, by default below ``~/.cache``."""
     home = os.environ.get("XDG_CACHE_HOME")
     return Cache((Path(home) if home else Path.home() / ".cache") / "tactophone" / "folds")
 
@@ -84,50 +81,50 @@ def cross_validate(
     cache: Cache | None = None,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> list[TakePredictions]:
-    """Judge every fold's test recordings by a model trained on its others.
+    """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
     Parameters
     ----------
     method
         Is fitted anew for each fold.
     folds
-        As :func:`tactophone.dataset.split` gives them.
+        From :func:`tactophone.dataset.split`.
     cache
-        Where judgements are kept; a killed run loses one fold.
+        Where predictions are kept; a killed run loses the fold that it was at.
     report
         Called before each fold with the number of folds done and the fold's name.
     """
-    judged: list[TakePredictions] = []
+    predictions: list[TakePredictions] = []
     for done, fold in enumerate(folds):
         report(done, fold.name)
         key = fold_key(method, fold)
-        found = cache.get(key, fold) if cache else None
-        if found is None:
-            found = predict_fold(method, fold)
+        of_fold = cache.get(key, fold) if cache else None
+        if of_fold is None:
+            of_fold = predict_fold(method, fold)
             if cache:
-                cache.put(key, found)
-        judged += found
-    return judged
+                cache.put(key, of_fold)
+        predictions += of_fold
+    return predictions
 
 
 def predict_fold(method: Method, fold: Fold) -> list[TakePredictions]:
-    """Train on a fold's one side and judge its other."""
-    judge = method.fit(fold.train)
-    return [judge(recording) for recording in fold.test]
+    """Train on a fold's training recordings and predict its test recordings."""
+    predict = method.fit(fold.train)
+    return [predict(recording) for recording in fold.test]
 
 
-def shuffle_labels(dataset: Dataset, *, seed: int) -> Dataset:
-    """Deal the surfaces' labels out anew: what a method scores then, it scores without learning roughness."""
+def permute_labels(dataset: Dataset, *, seed: int) -> Dataset:
+    """Permute the labels over the surfaces: what a method scores then, it scores without learning roughness."""
     kept = dataset.labelled()
-    labels = {one.surface: one.label for one in kept.recordings}
-    dealt = np.random.default_rng(seed).permutation([int(labels[name] or 0) for name in kept.surfaces])
-    new = {name: Touch(int(label)) for name, label in zip(kept.surfaces, dealt, strict=True)}
-    return replace(kept, recordings=tuple(replace(one, label=new[one.surface]) for one in kept.recordings))
+    labels = {recording.surface: recording.label for recording in kept.recordings}
+    permuted = np.random.default_rng(seed).permutation([int(labels[name] or 0) for name in kept.surfaces])
+    new = {name: Touch(int(label)) for name, label in zip(kept.surfaces, permuted, strict=True)}
+    return replace(kept, recordings=tuple(replace(take, label=new[take.surface]) for take in kept.recordings))
 
 
 def fold_key(method: Method, fold: Fold) -> str:
-    """Name a fold's result by all that it follows from."""
+    """Return the cache key of a fold's predictions: a hash of everything that they follow from."""
     sides = f"{method.identity}\n{fingerprint(fold.train)}\n"
-    # The test side in its own order, as judgements are stored by it.
-    tested = "".join(fingerprint([one]) for one in fold.test)
+    # The test side in its own order, because predictions are stored by number.
+    tested = "".join(fingerprint([recording]) for recording in fold.test)
     return hashlib.sha256((sides + tested).encode()).hexdigest()[:32]

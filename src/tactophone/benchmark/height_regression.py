@@ -1,6 +1,6 @@
-"""Roughness as a number: a surface's Ra told from its sound, and beliefs ranked against the true one.
+"""Roughness as a number: Ra regressed from sound, and predictions ranked against the true Ra.
 
-Ra spans four decades from glass to lava, so that errors are told in decades: 0.3 is a factor of two.
+Ra spans four decades from glass to lava, so errors are in decades: 0.3 is a factor of two.
 """
 
 from collections.abc import Iterable, Sequence
@@ -9,21 +9,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.benchmark.recipe_methods import version_of
 from tactophone.dataset import Recording
-from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predictions import Judge, TakePredictions
-from tactophone.training.features.baselines import fit_height
-from tactophone.training.features.feature_tracks import FeatureSpec, listen
-from tactophone.training.features.training_set import prepare
+from tactophone.evaluation import Predictor, TakePredictions, rough_score
+from tactophone.training import RECIPES, FeatureSpec, build_training_set, extract_features, fit_height
+
+Floats = NDArray[np.float64]
 
 LOWEST, HIGHEST = -4.0, 4.0
-"""log10 of Ra in micrometres, from 0.1 nm to 1 cm: a take_predictions holds a height as a place between them."""
+"""log10 of Ra in micrometres, from 0.1 nm to 1 cm: P(rough) of a prediction is the height's place between them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """How well Ra is told from the sound of surfaces that were never heard.
+    """How well Ra is estimated for held-out surfaces.
 
     Parameters
     ----------
@@ -32,9 +30,9 @@ class Heights:
     error_decades
         Root mean square error over surfaces, in decades of Ra.
     update_error_decades
-        The same over single updates, every surface weighing the same.
+        The same over single updates, every surface at the same weight.
     spread_decades
-        Root mean square error of saying the same of every surface: what hearing must beat.
+        Root mean square error of a constant estimate, the least to beat.
     correlation
         Spearman's, over surfaces.
     """
@@ -48,75 +46,78 @@ class Heights:
 
 @dataclass(frozen=True, slots=True)
 class HeightMethod:
-    """Ridge regression from our features to log Ra: the half of the way ``surface`` that comes before its boundary."""
+    """Ridge regression from features to log Ra: the recipe ``surface`` without its boundary.
 
-    ear: FeatureSpec
+    Parameters
+    ----------
+    spec
+        Of the features.
+    """
+
+    spec: FeatureSpec
     name: str = "surface, as a height"
 
     @property
     def identity(self) -> str:
-        """How it hears, and the version of the way that it is half of."""
-        return f"height {version_of('surface')} {self.ear!r}"
+        """The features, and the version of the recipe ``surface``."""
+        return f"height {RECIPES['surface'].version} {self.spec!r}"
 
-    def fit(self, recordings: Sequence[Recording]) -> Judge:
-        """Learn from recordings that tell their ``ra_um``."""
-        lesson = prepare(self.ear, recordings)
-        weights, centre, bias, _ = fit_height(lesson)
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        """Fit to recordings that have the property ``ra_um``."""
+        training_set = build_training_set(self.spec, recordings)
+        weights, centre, bias, _ = fit_height(training_set)
 
-        def judge(recording: Recording) -> TakePredictions:
-            (track,) = listen([recording], self.ear)
-            off = np.nan_to_num(lesson.features(track) - centre)
-            place = np.clip((bias + off @ weights - LOWEST) / (HIGHEST - LOWEST), 0, 1)
+        def predict(recording: Recording) -> TakePredictions:
+            (track,) = extract_features([recording], self.spec)
+            centred = np.nan_to_num(training_set.features(track) - centre)
+            place = np.clip((bias + centred @ weights - LOWEST) / (HIGHEST - LOWEST), 0, 1)
             shares = np.stack((np.zeros_like(place), 1 - place, place), axis=1).astype(np.float32)
-            return TakePredictions(recording, track.end, shares, track.level_dbfs >= lesson.threshold_dbfs)
+            return TakePredictions(recording, track.end, shares, track.level_dbfs >= training_set.threshold_dbfs)
 
-        return judge
+        return predict
 
 
-def compare_heights(judged: Iterable[TakePredictions]) -> Heights:
-    """Compare what a :class:`HeightMethod` said with what is true, over updates in contact."""
-    said = _by_surface(judged)
-    true = np.array([height for height, _ in said.values()])
-    told = [LOWEST + (HIGHEST - LOWEST) * shares for _, shares in said.values()]
-    means = np.array([one.mean() for one in told])
+def compare_heights(predictions: Iterable[TakePredictions]) -> Heights:
+    """Compare the predictions of a :class:`HeightMethod` with the true Ra, over updates in contact."""
+    by_surface = _by_surface(predictions)
+    true = np.array([height for height, _ in by_surface.values()])
+    estimates = [LOWEST + (HIGHEST - LOWEST) * shares for _, shares in by_surface.values()]
+    means = np.array([heights.mean() for heights in estimates])
     return Heights(
-        tuple((name, float(10**a), float(10**b)) for name, a, b in zip(said, true, means, strict=True)),
+        tuple((name, float(10**a), float(10**b)) for name, a, b in zip(by_surface, true, means, strict=True)),
         _rms(means - true),
-        _rms(np.array([_rms(one - height) for one, height in zip(told, true, strict=True)])),
+        _rms(np.array([_rms(heights - height) for heights, height in zip(estimates, true, strict=True)])),
         _rms(true - true.mean()),
         _correlation(true, means),
     )
 
 
-def height_correlation(judged: Iterable[TakePredictions]) -> float:
-    """Rank surfaces by mean confidence in rough and by true Ra: Spearman's correlation, NaN for under three."""
-    said = _by_surface(judged)
-    return _correlation(
-        np.array([height for height, _ in said.values()]), np.array([shares.mean() for _, shares in said.values()])
-    )
+def height_correlation(predictions: Iterable[TakePredictions]) -> float:
+    """Spearman's correlation over surfaces of the mean P(rough) and the true Ra; NaN for fewer than three surfaces."""
+    by_surface = _by_surface(predictions).values()
+    return _correlation(np.array([height for height, _ in by_surface]), np.array([s.mean() for _, s in by_surface]))
 
 
-def _by_surface(judged: Iterable[TakePredictions]) -> dict[str, tuple[float, NDArray[np.float64]]]:
-    """True log10 Ra and all scores of each surface that tells it; objects of one surface may differ a little."""
+def _by_surface(predictions: Iterable[TakePredictions]) -> dict[str, tuple[float, Floats]]:
+    """True log10 Ra and all scores of each surface with a known Ra; the mean, where its objects differ a little."""
     heights: dict[str, list[float]] = {}
-    scores: dict[str, list[NDArray[np.float64]]] = {}
-    for one in judged:
-        told = one.recording.known("ra_um")
-        if told and one.recording.label is not None and one.contact.any():
-            heights.setdefault(one.recording.surface, []).append(float(np.log10(float(told))))
-            scores.setdefault(one.recording.surface, []).append(
-                rough_score(one.probabilities[one.contact], "two-class")
-            )
+    scores: dict[str, list[Floats]] = {}
+    for take in predictions:
+        ra_um = take.recording.known("ra_um")
+        if ra_um and take.recording.label is not None and take.contact.any():
+            heights.setdefault(take.recording.surface, []).append(float(np.log10(float(ra_um))))
+            of_surface = scores.setdefault(take.recording.surface, [])
+            of_surface.append(rough_score(take.probabilities[take.contact], "two-class"))
     return {name: (float(np.mean(heights[name])), np.concatenate(scores[name])) for name in sorted(heights)}
 
 
-def _correlation(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
-    if len(one) < 3:
+def _correlation(first: Floats, second: Floats) -> float:
+    if len(first) < 3:
         return float("nan")
     from scipy.stats import spearmanr
 
-    return float(spearmanr(one, other).statistic)
+    return float(spearmanr(first, second).statistic)
 
 
-def _rms(errors: NDArray[np.float64]) -> float:
+def _rms(errors: Floats) -> float:
     return float(np.sqrt(np.square(errors).mean()))

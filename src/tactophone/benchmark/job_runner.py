@@ -1,7 +1,7 @@
-"""Runs folds anywhere: in this process, on the machine's cores, or on a Ray cluster.
+"""Runs folds in this process, on the machine's cores, or on a Ray cluster.
 
-A fold is a pure function of its method and its recordings, so it may run wherever both can be read; its result is
-kept by content. A worker that dies costs the fold it was at: that fold is run again, the others are not.
+A fold is a pure function of its method and its recordings, so it may run wherever both can be read; its predictions are
+cached by content. A worker that dies loses the fold it was at: that fold runs again, the others do not.
 """
 
 import importlib.util
@@ -15,12 +15,12 @@ from typing import Any, Literal
 from tactophone.benchmark.crossvalidation import Cache, Method, fold_key, predict_fold
 from tactophone.dataset import Fold
 from tactophone.errors import ConfigError
-from tactophone.evaluation.predictions import TakePredictions
+from tactophone.evaluation import TakePredictions
 
 Place = Literal["here", "processes", "ray"]
 
 MOST_DEATHS = 3
-"""Times that workers may die before the run gives up: then it is the fold that kills them."""
+"""Times that workers may die before the run gives up, because a fold kills them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Names the result by all that it follows from."""
+        """Cache key of its predictions."""
         return fold_key(self.method, self.fold)
 
 
@@ -44,31 +44,31 @@ def run_jobs(
     workers: int = 2,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> int:
-    """Run the jobs whose results are not known yet, and keep what they give; return how many were run.
+    """Run the jobs whose predictions are not cached, and cache them; return how many jobs ran.
 
     Parameters
     ----------
     jobs
         In any order; each is independent of the others.
     cache
-        Where results are kept.
+        Where predictions are kept.
     place
-        ``ray`` joins the cluster that the environment names (``RAY_ADDRESS``), or starts one on this machine.
+        ``ray`` joins the cluster at ``RAY_ADDRESS``, or starts one on this machine.
     workers
         Processes, for ``processes`` and a local Ray.
     report
-        Called with the number of jobs done, and what was done.
+        Called with the number of jobs done, and the name of the last one.
 
     Raises
     ------
     ConfigError
-        If Ray is wanted and not installed.
+        If Ray is chosen and not installed.
     """
     todo = {job.key: job for job in jobs}
     todo = {key: job for key, job in todo.items() if not cache.holds(key)}
     run = {"here": _here, "processes": _processes, "ray": _ray}[place]
-    for done, (job, judged) in enumerate(run(list(todo.values()), workers), 1):
-        cache.put(job.key, judged)
+    for done, (job, predictions) in enumerate(run(list(todo.values()), workers), 1):
+        cache.put(job.key, predictions)
         report(done, f"{job.method.name}, {job.fold.name}")
     return len(todo)
 
@@ -86,9 +86,9 @@ def _processes(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[Ta
     left, deaths = list(jobs), 0
     while left:
         try:
-            for job, judged in _pool(left, workers):
+            for job, predictions in _pool(left, workers):
                 left.remove(job)
-                yield job, judged
+                yield job, predictions
         except BrokenProcessPool:
             deaths += 1
             if deaths >= MOST_DEATHS:
@@ -97,7 +97,9 @@ def _processes(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[Ta
 
 def _pool(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
     # Spawned, not forked: torch and BLAS do not survive a fork once their threads run.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_settle) as pool:
+    with ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_use_single_thread
+    ) as pool:
         futures = {pool.submit(_run, job): job for job in jobs}
         try:
             for future in as_completed(futures):
@@ -106,10 +108,10 @@ def _pool(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePre
             pool.shutdown(cancel_futures=True)
 
 
-def _settle() -> None:
-    """One thread a worker: there are as many workers as cores."""
+def _use_single_thread() -> None:
+    """One thread per worker, because there are as many workers as cores."""
     if importlib.util.find_spec("torch"):
-        import torch  # only where it is installed, and only to hold it back
+        import torch
 
         torch.set_num_threads(1)
 
@@ -130,7 +132,7 @@ def load_ray(workers: int) -> Any:
     Raises
     ------
     ConfigError
-        If it is not installed.
+        If Ray is not installed.
     """
     if importlib.util.find_spec("ray") is None:
         raise ConfigError("Ray is not installed: pip install 'tactophone[ray]', or leave --ray away")

@@ -1,7 +1,7 @@
 """Tables I and II of the paper, on data in its authors' layout, with the paper's own numbers beside.
 
-The authors' rule scores: a window over 0.005 mean absolute value is rough if P(rough) of all three classes is 0.5 or
-more; the same moments count for every method. Models learn from the training objects alone.
+Scores follow the authors' rule: a window with a mean absolute value over 0.005 is rough if P(rough) among all three
+classes is 0.5 or more; the same moments count for every method. Models train on the training objects alone.
 """
 
 import math
@@ -15,26 +15,23 @@ from numpy.typing import NDArray
 
 from tactophone.benchmark.crossvalidation import Cache, cross_validate
 from tactophone.benchmark.entries import entries_for
-from tactophone.benchmark.result import scored
+from tactophone.benchmark.result import in_true_contact
 from tactophone.dataset import Dataset, Fold, Recording, Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation.metrics import Floats, measure
-from tactophone.evaluation.predictions import TakePredictions, scores_of
-from tactophone.training.model_export import AUTHORS_GATE
-from tactophone.training.network.windows import SIZE
-from tactophone.training.sound import RATE, read_signals
+from tactophone.evaluation import TakePredictions, measure, scores_of
+from tactophone.training import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
 from tactophone.types import Touch
 
-METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "ours")
+METHODS = ("paper/general", "paper/fine-tuned", "paper/one-channel", "texture")
 
 STEP = 20
-"""Samples at 2 kHz, 10 ms, at which contact is looked for."""
+"""Samples at 2 kHz, 10 ms, from one look at the level to the next."""
 
-SHORT = 64
+SHORT_WINDOW = 64
 """Samples, 32 ms."""
 
 CLEARLY_DB = 12.0
-"""So far under the threshold there is nothing but noise; between the two, nobody says what there is."""
+"""So far under the threshold there is nothing but noise; between the two, contact is unknown."""
 
 SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smooth")
 
@@ -56,107 +53,103 @@ PAPER_TWO: Mapping[str, tuple[float, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """One line of a table: whose, and its cells."""
+class TableRow:
+    """A row of a table: its name, and its cells by column."""
 
     name: str
     values: dict[str, str]
 
     def as_json(self) -> dict[str, Any]:
-        """Give a plain dictionary."""
+        """Return a plain dictionary."""
         return asdict(self)
 
 
-def judge_held_out(
+def predict_held_out(
     dataset: Dataset, names: Sequence[str], cache: Cache, *, report: Callable[[str], None] = lambda name: None
 ) -> dict[str, list[TakePredictions]]:
-    """Let methods learn from the training objects and judge the test objects and the competition's runs.
+    """Train methods on the training objects; predict the test objects and the competition's runs.
 
     Parameters
     ----------
     dataset
         In the authors' layout.
     names
-        Of contenders; the paper's three variants and ours, if none.
+        Of entries; by default the paper's three variants and ``texture``.
     cache
-        Where judgements are kept.
+        Where predictions are kept.
     report
-        Called with each method's name before it learns.
+        Called with each method's name before it trains.
 
     Raises
     ------
     DatasetError
-        If there is nothing held out.
+        If there are no held-out recordings.
     """
     kept = dataset.labelled()
-    held_out = tuple(one for one in kept.recordings if one.known("split") not in ("train", ""))
-    if not held_out:
+    if not any(take.known("split") not in ("train", "") for take in kept.recordings):
         raise DatasetError(
-            f"{dataset.root}: has no test objects and no competition runs; Tables I and II want the authors' layout: "
+            f"{dataset.root}: has no test objects and no competition runs; Tables I and II need the authors' layout: "
             "opus/stereo/ and finals_recordings/ (`tactophone simulate dataset --authors-layout` makes it)"
         )
-    kept = replace(kept, recordings=tuple(_with_touches(kept.recordings)))
-    train = tuple(one for one in kept.recordings if one.known("split") == "train")
-    fold = Fold("held out", train, tuple(one for one in kept.recordings if one.known("split") not in ("train", "")))
-    judged = {}
-    for one in entries_for(kept, names or METHODS):
-        if not one.control:
-            report(one.name)
-            judged[one.name] = cross_validate(one.method, [fold], cache=cache)
-    return judged
+    # Where contact is not labelled, the authors' test threshold labels it: they score by it.
+    recordings = tuple(
+        take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
+    )
+    train = tuple(take for take in recordings if take.known("split") == "train")
+    fold = Fold("held out", train, tuple(take for take in recordings if take.known("split") not in ("train", "")))
+    predictions = {}
+    for entry in entries_for(replace(kept, recordings=recordings), names or METHODS):
+        if not entry.control:
+            report(entry.name)
+            predictions[entry.name] = cross_validate(entry.method, [fold], cache=cache)
+    return predictions
 
 
-def table_one(judged: Mapping[str, Sequence[TakePredictions]]) -> list[Line]:
-    """Give Table I: how windows were called, as shares of all."""
-    lines = []
+def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
+    """Return Table I: how windows are classified, as shares of all windows."""
+    rows = []
     for part in ("competition", "test"):
-        lines.append(_line(f"paper's own, {part}", SHARES, PAPER_ONE[part]))
-        for name, some in judged.items():
-            if of_part := [one for one in some if one.recording.known("split") == part]:
-                found = measure(scores_of(map(scored, of_part), "authors"))
-                lines.append(_line(f"{name}, {part}", SHARES, [found[share] for share in SHARES]))
-    return lines
+        rows.append(_row(f"paper's own, {part}", SHARES, PAPER_ONE[part]))
+        for name, takes in predictions.items():
+            if of_part := [take for take in takes if take.recording.known("split") == part]:
+                metrics = _measure(of_part)
+                rows.append(_row(f"{name}, {part}", SHARES, [metrics[share] for share in SHARES]))
+    return rows
 
 
-def table_two(judged: Mapping[str, Sequence[TakePredictions]]) -> list[Line]:
-    """Give Table II: the accuracy of each class, day by day."""
-    own = [_line(f"paper's own, {variant}", TWO_COLUMNS, row) for variant, row in PAPER_TWO.items()]
-    return [*own, *(_line(name, TWO_COLUMNS, _accuracies(some)) for name, some in judged.items())]
-
-
-def _with_touches(recordings: Sequence[Recording]) -> Iterator[Recording]:
-    """Tell contact by the authors' test threshold where nobody else has: it is what they score by."""
-    for one in recordings:
-        yield one if one.segments else replace(one, segments=loud_segments(one))
+def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
+    """Return Table II: the accuracy of each class, day by day."""
+    own = [_row(f"paper's own, {variant}", TWO_COLUMNS, row) for variant, row in PAPER_TWO.items()]
+    return [*own, *(_row(name, TWO_COLUMNS, _accuracies(takes)) for name, takes in predictions.items())]
 
 
 def loud_segments(recording: Recording) -> tuple[Segment, ...]:
-    """Tell contact while the window that ends there is over the authors' threshold, none where it is far under it."""
-    (signal,) = read_signals([recording], channels=1)
+    """Label contact where the window that ends there is over the authors' threshold, none where it is far below it."""
+    (signal,) = read_signals([recording], channels=1, rate=NETWORK_RATE)
     total = np.concatenate(([0.0], np.cumsum(np.abs(signal[:, 0]), dtype=np.float64)))
-    ends = np.arange(SIZE, len(signal) + 1, STEP)
-    loud = _over_threshold_db(total, ends, SIZE) >= 0
-    # A long window is late to tell that a touch has begun.
-    quiet = ~loud & (_over_threshold_db(total, ends, SHORT) < -CLEARLY_DB)
-    found = (*_stretches(loud, recording.known("label")), *_stretches(quiet, "none"))
-    return tuple(sorted(found, key=lambda one: one.start))
+    ends = np.arange(NETWORK_WINDOW_SIZE, len(signal) + 1, STEP)
+    loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE) >= 0
+    # A long window detects the beginning of a touch late, so silence is looked for with a short one.
+    quiet = ~loud & (_over_threshold_db(total, ends, SHORT_WINDOW) < -CLEARLY_DB)
+    segments = (*_stretches(loud, recording.known("label")), *_stretches(quiet, "none"))
+    return tuple(sorted(segments, key=lambda segment: segment.start))
 
 
-def _over_threshold_db(total: Floats, ends: NDArray[np.intp], size: int) -> Floats:
+def _over_threshold_db(total: NDArray[np.float64], ends: NDArray[np.intp], size: int) -> NDArray[np.float64]:
     mean_absolute = (total[ends] - total[ends - size]) / size
-    return np.asarray(20 * np.log10(mean_absolute + 1e-12) - AUTHORS_GATE.threshold_dbfs)
+    return np.asarray(20 * np.log10(mean_absolute + 1e-12) - REFERENCE_GATE.threshold_dbfs)
 
 
 def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
-    """Give the times of each stretch of windows."""
+    """A segment for each stretch of windows that is on."""
     begins_and_ends = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
-    for begin, end in (SIZE + STEP * begins_and_ends) / RATE:
-        yield Segment(float(begin) - STEP / RATE, float(end) - STEP / RATE, label)
+    for begin, end in (NETWORK_WINDOW_SIZE + STEP * begins_and_ends) / NETWORK_RATE:
+        yield Segment(float(begin) - STEP / NETWORK_RATE, float(end) - STEP / NETWORK_RATE, label)
 
 
-def _accuracies(judged: Sequence[TakePredictions]) -> list[float]:
+def _accuracies(takes: Sequence[TakePredictions]) -> list[float]:
     return [
-        _accuracy([one for one in judged if _is(one.recording, label, day)], label)
+        _accuracy([take for take in takes if _is(take.recording, label, day)], label)
         for label, day in (
             (Touch.ROUGH, "day 1"), (Touch.ROUGH, "day 2"), (Touch.SMOOTH, "day 1"), (Touch.SMOOTH, "day 2"),
             (Touch.ROUGH, ""), (Touch.SMOOTH, ""),
@@ -169,13 +162,16 @@ def _is(recording: Recording, label: Touch, day: str) -> bool:
     return recording.label is label and there
 
 
-def _accuracy(judged: Sequence[TakePredictions], label: Touch) -> float:
-    if not judged:
+def _accuracy(takes: Sequence[TakePredictions], label: Touch) -> float:
+    if not takes:
         return float("nan")
-    found = measure(scores_of(map(scored, judged), "authors"))
-    return found["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
+    return _measure(takes)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
 
 
-def _line(name: str, columns: Sequence[str], values: Sequence[float]) -> Line:
-    told = ("-" if math.isnan(value) else f"{value:.3f}" for value in values)
-    return Line(name, dict(zip(columns, told, strict=True)))
+def _measure(takes: Sequence[TakePredictions]) -> dict[str, float]:
+    return measure(scores_of(map(in_true_contact, takes), "authors"))
+
+
+def _row(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
+    cells = ("-" if math.isnan(value) else f"{value:.3f}" for value in values)
+    return TableRow(name, dict(zip(columns, cells, strict=True)))

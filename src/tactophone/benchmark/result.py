@@ -1,88 +1,63 @@
-"""How a method did on one split of one data set: scored, felt, and compared with the reference in pairs."""
+"""Scores of a method on one split of one data set: windows, events, and the paired difference from the reference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactophone.benchmark.crossvalidation import Method
-from tactophone.benchmark.dataset_difficulty import false_positives
+from tactophone.benchmark.entries import BenchmarkEntry
 from tactophone.benchmark.height_regression import height_correlation
 from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
-from tactophone.evaluation.bootstrap import Estimate, estimate
-from tactophone.evaluation.event_metrics import (
+from tactophone.evaluation import (
+    RULES,
     Delays,
+    Difference,
+    Estimate,
+    Scores,
+    TakePredictions,
     calibration_error,
     contact_delays,
     edge_delays,
+    estimate,
     false_bumps_per_minute,
-    truly_touching,
+    false_positives_at_recall,
+    paired_difference,
+    scores_of,
+    true_contact,
 )
-from tactophone.evaluation.metrics import Scores
-from tactophone.evaluation.paired import Difference, compare
-from tactophone.evaluation.predictions import TakePredictions, scores_of
-from tactophone.perception import DecisionRule
 
 MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 
 @dataclass(frozen=True, slots=True)
-class BenchmarkEntry:
-    """A method with how the live system acts on it.
-
-    Parameters
-    ----------
-    method
-        Learns and judges.
-    rule
-        Of the decision.
-    latency
-        Seconds from a window's end to its take_predictions.
-    control
-        Whether it is here to be distrusted by, not to compete.
-    """
-
-    method: Method
-    rule: DecisionRule = field(default_factory=DecisionRule)
-    latency: float = 0.0
-    control: bool = False
-
-    @property
-    def name(self) -> str:
-        """Of the method."""
-        return self.method.name
-
-
-@dataclass(frozen=True, slots=True)
-class Result:
-    """How a method did on one split of one data set.
+class MethodResult:
+    """Scores of a method on one split of one data set.
 
     Parameters
     ----------
     method, dataset, split
-        Which.
+        Their names.
     control
         Whether the method is a control.
     scores
-        By rule and measure, with intervals over surfaces; of updates while the finger truly touches.
+        By rule and metric, with intervals over surfaces; over updates in true contact.
     false_positives_at_reference
-        Share of smooth updates called rough at the threshold that finds as many rough ones as the reference does.
+        Share of smooth updates classified as rough, at the threshold with the reference's rough recall.
     bumps_per_minute, calibration_error
         See :mod:`tactophone.evaluation.event_metrics`.
     contact_ms, edge_ms
-        Median and 95th percentile of the time to a right decision, and the share that never came.
+        p50 and p95 of the time to a correct decision, in ms, and the share of changes without one.
     differences
         From the reference, in pairs, by the two-class rule.
     by_surface
-        Share of updates judged rightly.
+        Share of updates classified correctly.
     curve
         Points of the ROC curve: false positive rate, recall.
     reliability
-        Mean confidence and share of rough in ten bins of confidence.
+        Mean P(rough) and share truly rough, in ten bins of P(rough).
     height_correlation
-        Spearman's, over surfaces, of the mean confidence in rough with the true Ra; NaN where that is not told.
+        Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown.
     """
 
     method: str
@@ -103,85 +78,82 @@ class Result:
 
 
 def compare_entries(
-    dataset: Dataset, contenders: Sequence[BenchmarkEntry], split: str, judged: Mapping[str, list[TakePredictions]]
-) -> list[Result]:
-    """Score contenders on one split of a data set, each also as its difference from the first.
+    dataset: Dataset,
+    entries: Sequence[BenchmarkEntry],
+    split: str,
+    predictions: Mapping[str, list[TakePredictions]],
+) -> list[MethodResult]:
+    """Score entries on one split of a data set, each also as its difference from the first.
 
     Parameters
     ----------
     dataset
-        What was judged.
-    contenders
+        Its name stands in the results.
+    entries
         The first is the reference.
     split
         Its name.
-    judged
-        What each said, by its name.
+    predictions
+        By the entry's name.
 
     Raises
     ------
     DatasetError
-        If one's contact gate was never open.
+        If there is no update in true contact.
     """
-    scores = {method: scores_of(map(scored, some), "two-class") for method, some in judged.items()}
-    reference = scores[contenders[0].name]
+    scores = {name: scores_of(map(in_true_contact, takes), "two-class") for name, takes in predictions.items()}
+    reference = scores[entries[0].name]
     results = []
-    for one in contenders:
+    for entry in entries:
         try:
-            results.append(_result(dataset, one, split, judged[one.name], scores[one.name], reference))
+            results.append(_result(dataset, entry, split, predictions[entry.name], scores[entry.name], reference))
         except DatasetError as error:
-            raise DatasetError(f"{dataset.name}, {split}, {one.name}: {error}") from error
+            raise DatasetError(f"{dataset.name}, {split}, {entry.name}: {error}") from error
     return results
 
 
-def scored(take_predictions: TakePredictions) -> TakePredictions:
-    """Let the truth be the gate: all methods answer for the same moments, whatever their own gates say."""
-    return replace(take_predictions, contact=truly_touching(take_predictions))
+def in_true_contact(take: TakePredictions) -> TakePredictions:
+    """Replace the method's contact gate by the true contact, so that all methods are scored on the same moments."""
+    return replace(take, contact=true_contact(take))
 
 
-def _result(  # one line for each thing that is told
-    dataset: Dataset, one: BenchmarkEntry, split: str, judged: list[TakePredictions], scores: Scores, reference: Scores
-) -> Result:
-    labelled = [scored(take_predictions) for take_predictions in judged if take_predictions.recording.label is not None]
-    contact = contact_delays(judged, one.rule, latency=one.latency)
-    edge = edge_delays(judged, one.rule, latency=one.latency)
+def _result(
+    dataset: Dataset,
+    entry: BenchmarkEntry,
+    split: str,
+    predictions: list[TakePredictions],
+    scores: Scores,
+    reference: Scores,
+) -> MethodResult:
+    labelled = [in_true_contact(take) for take in predictions if take.recording.label is not None]
+    contact = contact_delays(predictions, entry.rule, latency=entry.latency)
+    edge = edge_delays(predictions, entry.rule, latency=entry.latency)
     recall = float((reference.score[reference.rough] >= 0.5).mean())
-    return Result(
-        one.name,
+    differences = {} if scores is reference else paired_difference(scores, reference)
+    correct = (scores.score >= 0.5) == scores.rough
+    estimates = {rule: estimate(scores_of(labelled, rule)) for rule in RULES}
+    kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
+    return MethodResult(
+        entry.name,
         dataset.name,
         split,
-        one.control,
-        {rule: _estimates(labelled, rule) for rule in ("authors", "two-class")},
-        false_positives(scores, np.ones(len(scores.score)), recall=recall),
-        false_bumps_per_minute(judged, one.rule),
+        entry.control,
+        {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
+        false_positives_at_recall(scores, recall),
+        false_bumps_per_minute(predictions, entry.rule),
         calibration_error(labelled),
-        _told(contact),
-        _told(edge),
-        {} if scores is reference else _differences(scores, reference),
-        _by_surface(scores),
+        _summary(contact),
+        _summary(edge),
+        {name: differences[name] for name in MEASURES if name in differences},
+        {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
         _curve(scores),
         _reliability(scores),
         height_correlation(labelled),
     )
 
 
-def _estimates(judged: Sequence[TakePredictions], rule: Any) -> dict[str, Estimate]:
-    found = estimate(scores_of(judged, rule))
-    return {name: found[name] for name in (*MEASURES, "smooth_accuracy", "rough_accuracy")}
-
-
-def _differences(scores: Scores, reference: Scores) -> dict[str, Difference]:
-    found = compare(scores, reference)
-    return {name: found[name] for name in MEASURES}
-
-
-def _told(delays: Delays) -> tuple[float, float, float]:
+def _summary(delays: Delays) -> tuple[float, float, float]:
     return delays.quantile_ms(0.5), delays.quantile_ms(0.95), delays.missed_share
-
-
-def _by_surface(scores: Scores) -> dict[str, float]:
-    right = (scores.score >= 0.5) == scores.rough
-    return {name: float(right[scores.surface == number].mean()) for number, name in enumerate(scores.names)}
 
 
 def _curve(scores: Scores, points: int = 120) -> tuple[tuple[float, float], ...]:
@@ -194,7 +166,7 @@ def _curve(scores: Scores, points: int = 120) -> tuple[tuple[float, float], ...]
 def _reliability(scores: Scores, bins: int = 10) -> tuple[tuple[float, float], ...]:
     place = np.minimum((scores.score * bins).astype(int), bins - 1)
     return tuple(
-        (float(scores.score[place == one].mean()), float(scores.rough[place == one].mean()))
-        for one in range(bins)
-        if (place == one).sum() >= 20
+        (float(scores.score[place == number].mean()), float(scores.rough[place == number].mean()))
+        for number in range(bins)
+        if (place == number).sum() >= 20
     )

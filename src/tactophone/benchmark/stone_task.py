@@ -1,32 +1,45 @@
-"""The competition's task by a simulated operator: five stones, two rough, found by the vibration alone.
+"""The paper's task (Table III) by a simulated operator: five stones, two of them rough, found by vibration alone.
 
-It is the same operator for every method and knows nothing but what it feels; it is not a person.
+The operator is the same for every method and has no input but the vibration; it is a model, not a person.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.benchmark.regression_features import FULL_DRIVE
 from tactophone.errors import ConfigError
 from tactophone.evaluation.bootstrap import COVERAGE
 from tactophone.haptics import PASSTHROUGH, PROFILES, Oscillator
 from tactophone.perception import shipped_models
 from tactophone.pipeline import open_pipeline
-from tactophone.simulation.participants.operator import Felt, make_bank, play, render_visits
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.simulation import SoundToVibration, perceive_visits, play_rounds, render_visits
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
-RATE = 48_000
 BLOCK_SIZE = 512
 VISITS = 12
 """Visits of each label, for practice and for rounds; rounds draw from them."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """How the task went through one method; shares with 90 % intervals, times as median and 5 to 95 %."""
+class TaskOutcome:
+    """Outcome of the task with one method.
+
+    Parameters
+    ----------
+    name
+        Of the method.
+    found, both
+        Share of rounds in which the stone picked first was rough, and both picked were; with 90 % intervals.
+    duration
+        Decision time in s: median, and 5 to 95 %.
+    success, median_duration
+        The share of ``both`` and the median of ``duration``, as numbers.
+    """
 
     name: str
     found: str
@@ -36,14 +49,14 @@ class Outcome:
     median_duration: float
 
     def as_json(self) -> dict[str, Any]:
-        """Give a plain dictionary."""
+        """Return a plain dictionary."""
         return asdict(self)
 
 
-def ways_to_feel() -> tuple[str, ...]:
-    """List what can be felt through: ``MODEL`` or ``MODEL:PROFILE``, and renderers that need no detector."""
+def task_methods() -> tuple[str, ...]:
+    """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that need no detector."""
     models = [name for name in shipped_models() if not name.endswith("-mono")]
-    return (*models, *(f"ours:{name}" for name in PROFILES if name != "paper" and "ours" in models), *PASSTHROUGH)
+    return (*models, *(f"texture:{name}" for name in PROFILES if name != "paper" and "texture" in models), *PASSTHROUGH)
 
 
 def play_task(
@@ -53,62 +66,65 @@ def play_task(
     visits: int = VISITS,
     seed: int = 0,
     report: Callable[[str], None] = lambda name: None,
-) -> list[Outcome]:
-    """Let the operator play rounds through each method.
+) -> list[TaskOutcome]:
+    """Let the operator play rounds with each method.
+
+    Parameters
+    ----------
+    names
+        Of :func:`task_methods`, all by default; also ``FILE.onnx`` for any other model.
+    rounds
+        Of the task, for each method.
+    visits
+        Of each label, for practice and for rounds.
+    seed
+        Of everything random.
+    report
+        Called with what begins.
 
     Raises
     ------
     ConfigError
         If a name is unknown.
     """
-    allowed = ways_to_feel()
-    if unknown := [name for name in names if name not in allowed]:
-        raise ConfigError(f"cannot feel through {', '.join(unknown)}; there are {', '.join(allowed)}")
+    allowed = task_methods()
+    if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:
+        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and paths of model files")
     report("rendering visits")
-    heard = render_visits(visits=visits, seed=seed)
+    sound = render_visits(visits=visits, seed=seed)
     outcomes = []
     for name in names or allowed:
         report(name)
-        played = play(make_bank(heard, felt_through(name)), rounds=rounds, seed=seed)
-        outcomes.append(
-            _outcome(
-                name,
-                np.array([one.found for one in played]),
-                np.array([one.success for one in played]),
-                np.array([one.duration for one in played]),
-            )
-        )
+        played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds, seed=seed)
+        found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
+        p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
+        times = f"{p50:.1f} ({p5:.1f}-{p95:.1f})"
+        outcomes.append(TaskOutcome(name, _share(found), _share(both), times, float(both.mean()), float(p50)))
     return outcomes
 
 
-def felt_through(name: str) -> Felt:
-    """Make the way from both microphones to the vibration: the live walk and its oscillator, or a sounding profile."""
+def vibration_of(name: str) -> SoundToVibration:
+    """Return the function from both microphones to the vibration: the live pipeline and oscillator, or a renderer."""
     if name in PASSTHROUGH:
-        return lambda sound: PASSTHROUGH[name](None).render_whole(sound)
+        return lambda sound: PASSTHROUGH[name](FULL_DRIVE).render_whole(sound)
     model, _, profile = name.partition(":")
-    return lambda sound: _walked(sound, model, profile or "paper")
+    return lambda sound: _render(sound, model, profile or "paper")
 
 
-def _walked(sound: FloatArray, model: str, profile: str) -> FloatArray:
-    walk, oscillator = open_pipeline(model, sample_rate=RATE, channels=2, profile=profile), Oscillator()
+def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
+    pipeline = open_pipeline(model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=profile, limits=FULL_DRIVE)
+    oscillator = Oscillator(FULL_DRIVE)
     out = np.zeros(len(sound), np.float32)
     for start in range(0, len(sound), BLOCK_SIZE):
-        tick = walk.push(AudioBlock(sound[start : start + BLOCK_SIZE], RATE, start))
-        if tick.command:
-            oscillator.submit(tick.command)
+        step = pipeline.push(AudioBlock(sound[start : start + BLOCK_SIZE], LIVE_SAMPLE_RATE, start))
+        if step.command:
+            oscillator.submit(step.command)
         oscillator.render(out[start : start + BLOCK_SIZE])
     return out
 
 
-def _outcome(name: str, found: NDArray[np.bool_], both: NDArray[np.bool_], duration: NDArray[np.float64]) -> Outcome:
-    low, middle, high = np.quantile(duration, [0.05, 0.5, 0.95])
-    return Outcome(
-        name, _share(found), _share(both), f"{middle:.1f} ({low:.1f}-{high:.1f})", float(both.mean()), float(middle)
-    )
-
-
 def _share(won: NDArray[np.bool_]) -> str:
-    """Tell a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
+    """Format a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     z = {0.90: 1.645}[COVERAGE]
     share, count = float(won.mean()), len(won)
     middle = (share + z**2 / 2 / count) / (1 + z**2 / count)

@@ -1,8 +1,7 @@
-"""A recording as a source: WAV, FLAC and whatever else libsndfile reads, block by block, as fast as it is asked."""
+"""A recording as a source: WAV, FLAC and every other format of libsndfile, block by block, as fast as it is read."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import soundfile
@@ -11,11 +10,11 @@ from tactophone.errors import DatasetError
 from tactophone.types import AudioBlock, FloatArray
 
 LOWEST_RATE = 2000
-"""Hz; under this there is nothing that any detector could judge (the paper's works at 2 kHz)."""
+"""Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
 
 
 class FileSource:
-    """A `tactophone.types.Source` on a file; memory does not grow with its length.
+    """A recording as a `tactophone.types.Source`; memory does not grow with its length.
 
     Parameters
     ----------
@@ -24,13 +23,13 @@ class FileSource:
     block_size
         Samples a block; the last one may be shorter.
     loop
-        Begin anew at the end, for ever; ``start`` goes on counting.
+        Start again at the end, for ever; ``start`` keeps counting.
 
     Raises
     ------
     DatasetError
-        If the file is missing, is no sound, is empty, or has other channels or rates; and while iterating, if it is
-        damaged farther in.
+        If the file is missing, empty, not a sound file, or of other channels or rates; while iterating, if it is
+        damaged.
     """
 
     def __init__(self, path: Path | str, *, block_size: int = 4096, loop: bool = False) -> None:
@@ -41,7 +40,7 @@ class FileSource:
             self.sample_rate: int = file.samplerate
             self.channels: int = file.channels
             self.size: int = file.frames
-        self._require_judgeable()
+        self._check_format()
 
     @property
     def duration(self) -> float:
@@ -52,9 +51,7 @@ class FileSource:
         self._file = self._opened()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._file:
             self._file.close()
         self._file = None
@@ -86,14 +83,14 @@ class FileSource:
         except soundfile.LibsndfileError as error:
             raise DatasetError(f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file") from error
 
-    def _require_judgeable(self) -> None:
+    def _check_format(self) -> None:
         if self.channels > 2:
             raise DatasetError(
-                f"{self.path}: {self.channels} channels, but contact, or contact and air, are wanted; extract those two"
+                f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
             )
         if self.sample_rate < LOWEST_RATE:
             raise DatasetError(
-                f"{self.path}: {self.sample_rate} Hz, but {LOWEST_RATE} Hz or more is wanted; record at a higher rate"
+                f"{self.path}: {self.sample_rate} Hz, but {LOWEST_RATE} Hz or more is needed; record at a higher rate"
             )
         if not self.size:
-            raise DatasetError(f"{self.path}: holds no sound at all; record it again")
+            raise DatasetError(f"{self.path}: no sound at all; record it again")

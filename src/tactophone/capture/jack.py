@@ -1,8 +1,8 @@
 """The two microphones on JACK ports."""
 
 from tactophone.capture.live import LiveSource
-from tactophone.devices import JackClient
-from tactophone.devices.device import Process
+from tactophone.devices import JackClient, Process
+from tactophone.types import LIVE_SAMPLE_RATE
 
 
 def jack_source(
@@ -11,23 +11,23 @@ def jack_source(
     air: str = "system:capture_2",
     server: str = "",
     name: str = "tactophone-robot",
-    sample_rate: int = 48_000,
+    sample_rate: int = LIVE_SAMPLE_RATE,
 ) -> LiveSource:
-    """Listen at two JACK ports, or at one.
+    """Open the microphones at two JACK ports, or at one.
 
     Parameters
     ----------
     contact, air
-        Ports that give the sound. An empty ``air`` makes a one-channel source; ``"-"`` leaves a port unwired, for
-        a patch bay to wire.
+        Ports of the sound card. An empty ``air`` makes a one-channel source; ``"-"`` leaves a port unconnected, for a
+        patch bay.
     server
         The JACK server's name; empty for the default one.
     """
-    wires = {"contact": contact.removeprefix("-")}
+    targets = {"contact": contact.removeprefix("-")}
     if air:
-        wires["air"] = air.removeprefix("-")
+        targets["air"] = air.removeprefix("-")
 
     def make(process: Process) -> JackClient:
-        return JackClient(name, process, inputs=wires, outputs={}, server=server)
+        return JackClient(name, process, inputs=targets, outputs={}, server=server)
 
-    return LiveSource(make, channels=len(wires), sample_rate=sample_rate)
+    return LiveSource(make, channels=len(targets), sample_rate=sample_rate)

@@ -1,4 +1,4 @@
-"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and a page with figures."""
+"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and an HTML report with figures."""
 
 import argparse
 import json
@@ -11,47 +11,56 @@ from typing import TYPE_CHECKING, Any
 from rich.box import SIMPLE
 from rich.table import Table
 
-from tactophone.benchmark.crossvalidation import Cache, default_cache
 from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_choice, choose
-from tactophone.cli.train import prepare_torch
+from tactophone.cli._support.dataset_options import add_filter, open_filtered
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
-    from tactophone.benchmark.entries import Cost
-    from tactophone.benchmark.plan import Findings, Plan
-    from tactophone.benchmark.result import Result
+    from tactophone.benchmark import Cache, Cost, DatasetResults
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
-"""Of the simulated takes that ``--fast`` makes where no data is given."""
+"""Of the simulated takes that are rendered where no data is given."""
+
+NOTES = (
+    "Each table is of one data set and one split; every recording was predicted by a model that was trained without "
+    "its side of the split. Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first "
+    "method.",
+    "Scores are of updates in true contact, whatever a method's own contact gate reports; false bumps and delays "
+    "include the gate. Two controls should be at chance: the one in italics uses only the band over 8 kHz, which "
+    "carries nothing of the surface; the other is texture, trained and scored on labels permuted over the surfaces. "
+    "What it scores over 0.5 it scores by recognising surfaces, not by roughness.",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's arguments."""
     parser.add_argument(
         "--data", type=Path, action="append", default=[], metavar="DIR",
-        help="a data set, repeatable; each is scored by itself, real and simulated sound never mixed. Without it: a "
-        "small simulated one, made on the spot",
+        help="a data set, repeatable; each is scored by itself, so that real and simulated sound never mix (default: a "
+        "small simulated one, rendered first)",
     )  # fmt: skip
-    add_choice(parser)
-    parser.add_argument("--methods", metavar="LIST", help="names divided by commas (default: all)")
+    add_filter(parser)
+    parser.add_argument("--methods", metavar="LIST", help="names, separated by commas (default: all)")
     parser.add_argument(
         "--splits", metavar="LIST",
-        help="names divided by commas, as `evaluate --split` takes them (default: by surface, and by stroke, pressure, "
-        "scenario and session where the data tells them)",
+        help="names, separated by commas, as `evaluate --split` takes them (default: by surface, and by stroke, "
+        "pressure, scenario and session where the data has them)",
     )  # fmt: skip
-    parser.add_argument("--fast", action="store_true", help="three folds by surface alone: minutes, not hours")
+    parser.add_argument("--fast", action="store_true", help="three folds by surface only: minutes, not hours")
     parser.add_argument(
         "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.html"
     )
     parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes, 1 or more")
     parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="where folds' results are kept (default: the user's)")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="for the folds' results (default: the user's cache)")
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
-    parser.add_argument("--table3", action="store_true", help="print the task, by a simulated operator")
-    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task a method, 1 or more")
+    parser.add_argument(
+        "--table3", action="store_true",
+        help="print the paper's task with a simulated operator; --methods also takes paths of model files",
+    )  # fmt: skip
+    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task, 1 or more")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
@@ -59,63 +68,60 @@ def run(args: argparse.Namespace) -> int:
     """Run, score and report."""
     if args.workers < 1 or args.rounds < 1:
         raise ConfigError(f"--workers {args.workers}, --rounds {args.rounds}: 1 or more of each")
-    prepare_torch()
+    from tactophone.benchmark import Cache, default_cache, measure_costs, steps_by_profile
+
     cache = Cache(args.cache) if args.cache else default_cache()
     if args.table1 or args.table2 or args.table3:
-        return _print_tables(args, cache)
-    from tactophone.benchmark.entries import measure_costs
+        from tactophone.cli._support.paper_tables import print_tables
 
-    findings: list[Findings] = []
+        return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)
+    results: list[DatasetResults] = []
     costs: dict[str, dict[str, Cost]] = {}
     for dataset in _datasets(args, cache):
-        plan = _plan(dataset, args)
-        findings.append(_run(plan, cache, args))
-        names = [one.name for one in plan.contenders if not one.control]
-        costs[dataset.name] = measure_costs(dataset, names, cache.folder / "costs")
-    told = _told(findings, costs)
-    _write(args.out, told, findings, costs)
+        results.append(_run(dataset, cache, args))
+        names = dict.fromkeys(result.method for result in results[-1].results if not result.control)
+        costs[dataset.name] = measure_costs(dataset, list(names), cache.folder / "costs")
+    summary = {
+        "datasets": [of_dataset.as_json() for of_dataset in results],
+        "costs": {name: {method: asdict(cost) for method, cost in methods.items()} for name, methods in costs.items()},
+        "profiles": steps_by_profile(),
+    }
+    _write(args.out, summary, results, costs)
     if args.json:
-        terminal.print_json(told)
+        terminal.print_json(summary)
         return 0
-    _show(findings, costs)
+    _show(results, costs)
     terminal.log().print(f"{args.out / 'report.html'}, {args.out / 'results.json'}")
     return 0
 
 
-def _datasets(args: argparse.Namespace, cache: Cache) -> list[Dataset]:
+def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
     folders = args.data or [_simulated(cache.folder / "simulated", args.workers)]
-    return [choose(folder, args.where) for folder in folders]
+    return [open_filtered(folder, args.filter) for folder in folders]
 
 
 def _simulated(folder: Path, workers: int) -> Path:
-    """Make a small simulated set, once."""
-    from tactophone.simulation import TAKES
-    from tactophone.simulation.content.catalogue import catalogue
-    from tactophone.simulation.content.generate import Style, finish, make, plan
+    """Render a small simulated set, once."""
+    from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest
 
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
-    things = [thing for thing in catalogue() if thing.number >= 0]
-    jobs = plan(things, Style(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
+    objects = [obj for obj in catalogue() if obj.number >= 0]
+    jobs = plan_dataset(objects, RenderOptions(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
     with terminal.progress("simulating") as bar:
-        for _ in bar.track(make(folder, jobs, processes=workers), total=len(jobs), task_id=bar.add_task("", note="")):
+        task = bar.add_task("", note="")
+        for _ in bar.track(render_dataset(folder, jobs, processes=workers), total=len(jobs), task_id=task):
             pass
-    finish(folder, jobs)
+    write_manifest(folder, jobs)
     return folder
 
 
-def _plan(dataset: Dataset, args: argparse.Namespace) -> "Plan":
-    from tactophone.benchmark.entries import plan_for
-    from tactophone.benchmark.plan import splits_of
+def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "DatasetResults":
+    from tactophone.benchmark import plan_for, run_plan, splits_of
 
-    splits = tuple(args.splits.split(",")) if args.splits else splits_of(dataset, fast=args.fast)
-    return plan_for(dataset, args.methods.split(",") if args.methods else (), splits)
-
-
-def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":
-    from tactophone.benchmark.plan import run_plan
-
+    splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
+    plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits)
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
-    with terminal.progress(plan.dataset.name) as bar:
+    with terminal.progress(dataset.name) as bar:
         task = bar.add_task("", total=None, note="")
 
         def show(done: int, of: int, name: str) -> None:
@@ -124,80 +130,44 @@ def _run(plan: "Plan", cache: Cache, args: argparse.Namespace) -> "Findings":
         return run_plan(plan, cache, place=place, workers=args.workers, report=show)  # type: ignore[arg-type]
 
 
-def _told(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> dict[str, Any]:
-    from tactophone.benchmark.page import steps_by_profile
-
-    return {
-        "datasets": [one.as_json() for one in findings],
-        "costs": {dataset: {name: asdict(cost) for name, cost in some.items()} for dataset, some in costs.items()},
-        "profiles": steps_by_profile(),
-    }
-
-
 def _write(
-    folder: Path, told: dict[str, Any], findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]
+    folder: Path, summary: dict[str, Any], results: Sequence["DatasetResults"], costs: dict[str, dict[str, "Cost"]]
 ) -> None:
-    from tactophone.benchmark.page import write_page
+    from tactophone.benchmark import write_report
 
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "results.json").write_text(json.dumps(terminal.finite(told), indent=1))
-    notes = (
-        "Each table is of one data set and one split; every recording was judged by a model that never met its side. "
-        "Intervals: 90 % of bootstrap draws of the surfaces. p: paired bootstrap against the first method.",
-        "Scores are of updates while the finger truly touches, whatever a method's own contact gate says; bumps and "
-        "delays are as felt, with the gate. Controls are there to distrust the rest by: one, in italics, hears only "
-        "what no surface can have said; the other learns and is scored on labels dealt anew over the surfaces, so that "
-        "what it has over 0.5 is knowing surfaces again, not roughness.",
-    )
-    (folder / "report.html").write_text(write_page(findings, costs=costs, notes=notes), encoding="utf-8")
+    (folder / "results.json").write_text(json.dumps(terminal.finite(summary), indent=1))
+    (folder / "report.html").write_text(write_report(results, costs=costs, notes=NOTES), encoding="utf-8")
 
 
-def _show(findings: Sequence["Findings"], costs: dict[str, dict[str, "Cost"]]) -> None:
-    from tactophone.benchmark.page import steps_by_profile, told_dealt, told_heights
+def _show(results: Sequence["DatasetResults"], costs: dict[str, dict[str, "Cost"]]) -> None:
+    from tactophone.benchmark import format_heights, format_permuted, steps_by_profile
 
-    for one in findings:
-        for split in dict.fromkeys(result.split for result in one.results):
-            terminal.out().print(f"{one.dataset} ({one.origin}), {split}", _table_of(one, split, costs))
-            if split in one.dealt:
-                terminal.out().print(f"control, labels dealt anew: {told_dealt(one.dealt[split])}")
-            if split in one.heights:
-                terminal.out().print(told_heights(one.heights[split]))
-            _show_goals([result for result in one.results if result.split == split], costs.get(one.dataset, {}))
-            terminal.out().print()
+    out = terminal.out()
+    for of_dataset in results:
+        for split in dict.fromkeys(result.split for result in of_dataset.results):
+            table = _table_of(of_dataset, split, costs.get(of_dataset.dataset, {}))
+            out.print(f"{of_dataset.dataset} ({of_dataset.origin}), {split}", table)
+            if split in of_dataset.permuted:
+                out.print(f"control, permuted labels: {format_permuted(of_dataset.permuted[split])}")
+            if split in of_dataset.heights:
+                out.print(format_heights(of_dataset.heights[split]))
+            out.print()
     steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
-    terminal.out().print(f"steps that a finger tells apart from smooth to rough, of frequency / with level: {steps}")
+    out.print(f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}")
 
 
-def _show_goals(results: Sequence["Result"], costs: dict[str, "Cost"]) -> None:
-    from tactophone.benchmark.goals import goals_of, tell
-
-    if not (goals := goals_of(results, costs)):
-        return
-    table = Table("ours set out to reach", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in (results[0].method, "ours", "at most", ""):
-        table.add_column(name, justify="right")
-    for one in goals:
-        table.add_row(one.told, tell(one.reference), tell(one.ours), tell(one.limit), one.verdict)
-    terminal.out().print(table)
-
-
-def _table_of(found: "Findings", split: str, costs: dict[str, dict[str, "Cost"]]) -> Table:
-    """What 80 characters hold; the page has the rest."""
+def _table_of(of_dataset: "DatasetResults", split: str, costs: dict[str, "Cost"]) -> Table:
+    """The columns that 80 characters hold; the HTML report has the rest."""
     table = Table("method", "balanced accuracy", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("AUC", "at 1 %", "bumps/min", "edge (ms)", "us"):
         table.add_column(name, justify="right")
-    for one in (one for one in found.results if one.split == split):
-        scores, cost = one.scores["two-class"], costs.get(found.dataset, {}).get(one.method)
-        middle, late, _ = one.edge_ms
+    for result in (result for result in of_dataset.results if result.split == split):
+        scores, cost = result.scores["two-class"], costs.get(result.method)
+        p50, p95, _ = result.edge_ms
         table.add_row(
-            one.method.removeprefix("control: "), str(scores["balanced_accuracy"]), f"{scores['auc'].value:.3f}",
-            f"{scores['recall_at_1'].value:.2f}", f"{one.bumps_per_minute:.1f}",
-            f"{middle:.0f} / {late:.0f}" if math.isfinite(middle) else "-", f"{cost.update_us:.0f}" if cost else "",
+            result.method.removeprefix("control: "), str(scores["balanced_accuracy"]), f"{scores['auc'].value:.3f}",
+            f"{scores['recall_at_1'].value:.2f}", f"{result.bumps_per_minute:.1f}",
+            f"{p50:.0f} / {p95:.0f}" if math.isfinite(p50) else "-", f"{cost.update_us:.0f}" if cost else "",
         )  # fmt: skip
     return table
-
-
-def _print_tables(args: argparse.Namespace, cache: Cache) -> int:
-    from tactophone.cli._support.paper_tables import print_tables
-
-    return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)

@@ -1,7 +1,8 @@
-"""``tactophone dataset``: what a data set holds, what is wrong with it, and other forms of it."""
+"""``tactophone dataset``: show, check, split and convert data sets."""
 
 import argparse
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,43 +10,52 @@ from typing import Any
 from rich.table import Table
 
 from tactophone.cli._support import terminal
-from tactophone.dataset import Dataset, Problem, check, open_dataset, split
-from tactophone.dataset.consistency import FAINT_DBFS, check_together
-from tactophone.dataset.converters import convert, set_split, write_card
-from tactophone.dataset.splits import NAMES
+from tactophone.dataset import (
+    DEFAULT_CONTACT_DBFS,
+    SPLITS,
+    Dataset,
+    check,
+    check_consistency,
+    convert,
+    draw_dataset,
+    open_dataset,
+    set_split,
+    split,
+    write_card,
+)
 from tactophone.errors import ConfigError
-from tactophone.perception.sensor_health.calibration_file import Calibration
-
-ACTIONS = {
-    "check": "read every file through and name what is wrong, with each and between them; exit 1 if one cannot be used",
-    "show": "list surfaces, labels and recordings; with --plot, draw levels and spectrograms",
-    "split": "show how a named split divides it; with --write, put train and test into its manifest",
-    "import": "copy another layout (the paper's authors', or manifest.csv) into this project's, as FLAC",
-    "card": "write a data card, README.md, as Hugging Face has them",
-}
+from tactophone.perception import Calibration
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    made = {}
-    for name, line in ACTIONS.items():
-        sub = made[name] = actions.add_parser(name, help=line, description=line, formatter_class=terminal.HelpFormatter)
+
+    def add(name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
+        sub = actions.add_parser(name, help=text, description=text, formatter_class=terminal.HelpFormatter)
         sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
-        sub.set_defaults(action=globals()[f"_{name}"])
-        if name in ("check", "show", "split"):
-            sub.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    made["check"].add_argument(
+        sub.set_defaults(action=action)
+        return sub
+
+    sub = add("check", _check, "read every file and report what is wrong; exit 1 if a recording cannot be used")
+    sub.add_argument(
         "--calibration",
         type=Path,
         metavar="FILE",
-        help=f"contact threshold of the set-up (default: {FAINT_DBFS:g} dBFS)",
+        help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)",
     )
-    made["show"].add_argument("--plot", type=Path, metavar="PNG", help="picture to write")
-    made["split"].add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(NAMES)}")
-    made["split"].add_argument("--fold", type=int, default=1, metavar="N", help="which fold's test side --write takes")
-    made["split"].add_argument("--write", action="store_true", help="write the column split of metadata.csv")
-    made["import"].add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
+    _add_json(sub)
+    sub = add("show", _show, "list surfaces, labels and recordings; with --plot, draw levels and spectrograms")
+    sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
+    _add_json(sub)
+    sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
+    sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
+    sub.add_argument("--fold", type=int, default=1, metavar="N", help="the fold whose test set --write takes, from 1")
+    sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
+    _add_json(sub)
+    sub = add("import", _import, "convert another layout (the paper's authors', or manifest.csv) to this one, as FLAC")
+    sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
+    add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -54,17 +64,22 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
+
 def _check(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
-    threshold_dbfs = Calibration.read(args.calibration).window_dbfs if args.calibration else FAINT_DBFS
+    threshold_dbfs = Calibration.read(args.calibration).window_dbfs if args.calibration else DEFAULT_CONTACT_DBFS
     with terminal.progress("checking") as bar:
         task = bar.add_task("", total=2 * len(dataset.recordings), note="")
-        alone = check(dataset, progress=lambda done: bar.update(task, completed=done))
-        together = check_together(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: bar.advance(task))
-    problems = (*alone, *together)
+        single = check(dataset, progress=lambda done: bar.update(task, completed=done))
+        across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: bar.advance(task))
+    problems = (*single, *across)
     bad = {problem.path for problem in problems if problem.fatal}
     if args.json:
-        terminal.print_json({"recordings": len(dataset.recordings), "problems": [_told(one) for one in problems]})
+        entries = [{**asdict(problem), "path": str(problem.path)} for problem in problems]
+        terminal.print_json({"recordings": len(dataset.recordings), "problems": entries})
     else:
         for problem in problems:
             print(f"{'error' if problem.fatal else 'warning'}: {problem}")
@@ -75,16 +90,13 @@ def _check(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     if args.plot:
-        from tactophone.dataset.plots import draw_dataset
-
         draw_dataset(args.plot, dataset)
+    surfaces = _surfaces(dataset)
     if args.json:
-        terminal.print_json(
-            {"name": dataset.name, "recordings": len(dataset.recordings), "surfaces": list(_surfaces(dataset))}
-        )
+        terminal.print_json({"name": dataset.name, "recordings": len(dataset.recordings), "surfaces": surfaces})
         return 0
     table = Table("surface", "label", "tier", "scenarios", "recordings", title=dataset.name, title_justify="left")
-    for surface in _surfaces(dataset):
+    for surface in surfaces:
         table.add_row(*(str(cell) for cell in surface.values()))
     terminal.out().print(table)
     if args.plot:
@@ -99,10 +111,14 @@ def _split(args: argparse.Namespace) -> int:
         if not 1 <= args.fold <= len(folds):
             raise ConfigError(f"--fold {args.fold}: {args.by} has folds 1 to {len(folds)}")
         fold = folds[args.fold - 1]
-        sides = {one.surface: side for side, part in (("train", fold.train), ("test", fold.test)) for one in part}
+        sides = {
+            recording.surface: side
+            for side, recordings in (("train", fold.train), ("test", fold.test))
+            for recording in recordings
+        }
         terminal.log().print(set_split(dataset, sides), soft_wrap=True)
     rows: list[dict[str, Any]] = [
-        {"fold": fold.name, "train": len(fold.train), "test": sorted({one.surface for one in fold.test})}
+        {"fold": fold.name, "train": len(fold.train), "test": sorted({recording.surface for recording in fold.test})}
         for fold in folds
     ]
     if args.json:
@@ -110,7 +126,7 @@ def _split(args: argparse.Namespace) -> int:
         return 0
     table = Table("fold", "recordings to train on", "surfaces to test on", box=None)
     for row in rows:
-        table.add_row(str(row["fold"]), str(row["train"]), ", ".join(map(str, row["test"])))
+        table.add_row(row["fold"], str(row["train"]), ", ".join(row["test"]))
     terminal.out().print(table)
     return 0
 
@@ -121,8 +137,8 @@ def _import(args: argparse.Namespace) -> int:
         terminal.log().print(f"left out: {problem}", soft_wrap=True)
     with terminal.progress("converting") as bar:
         task = bar.add_task("", total=len(dataset.recordings), note="")
-        made = convert(dataset, args.out, progress=lambda done: bar.update(task, completed=done))
-    print(f"{len(made.recordings)} recordings in {args.out}")
+        converted = convert(dataset, args.out, progress=lambda done: bar.update(task, completed=done))
+    print(f"{len(converted.recordings)} recordings in {args.out}")
     return 0
 
 
@@ -132,20 +148,18 @@ def _card(args: argparse.Namespace) -> int:
 
 
 def _surfaces(dataset: Dataset) -> list[dict[str, Any]]:
+    """Return a row for each surface: its name, the values of three columns, and its number of recordings."""
+    values: dict[str, dict[str, set[str]]] = {}
+    for recording in dataset.recordings:
+        columns = values.setdefault(recording.surface, {"label": set(), "tier": set(), "scenario": set()})
+        for key, column in columns.items():
+            column.add(recording.known(key) or "-")
+    counts = Counter(recording.surface for recording in dataset.recordings)
     return [
         {
             "surface": surface,
-            **{key: _words(dataset, surface, key) for key in ("label", "tier", "scenario")},
-            "recordings": sum(one.surface == surface for one in dataset.recordings),
+            **{key: ", ".join(sorted(column)) for key, column in values[surface].items()},
+            "recordings": counts[surface],
         }
         for surface in dataset.surfaces
     ]
-
-
-def _words(dataset: Dataset, surface: str, key: str) -> str:
-    counted = Counter(one.known(key) or "-" for one in dataset.recordings if one.surface == surface)
-    return ", ".join(sorted(counted))
-
-
-def _told(problem: Problem) -> dict[str, Any]:
-    return {**asdict(problem), "path": str(problem.path)}

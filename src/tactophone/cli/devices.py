@@ -1,4 +1,4 @@
-"""``tactophone devices``: which sound devices there are, which look right, and why not."""
+"""``tactophone devices``: the sound devices of this machine, which suit Tactophone, and why others do not."""
 
 import argparse
 from dataclasses import asdict
@@ -6,13 +6,13 @@ from dataclasses import asdict
 from rich.table import Table
 
 from tactophone.cli._support import terminal
-from tactophone.devices import Found, survey
+from tactophone.devices import SurveyedDevice, survey
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "--jack-server", default="", metavar="NAME", help="JACK server to look at; default: the usual one"
+        "--jack-server", default="", metavar="NAME", help="JACK server to list; default: the default server"
     )
     parser.add_argument("--json", action="store_true", help="print a list that a program can read")
 
@@ -25,23 +25,22 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for device in found:
         terminal.out().print(_card(device))
-    fit = [device for device in found if not device.microphones or not device.actuator]
-    if not fit:
+    if all(device.microphones and device.actuator for device in found):
         terminal.log().print(
-            "Nothing here fits yet. `tactophone loopback --source finger --actuator none` needs no device."
+            "No device here is suitable. `tactophone loopback --source finger --actuator none` needs no device."
         )
     return 0
 
 
-def _card(device: Found) -> Table:
+def _card(device: SurveyedDevice) -> Table:
     table = Table.grid(padding=(0, 2))
-    table.add_column(justify="right", style="dim", min_width=11)
+    table.add_column(justify="right", style="dim", min_width=12)
     table.add_column(overflow="fold")
     rate = f", {device.inputs} in, {device.outputs} out, {device.sample_rate} Hz" if device.sample_rate else ""
     name = f": {device.name}" if device.name else ""
     table.add_row("device", f"[bold]{device.system}[/]{name}{rate}")
     if device.microphones == device.actuator and device.microphones:
-        table.add_row("not fit", device.microphones)
+        table.add_row("not suitable", device.microphones)
     else:
         table.add_row("microphones", device.microphones or "[green]yes[/]")
         table.add_row("actuator", device.actuator or "[green]yes[/]")

@@ -1,24 +1,23 @@
-"""``tactophone evaluate``: how well a model, or a way of training one, tells rough from smooth."""
+"""``tactophone evaluate``: scores of a model, or of a recipe by cross-validation."""
 
 import argparse
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, default_cache, shuffle_labels
 from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_choice, choose
-from tactophone.cli.train import add_recipe, method_of
-from tactophone.dataset import Dataset, Fold, split
-from tactophone.dataset.splits import NAMES
+from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.training_options import add_training_options, job_of
+from tactophone.dataset import SPLITS, Dataset, Fold, split
 from tactophone.errors import ConfigError
-from tactophone.evaluation.metrics import RULES, Rule
-from tactophone.evaluation.predictions import TakePredictions, predictor_for
-from tactophone.evaluation.report import Report, make_report
 from tactophone.perception import model_path, read_model
+
+if TYPE_CHECKING:
+    from tactophone.benchmark import Cache, Method
+    from tactophone.evaluation import Report, Rule, TakePredictions
 
 _MEASURES = {
     "balanced_accuracy": "balanced accuracy",
@@ -37,34 +36,34 @@ _HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
+    """Declare the verb's arguments."""
     parser.add_argument(
         "model", nargs="?", metavar="MODEL",
-        help="a model file or the name of a shipped one; leave it away to cross-validate a recipe",
+        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
     )  # fmt: skip
     parser.add_argument("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
-    add_choice(parser)
+    add_filter(parser)
     parser.add_argument(
         "--split", metavar="NAME", default="leave-one-surface-out",
-        help=f"how to cross-validate a recipe: {', '.join(NAMES)}",
+        help=f"how to cross-validate a recipe: {', '.join(SPLITS)}",
     )  # fmt: skip
     parser.add_argument(
         "--baselines", type=int, nargs="?", const=1, metavar="N",
-        help="also cross-validate level alone, and the recipe on labels shuffled over surfaces N times, 0 or more "
+        help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, 0 or more "
         "(without N: 1)",
     )  # fmt: skip
-    parser.add_argument("--by-recording", action="store_true", help="list every recording, not surfaces alone")
+    parser.add_argument("--by-recording", action="store_true", help="list every recording instead of surfaces")
     parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
-    parser.add_argument("--no-cache", action="store_true", help="train folds anew even if their results are known")
+    parser.add_argument("--no-cache", action="store_true", help="train folds anew even if their results are cached")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    add_recipe(parser.add_argument_group("the recipe that is cross-validated, without MODEL"))
+    add_training_options(parser.add_argument_group("the recipe that is cross-validated, without MODEL"))
 
 
 def run(args: argparse.Namespace) -> int:
     """Score a model, or cross-validate a recipe with its baselines."""
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
-    dataset = choose(args.data, args.where)
+    dataset = open_filtered(args.data, args.filter)
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
         _note(args, next(iter(reports.values())), dataset)
@@ -75,36 +74,37 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _score_model(args: argparse.Namespace, dataset: Dataset) -> Report:
+def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
+    from tactophone.evaluation import make_report, model_predictor
+
     model = read_model(model_path(args.model))
-    judge = predictor_for(model)
-    judged: list[TakePredictions] = []
     if model.card.training.get("sha256") == dataset.fingerprint:
         terminal.log().print("beware: the model was trained on these very recordings")
-    with terminal.progress("judging") as bar:
-        for recording in bar.track(dataset.recordings, task_id=bar.add_task("", note="")):
-            judged.append(judge(recording))
-    return make_report(judged)
+    predict = model_predictor(model)
+    with terminal.progress("predicting") as bar:
+        takes = bar.track(dataset.recordings, task_id=bar.add_task("", note=""))
+        return make_report([predict(take) for take in takes])
 
 
-def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> dict[str, Report]:
-    method = method_of(args)
-    channels = args.channels if args.recipe != "paper" else 1 if args.variant == "one-channel" else 2
-    from tactophone.benchmark.paper_methods import LevelMethod
+def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
+    from tactophone.benchmark import default_cache, method_of, permute_labels, recipe_method
+    from tactophone.evaluation import make_report
 
-    cache = None if args.no_cache else default_cache()
-    reports = {method.name: make_report(_judge_folds(method, split(dataset, args.split), cache))}
+    job = job_of(args)
+    method, cache = method_of(job), None if args.no_cache else default_cache()
+    reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache))}
     if args.baselines is not None:
-        level = LevelMethod(channels)
-        reports[level.name] = make_report(_judge_folds(level, split(dataset, args.split), cache))
+        level = recipe_method("level", channels=job.channels)
+        reports[level.name] = make_report(_predict_folds(level, split(dataset, args.split), cache))
     for seed in range(args.baselines or 0):
-        shuffled = shuffle_labels(dataset, seed=seed)
-        judged = _judge_folds(method, split(shuffled, args.split), cache)
-        reports[f"shuffled {seed + 1}"] = make_report(judged)
+        permuted = permute_labels(dataset, seed=seed)
+        reports[f"permuted {seed + 1}"] = make_report(_predict_folds(method, split(permuted, args.split), cache))
     return reports
 
 
-def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> list[TakePredictions]:
+def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
+    from tactophone.benchmark import cross_validate
+
     with terminal.progress(method.name) as bar:
         task = bar.add_task("", total=len(folds), note="")
         return cross_validate(
@@ -112,10 +112,11 @@ def _judge_folds(method: Method, folds: Sequence[Fold], cache: Cache | None) -> 
         )
 
 
-def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
-    from tactophone.training.model_export import add_scores
+def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
+    from tactophone.evaluation import RULES
+    from tactophone.training import add_scores
 
-    told: dict[str, Any] = {
+    scores: dict[str, Any] = {
         "dataset": dataset.name,
         "surfaces": report.surfaces,
         "recordings": report.recordings,
@@ -123,16 +124,18 @@ def _note(args: argparse.Namespace, report: Report, dataset: Dataset) -> None:
     }
     for rule in RULES:
         for name in _HEADLINE:
-            one = report.rules[rule][name]
-            told[f"{name}, {rule} rule"] = [round(value, 3) for value in (one.value, one.low, one.high)]
-    add_scores(model_path(args.model), args.note, told)
+            found = report.rules[rule][name]
+            scores[f"{name}, {rule} rule"] = [round(value, 3) for value in (found.value, found.low, found.high)]
+    add_scores(model_path(args.model), args.note, scores)
 
 
-def _print(reports: dict[str, Report], *, by_recording: bool) -> None:
+def _print(reports: "dict[str, Report]", *, by_recording: bool) -> None:
+    from tactophone.evaluation import RULES
+
     first = next(iter(reports.values()))
     terminal.out().print(
         f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, {first.contact:.0%} of "
-        "them in contact.\nIn brackets: where 90 % of draws of the surfaces lie.\n"
+        "them in contact.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
     )
     if len(reports) > 1:
         for rule in RULES:
@@ -141,7 +144,7 @@ def _print(reports: dict[str, Report], *, by_recording: bool) -> None:
     terminal.out().print(_rows(first, by_recording=by_recording))
 
 
-def _comparison(reports: dict[str, Report], rule: Rule) -> Table:
+def _comparison(reports: "dict[str, Report]", rule: "Rule") -> Table:
     # Three columns of a score and its interval are what 80 characters hold.
     table = Table(f"{rule} rule", "balanced accuracy", "area under ROC", "recall at 1 %", show_edge=False)
     for name, report in reports.items():
@@ -149,19 +152,21 @@ def _comparison(reports: dict[str, Report], rule: Rule) -> Table:
     return table
 
 
-def _measures(report: Report) -> Table:
+def _measures(report: "Report") -> Table:
+    from tactophone.evaluation import RULES
+
     table = Table("", *(f"{rule} rule" for rule in RULES), show_edge=False)
     for name, line in _MEASURES.items():
         table.add_row(line, *(str(report.rules[rule][name]) for rule in RULES))
     return table
 
 
-def _rows(report: Report, *, by_recording: bool) -> Table:
+def _rows(report: "Report", *, by_recording: bool) -> Table:
     rows = report.by_recording if by_recording else report.by_surface
     name = "recording" if by_recording else "surface"
     table = Table(name, "label", "updates", "contact", "authors", "two-class", show_edge=False)
     for row in rows:
         shares = (row.contact, row.authors, row.two_class)
-        told = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
-        table.add_row(row.name, row.label, str(row.updates), *told)
+        cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
+        table.add_row(row.name, row.label, str(row.updates), *cells)
     return table

@@ -1,4 +1,4 @@
-"""``tactophone feel``: recordings in; the vibration that a finger would feel, and how it came about, out."""
+"""``tactophone feel``: recordings in; the vibration that a finger would feel, and a timeline of predictions, out."""
 
 import argparse
 import math
@@ -10,13 +10,11 @@ from typing import Any
 from rich.markup import escape
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import dashboard_options as page
-from tactophone.cli._support import terminal
-from tactophone.dataset import Segment, truth_of
+from tactophone.cli._support import dashboard_options, terminal
+from tactophone.dataset import Segment, ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
-from tactophone.offline.plots import draw_recording
-from tactophone.offline.process_recording import OfflineRenderer, Outputs, Summary, feel
+from tactophone.offline import OutputFiles, RunSummary, draw_recording, process_recording
 from tactophone.perception import shipped_models
 from tactophone.pipeline import Pipeline, open_pipeline
 
@@ -28,83 +26,90 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "recordings", nargs="+", type=Path, metavar="RECORDING",
         help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone",
     )  # fmt: skip
-    add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; it is made if need be")
+    add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add(
         "--model", metavar="NAME|FILE",
-        help=f"a model file, or one that ships ({', '.join(shipped_models()) or 'none'}); "
-        "default: the shipped one for the recording's channels",
+        help=f"a model file, or a shipped model ({', '.join(shipped_models()) or 'none'}); "
+        "default: the shipped model for the recording's number of channels",
     )  # fmt: skip
     add(
         "--profile",
         default="paper",
         metavar="NAME",
-        help=f"how belief becomes vibration: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
+        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
     )
     add(
         "--contact", choices=("fast", "window"), default="fast",
-        help="tell contact within milliseconds, or by the model's whole window as in the paper",
+        help="detect contact within milliseconds, or by the model's whole window as in the paper",
     )  # fmt: skip
-    add("--threshold", type=float, metavar="DBFS", help="level of contact, in dBFS, -120 to 0; default: the model's")
-    add("--ceiling", type=float, default=1.0, metavar="LEVEL", help="greatest amplitude, 0 to 1 of full drive")
-    add("--plot", action="store_true", help="draw a picture of what was heard, believed and felt")
+    add("--threshold", type=float, metavar="DBFS", help="contact threshold, -120 to 0 dBFS; default: the model's")
+    add(
+        "--ceiling",
+        type=float,
+        default=Limits().ceiling,
+        metavar="LEVEL",
+        help="greatest amplitude, 0 to 1 of full drive; profiles are scaled down to it",
+    )
+    add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
-    page.add_arguments(parser)
+    dashboard_options.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Feel each recording; one that fails is named, and the others go on."""
-    _check(args)
+    """Process each recording; a failure is reported, and the others continue."""
+    if not 0 <= args.ceiling <= 1:
+        raise ConfigError(f"--ceiling {args.ceiling}: must be from 0 to 1 of full drive")
+    if args.threshold is not None and not -120 <= args.threshold <= 0:
+        raise ConfigError(f"--threshold {args.threshold}: must be from -120 to 0 dBFS")
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be made ({error.strerror}); name a folder of your own") from error
     results = []
-    for path, stem in _stems(args.recordings):
+    for path, stem in _unique_stems(args.recordings):
         try:
-            results.append(_feel(path, stem, args))
+            results.append(_process(path, stem, args))
         except (TactophoneError, OSError) as error:
-            told = str(error)
-            terminal.complain(told if told.startswith(str(path)) else f"{path}: {told}")
+            message = str(error)
+            terminal.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
             continue
         if not args.json:
             _print(results[-1])
     if args.json:
-        terminal.print_json([result.as_json() for result in results])
+        terminal.print_json([_as_json(result) for result in results])
     if args.dashboard:
-        _replay([FileSource(result.path) for result in results], args)
+        from tactophone.cli._support import recording_playback
+
+        takes = [recording_playback.Take(result.path, result.pipeline, result.truth) for result in results]
+        recording_playback.play_on_page(args, takes, name="feel")
     return 0 if len(results) == len(args.recordings) else 1
 
 
 @dataclass(frozen=True, slots=True)
 class _Result:
     path: Path
-    model: str
+    pipeline: Pipeline
     profile: str
     chosen_for_mono: bool
     label: str
-    summary: Summary
+    truth: tuple[Segment, ...]
+    summary: RunSummary
     files: dict[str, Path]
 
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "recording": str(self.path),
-            "model": self.model,
-            "profile": self.profile,
-            "label": self.label or None,
-            **asdict(self.summary),
-            "speed": self.summary.speed,
-            "files": {kind: str(path) for kind, path in self.files.items()},
-        }
+
+def _as_json(result: _Result) -> dict[str, Any]:
+    return {
+        "recording": str(result.path),
+        "model": result.pipeline.detector_name,
+        "profile": result.profile,
+        "label": result.label or None,
+        **asdict(result.summary),
+        "speed": result.summary.speed,
+        "files": {kind: str(path) for kind, path in result.files.items()},
+    }
 
 
-def _check(args: argparse.Namespace) -> None:
-    if not 0 <= args.ceiling <= 1:
-        raise ConfigError(f"--ceiling {args.ceiling}, but it lies from 0 to 1 of full drive")
-    if args.threshold is not None and not -120 <= args.threshold <= 0:
-        raise ConfigError(f"--threshold {args.threshold}, but it lies from -120 to 0 dBFS")
-
-
-def _stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
+def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     """Name the results of each recording after it; a second ``a.wav`` from another folder becomes ``a-2``."""
     taken: set[str] = set()
     stems = []
@@ -117,38 +122,43 @@ def _stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     return stems
 
 
-def _feel(path: Path, stem: str, args: argparse.Namespace) -> _Result:
+def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     source = FileSource(path)
-    walk = _open_walk(source, args)
-    outputs = Outputs.beside(args.out, stem, json=args.json)
-    with terminal.progress("feeling") as bar:
+    pipeline = _open_pipeline(source, args)
+    outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
+    passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
+    with terminal.progress("processing") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
-        sounding = PASSTHROUGH[args.profile](walk.limits) if args.profile in PASSTHROUGH else None
-        summary, feeling = feel(
-            source, walk, outputs, sounding=sounding, watch=lambda tick: bar.update(task, completed=tick.block.end)
+        summary, renderer = process_recording(
+            source,
+            pipeline,
+            outputs,
+            passthrough=passthrough,
+            on_step=lambda step: bar.update(task, completed=step.block.end),
         )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
-    truth = truth_of(path, duration=source.duration)
-    words = {one.word for one in truth}
-    label = words.pop() if len(words) == 1 else "mixed" * bool(words)
+    truth = ground_truth(path, duration=source.duration)
+    labels = {segment.label_name for segment in truth}
+    label = labels.pop() if len(labels) == 1 else "mixed" * bool(labels)
     if args.plot:
-        files["picture"] = args.out / f"{stem}.feel.png"
-        _draw(files["picture"], feeling, outputs, title=_title(path, walk, label), truth=truth)
+        files["figure"] = args.out / f"{stem}.feel.png"
+        labelled = f", labelled {label}" if label else ""
+        draw_recording(
+            files["figure"],
+            timeline=outputs.timeline,
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
+            title=f"{path.name}{labelled}; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+            truth=truth,
+        )
     mono = source.channels == 1 and not args.model
-    return _Result(path, walk.judge.detector.name, args.profile, mono, label, summary, files)
+    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files)
 
 
-def _replay(sources: list[FileSource], args: argparse.Namespace) -> None:
-    from tactophone.cli._support import recording_playback as replay
-
-    takes = [replay.Take(one, _open_walk(one, args), truth_of(one.path, duration=one.duration)) for one in sources]
-    replay.on_page(args, takes, name="feel")
-
-
-def _open_walk(source: FileSource, args: argparse.Namespace) -> Pipeline:
-    walk = open_pipeline(
+def _open_pipeline(source: FileSource, args: argparse.Namespace) -> Pipeline:
+    pipeline = open_pipeline(
         args.model or "",
         sample_rate=source.sample_rate,
         channels=source.channels,
@@ -157,36 +167,20 @@ def _open_walk(source: FileSource, args: argparse.Namespace) -> Pipeline:
         fast_contact=args.contact == "fast",
     )
     if args.threshold is not None:
-        walk.judge.threshold_dbfs = args.threshold
-    return walk
-
-
-def _title(path: Path, walk: Pipeline, label: str) -> str:
-    known = f", labelled {label}" if label else ""
-    return f"{path.name}{known}: judged by {walk.judge.detector.name}, felt as {walk.profile.name}"
-
-
-def _draw(path: Path, feeling: OfflineRenderer, outputs: Outputs, *, title: str, truth: tuple[Segment, ...]) -> None:
-    draw_recording(
-        path,
-        timeline=outputs.timeline,
-        microphones=feeling.microphones,
-        vibration=feeling.vibration,
-        title=title,
-        truth=truth,
-    )
+        pipeline.threshold_dbfs = args.threshold
+    return pipeline
 
 
 def _print(result: _Result) -> None:
     summary, show = result.summary, terminal.out().print
     label = f"; labelled {result.label}" if result.label else ""
     show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
-    show(f"  judged by  {escape(result.model)}{', as it has one channel' if result.chosen_for_mono else ''}")
+    show(f"  model      {escape(result.pipeline.detector_name)}{', for one channel' if result.chosen_for_mono else ''}")
     if result.chosen_for_mono:
-        show("             (if that is an air microphone, take --model impulses)")
+        show("             (if that is an air microphone, use --model impulses)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     if not summary.contact:
-        show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was touch)")
+        show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was contact)")
     if summary.faults:
         show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
     for kind, path in result.files.items():

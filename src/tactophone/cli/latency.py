@@ -1,7 +1,8 @@
-"""``tactophone latency``: clicks through the running chain, and the budget stage by stage."""
+"""``tactophone latency``: impulses through the running system, and the latency budget stage by stage."""
 
 import argparse
 from contextlib import ExitStack
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +10,17 @@ from rich.table import Table
 
 from tactophone.cli._support import flags, terminal
 from tactophone.config import Settings
-from tactophone.devices import DummyServer
-from tactophone.measurement.decision_delay import LONGEST, Delays, measure_decisions
-from tactophone.measurement.impulse_latency import Measured
-from tactophone.measurement.latency import Graph, measure
-from tactophone.runtime.wiring import SAMPLE_RATE, open_pipeline_for
 from tactophone.telemetry import STAGES
+from tactophone.types import LIVE_SAMPLE_RATE
+
+if TYPE_CHECKING:  # their imports take a second, which would slow down --help
+    from tactophone.measurement import DecisionDelays, ImpulseLatency
 
 FLAGS = {
     "--codec": "link.codec",
-    "--packet": "link.packet_duration",
-    "--judge": "link.judge",
-    "--model": "judge.model",
+    "--packet-duration": "link.packet_duration",
+    "--send-predictions": "link.send_predictions",
+    "--model": "detector.model",
     "--name": "process.name",
 }
 
@@ -31,49 +31,53 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
     add = parser.add_argument
-    add("--clicks", type=int, default=100, metavar="N", help="clicks to play, 10 to 2000, about 4 a second")
+    add("--impulses", type=int, default=100, metavar="N", help="impulses to play, 10 to 2000, about 4 a second")
     add("--dummy", action="store_true", help="start a JACK server without a sound card for this")
-    add("--period", type=int, default=128, metavar="N", help="samples a period of that server, 32 to 1024")
-    add("--click-to", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
-    add("--felt-from", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
-    add("--clicks-only", action="store_true", help="leave out how long the decision takes (simulated, 10 s)")
+    add("--period", type=int, default=128, metavar="N", help="period of that server in samples, 32 to 1024")
+    add("--impulse-port", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
+    add("--vibration-port", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
+    add("--no-decisions", action="store_true", help="do not measure the decision delay (simulated, 10 s)")
     add("--json", action="store_true", help="print all figures for a program")
 
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
+    from tactophone.devices import DummyServer
+    from tactophone.measurement import Graph, measure, measure_decisions
+    from tactophone.runtime import open_pipeline_for
+
     settings = flags.settings_of(args)
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(args.period)).name if args.dummy else settings.process.jack_server
-        graph = Graph(server, args.click_to, args.felt_from)
-        bar = stack.enter_context(terminal.progress("clicking"))
+        graph = Graph(server, args.impulse_port, args.vibration_port)
+        bar = stack.enter_context(terminal.progress("impulses"))
         task = bar.add_task("", total=1.0, note="")
         measured = measure(
-            settings, graph, clicks=args.clicks, progress=lambda share: bar.update(task, completed=share)
+            settings, graph, impulses=args.impulses, progress=lambda share: bar.update(task, completed=share)
         )
-        delays = None if args.clicks_only else measure_decisions(open_pipeline_for(settings, channels=2))
+        delays = None if args.no_decisions else measure_decisions(open_pipeline_for(settings, channels=2))
     if args.json:
         terminal.print_json(as_figures(measured, delays))
         return 0
     terminal.out().print(_table(measured, delays))
-    terminal.out().print(_words(measured, settings, dummy=args.dummy), soft_wrap=True)
+    terminal.out().print(_notes(measured, settings, dummy=args.dummy), soft_wrap=True)
     if delays is not None:
-        terminal.out().print(_words_of_decisions(delays), soft_wrap=True)
+        terminal.out().print(_decision_notes(delays), soft_wrap=True)
     return 0
 
 
-def as_figures(measured: Measured, delays: Delays | None) -> dict[str, object]:
-    """Give percentiles in milliseconds, by stage and end to end, and of the decision."""
+def as_figures(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> dict[str, object]:
+    """Return percentiles in milliseconds: by stage, end to end, and of the decision."""
     rows = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
     if delays is not None:
-        rows |= {"contact to felt": np.array(delays.touch), "edge to changed feel": np.array(delays.edge)}
+        rows |= {"contact to vibration": np.array(delays.touch), "edge to changed vibration": np.array(delays.edge)}
     percentiles = {name: _percentiles_ms(durations) for name, durations in rows.items()}
-    counts = {"clicks": measured.clicks, "missed": measured.missed, "period": measured.period}
+    counts = {"impulses": measured.impulses, "missed": measured.missed, "period": measured.period}
     counts["restarts"] = measured.restarts
     return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
 
 
-def _sum(measured: Measured) -> NDArray[np.float64]:
+def _sum(measured: "ImpulseLatency") -> NDArray[np.float64]:
     total: NDArray[np.float64] = np.sum(list(measured.stages.values()), axis=0)
     return total
 
@@ -84,8 +88,8 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
 
 
-def _table(measured: Measured, delays: Delays | None) -> Table:
-    table = Table(title="milliseconds from a click to the first vibration", box=None, pad_edge=False)
+def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> Table:
+    table = Table(title="milliseconds from an impulse to the first vibration", box=None, pad_edge=False)
     table.add_column("stage")
     for percentile in PERCENTILES:
         table.add_column(f"p{percentile}", justify="right")
@@ -95,8 +99,8 @@ def _table(measured: Measured, delays: Delays | None) -> Table:
     table.add_row("end to end", *_cells(measured.end_to_end), style="bold")
     if delays is not None:
         table.add_section()
-        table.add_row("decision: contact to felt", *_cells(np.array(delays.touch)))
-        table.add_row("decision: edge to changed feel", *_cells(np.array(delays.edge)))
+        table.add_row("decision: contact to vibration", *_cells(np.array(delays.touch)))
+        table.add_row("decision: edge to changed vibration", *_cells(np.array(delays.edge)))
     return table
 
 
@@ -104,32 +108,34 @@ def _cells(durations: NDArray[np.float64]) -> list[str]:
     return [f"{value:.2f}" for value in _percentiles_ms(durations).values()]
 
 
-def _words(measured: Measured, settings: Settings, *, dummy: bool) -> str:
+def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> str:
     link = settings.link
     codec = link.codec if link.codec == "pcm16" else f"Opus, {1000 * link.packet_duration:g} ms"
-    sent = "belief alone" if link.judge else codec
+    sent = "predictions only" if link.send_predictions else codec
     words = [
-        f"{measured.clicks} clicks, {measured.missed} not felt; periods of {measured.period} samples "
-        f"({1000 * measured.period / SAMPLE_RATE:.2f} ms); {sent}; sealed.",
-        "Sum and end to end are measured with different clocks; "
+        f"{measured.impulses} impulses, {measured.missed} without vibration; periods of {measured.period} samples "
+        f"({1000 * measured.period / LIVE_SAMPLE_RATE:.2f} ms); {sent}; encrypted.",
+        "The sum and the end-to-end time are measured with different clocks; "
         f"their means differ by {1000 * measured.disagreement:.2f} ms.",
     ]
     if measured.restarts:
         words.append(
-            f"A stalled side was begun again {measured.restarts} times and stayed muted: is the machine too busy?"
+            f"A stalled side was restarted {measured.restarts} times and stayed muted: is the machine too busy?"
         )
     if dummy:
         words.append(
-            "A server without a card hands a period over at its beginning, so capture comes out up to a period early: "
-            "a card adds one period there, and one or two at the device."
+            "A server without a sound card delivers each period at its beginning, so capture reads up to a period too "
+            "short: a card adds one period there, and one or two at the device."
         )
     return "\n".join(words)
 
 
-def _words_of_decisions(delays: Delays) -> str:
+def _decision_notes(delays: "DecisionDelays") -> str:
+    from tactophone.measurement import MAX_DECISION_DELAY
+
     touches, edges = len(delays.touch) + delays.missed_touches, len(delays.edge) + delays.missed_edges
     return (
-        "Decisions: simulated finger, virtual time, packets of 2.5 ms; line and devices come on top. "
-        f"{touches} touches, {delays.missed_touches} not felt; {edges} edges between smooth and rough, "
-        f"{delays.missed_edges} not told in {LONGEST:g} s."
+        "Decisions: simulated finger, virtual time, packets of 2.5 ms; link and devices add to it. "
+        f"{touches} touches, {delays.missed_touches} missed; {edges} edges between smooth and rough, "
+        f"{delays.missed_edges} not detected within {MAX_DECISION_DELAY:g} s."
     )

@@ -7,16 +7,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
-from tactophone.cli._support import console as face
-from tactophone.cli._support import dashboard_options as page
-from tactophone.cli._support import flags, sources
-from tactophone.cli._support import run_summary as outcome
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
 from tactophone.config import Settings
-from tactophone.runtime import Supervisor, run_operator, run_robot
-from tactophone.runtime.pairing import on_one_machine
-from tactophone.simulation.network.impairments import network
-from tactophone.simulation.network.proxy import ImpairmentProxy
+
+if TYPE_CHECKING:
+    from tactophone.runtime import Supervisor
 
 FLAGS = {
     "--source": "capture.source",
@@ -24,13 +21,13 @@ FLAGS = {
     "--actuator": "output.actuator",
     "--output": "output.device",
     "--codec": "link.codec",
-    "--packet": "link.packet_duration",
-    "--judge": "link.judge",
-    "--model": "judge.model",
-    "--calibration": "judge.calibration",
-    "--profile": "feel.profile",
-    "--ceiling": "feel.ceiling",
-    "--muted": "feel.muted",
+    "--packet-duration": "link.packet_duration",
+    "--send-predictions": "link.send_predictions",
+    "--model": "detector.model",
+    "--calibration": "detector.calibration",
+    "--profile": "rendering.profile",
+    "--ceiling": "rendering.ceiling",
+    "--muted": "rendering.muted",
     "--name": "process.name",
 }
 
@@ -41,34 +38,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--network",
         default="clean",
-        metavar="LINE",
-        help="what the line does to packets: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
-        "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (shares 0 to 1, seconds)",
+        metavar="NETWORK",
+        help="simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
+        "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (fractions of 1, seconds); all but clean need the extra sim",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the line's losses and delays")
-    page.add_arguments(parser)
-    outcome.add_arguments(parser)
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed of its losses and delays")
+    dashboard_options.add_arguments(parser)
+    log_option.add_arguments(parser)
+    run_summary.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run both sides until interrupted, or until the sound ends."""
     settings = flags.settings_of(args)
     name = settings.process.name or "loopback"
-    with both_sides(settings, args.network, name=name, seed=args.seed) as sides, page.shown(args, name):
-        ended = face.follow(sides, name, duration=args.duration)
-    return outcome.print_outcome(args, ended)
+    with (
+        both_sides(settings, args.network, name=name, seed=args.seed) as sides,
+        log_option.logged(args.log, name),
+        dashboard_options.shown(args, name),
+    ):
+        outcome = console.follow(sides, name, duration=args.duration)
+    return run_summary.print_outcome(args, outcome)
 
 
 @contextmanager
-def both_sides(settings: Settings, line: str, *, name: str, seed: int) -> Iterator[list[Supervisor]]:
-    """Run operator and robot, in this order, as two processes with that line between them, sealed by fresh keys."""
+def both_sides(settings: Settings, network: str, *, name: str, seed: int) -> "Iterator[list[Supervisor]]":
+    """Run operator and robot, in this order, as two processes with that network between them and fresh keys."""
+    from tactophone.cli._support.sources import open_source
+    from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+
     with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
-        robot, operator = on_one_machine(settings, Path(folder), name=name)
+        robot, operator = pair_on_one_machine(settings, Path(folder), name=name)
         receive = partial(run_operator, robot=robot.process.name)
         receiving = stack.enter_context(Supervisor(receive, operator, name=name))
-        if line != "clean":
-            proxy = ImpairmentProxy(("127.0.0.1", operator.link.port), network(line), seed=seed)
-            port = stack.enter_context(proxy).address[1]
+        if network != "clean":
+            port = _impaired_port(stack, operator.link.port, network, seed)
             robot = replace(robot, link=replace(robot.link, port=port))
-        send = partial(run_robot, open_source=sources.open_source)
+        send = partial(run_robot, open_source=open_source)
         yield [receiving, stack.enter_context(Supervisor(send, robot, name=robot.process.name))]
+
+
+def _impaired_port(stack: ExitStack, port: int, network: str, seed: int) -> int:
+    """Start the simulated network in front of a local port; return the port that leads through it."""
+    from tactophone.simulation.network import ImpairmentProxy, network_profile
+
+    proxy = ImpairmentProxy(("127.0.0.1", port), network_profile(network), seed=seed)
+    return stack.enter_context(proxy).address[1]

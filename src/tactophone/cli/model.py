@@ -1,4 +1,4 @@
-"""``tactophone model``: what a model file says of itself, and the authors' published models made ours."""
+"""``tactophone model``: show a model file's card, or convert one of the authors' published models."""
 
 import argparse
 import json
@@ -10,14 +10,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from tactophone.cli._support import terminal
-from tactophone.cli.train import prepare_torch
 from tactophone.perception import ModelCard, model_path, read_model, shipped_models
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's actions and their arguments."""
+    """Declare the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    line = "show a model's card: what it hears, when it speaks, what it learnt from, how well it does"
+    line = "show a model's card: input, decision rule, training data, scores"
     show = actions.add_parser("show", help=line, description=line, formatter_class=terminal.HelpFormatter)
     show.add_argument(
         "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
@@ -43,8 +42,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    prepare_torch()
-    from tactophone.training.network.importing import import_published
+    from tactophone.training import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
     import_published(args.source, out)
@@ -73,7 +71,7 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
     gate, rule = card.gate, card.decision
     lines = [
         ("model", f"{card.name}, of kind {card.kind}"),
-        ("hears", f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz"),
+        ("input", f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz"),
         ("window", f"{card.window_size} samples, {1000 * duration:.1f} ms; one every {1000 * hop:.2f} ms"),
         ("contact", f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window"),
         ("rough", f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row"),

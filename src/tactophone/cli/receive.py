@@ -2,23 +2,19 @@
 
 import argparse
 
-from tactophone.cli._support import console as face
-from tactophone.cli._support import dashboard_options as page
-from tactophone.cli._support import flags
-from tactophone.cli._support import run_summary as outcome
-from tactophone.runtime import Supervisor, run_operator
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
 
 FLAGS = {
     "--port": "link.port",
     "--actuator": "output.actuator",
     "--device": "output.device",
     "--actuator-port": "output.port",
-    "--model": "judge.model",
-    "--calibration": "judge.calibration",
-    "--threshold": "judge.threshold_dbfs",
-    "--profile": "feel.profile",
-    "--ceiling": "feel.ceiling",
-    "--muted": "feel.muted",
+    "--model": "detector.model",
+    "--calibration": "detector.calibration",
+    "--contact-threshold": "detector.threshold_dbfs",
+    "--profile": "rendering.profile",
+    "--ceiling": "rendering.ceiling",
+    "--muted": "rendering.muted",
     "--identity": "link.identity",
     "--name": "process.name",
 }
@@ -27,14 +23,21 @@ FLAGS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
-    page.add_arguments(parser)
-    outcome.add_arguments(parser)
+    dashboard_options.add_arguments(parser)
+    log_option.add_arguments(parser)
+    run_summary.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Receive until interrupted."""
+    from tactophone.runtime import Supervisor, run_operator
+
     settings = flags.settings_of(args)
     name = settings.process.name or "receive"
-    with Supervisor(run_operator, settings, name=name) as operator, page.shown(args, name):
-        ended = face.follow([operator], name, duration=args.duration)
-    return outcome.print_outcome(args, ended)
+    with (
+        Supervisor(run_operator, settings, name=name) as operator,
+        log_option.logged(args.log, name),
+        dashboard_options.shown(args, name),
+    ):
+        outcome = console.follow([operator], name, duration=args.duration)
+    return run_summary.print_outcome(args, outcome)

@@ -1,86 +1,86 @@
-"""``tactophone record``: the seven takes of the paper, guided and judged at once, safe from kills and full disks."""
+"""``tactophone record``: record the paper's seven takes with guidance, a check of each, and no loss by a kill."""
 
 import argparse
 import datetime
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rich.console import Group
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from tactophone.cli._support import audio_input as hearing
-from tactophone.cli._support import keyboard as keys
-from tactophone.cli._support import terminal
+from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
-from tactophone.cli._support.meters import Meters
-from tactophone.dataset import Recording, open_dataset
-from tactophone.dataset.metadata import holds_metadata
+from tactophone.cli._support.meters import Meters, live_display
+from tactophone.dataset import Recording, holds_metadata, open_dataset
 from tactophone.errors import ConfigError
-from tactophone.perception.sensor_health.calibration_file import Calibration
-from tactophone.perception.sensor_health.faults import Reference
-from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Stage
-from tactophone.recording.recorder import Plan, Recorder, Subject
-from tactophone.recording.safe_writer import recover
+from tactophone.perception import Calibration, Reference
+from tactophone.recording import PROTOCOL, Key, RecordedObject, Recorder, SessionPlan, Stage, protocol, recover
 from tactophone.types import Touch
 
 SCENARIOS = ("held", "table", "box")
 KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT, "\x04": Key.QUIT}
-STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.JUDGED: "cyan", Stage.COUNTDOWN: "bold yellow"}
+STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cyan", Stage.COUNTDOWN: "bold yellow"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("object", metavar="OBJECT", help="its name; with --source finger, one of the catalogue's")
-    parser.add_argument("--label", required=True, choices=("smooth", "rough"), help="your word for how it feels")
-    parser.add_argument("--surface", default="", metavar="NAME", help="what it is a piece of; empty: the object itself")
-    parser.add_argument("--material", default="", metavar="WORD", help="what it is made of")
     parser.add_argument(
-        "--scenario", default="table", metavar="WORD", help=f"how it is held: {', '.join(SCENARIOS)}, or any word"
+        "object", metavar="OBJECT", help="the object's name; with --source finger, a name from the catalogue"
     )
-    parser.add_argument("--session", default="", metavar="WORD", help="the sitting; empty: today's date")
-    parser.add_argument("--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add to")
-    parser.add_argument("--calibration", type=Path, metavar="FILE", help="what `tactophone calibrate` wrote")
-    parser.add_argument("--seconds", type=float, default=DURATION, metavar="S", help="length of a take, 1 to 600 s")
+    parser.add_argument("--label", required=True, choices=("smooth", "rough"), help="how it feels to you")
+    parser.add_argument(
+        "--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)"
+    )
+    parser.add_argument("--material", default="", metavar="NAME", help="its material")
+    parser.add_argument(
+        "--scenario", default="table", metavar="NAME", help=f"how it is held: {', '.join(SCENARIOS)}, or any other"
+    )
+    parser.add_argument("--session", default="", metavar="NAME", help="recording session (default: today's date)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to"
+    )
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")
+    parser.add_argument(
+        "--seconds", type=float, default=protocol.DURATION, metavar="S", help="length of a take, 1 to 600 s"
+    )
     parser.add_argument(
         "--takes", default="all", metavar="LIST",
-        help=f"takes divided by commas, of {', '.join(take.name for take in PROTOCOL)}; or 'all'",
+        help=f"comma-separated takes, of {', '.join(take.name for take in PROTOCOL)}; or 'all'",
     )  # fmt: skip
-    parser.add_argument("--yes", action="store_true", help="wait for no key; begin each take, and keep it")
+    parser.add_argument("--yes", action="store_true", help="start and keep each take without a key press")
     parser.add_argument("--json", action="store_true", help="at the end, print the takes as JSON")
-    hearing.add_arguments(parser)
+    audio_input.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until all takes are made, or somebody quits."""
-    plan, subject = _plan(args), _subject(args)
+    """Record until all takes are done, or the user quits."""
+    plan, target = _plan(args), _recorded_object(args)
     for recovered in recover(plan.root) if plan.root.is_dir() else ():
-        terminal.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('verdict')}")
+        terminal.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
     known = open_dataset(plan.root) if plan.root.is_dir() and holds_metadata(plan.root) else None
-    with AudioInput(args, args.object) as heard, keys.listening() as keyboard:
-        rate, channels = heard.source.sample_rate, heard.source.channels
-        recorder = Recorder(subject, plan, known, sample_rate=rate, channels=channels)
-        _follow(recorder, heard, plan, alone=args.yes or heard.simulated or not keyboard)
-    _tell(args, recorder.made)
+    with AudioInput(args, args.object) as audio, keyboard.single_keys() as has_keyboard:
+        rate, channels = audio.source.sample_rate, audio.source.channels
+        recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
+        _record(recorder, audio, plan, unattended=args.yes or audio.simulated or not has_keyboard)
+    _print(args, recorder.recordings)
     return 0
 
 
-def _plan(args: argparse.Namespace) -> Plan:
+def _plan(args: argparse.Namespace) -> SessionPlan:
     names = [take.name for take in PROTOCOL]
-    wanted = names if args.takes == "all" else args.takes.split(",")
-    if unknown := sorted(set(wanted) - set(names)):
-        raise ConfigError(f"--takes: {', '.join(unknown)} is no take; there are {', '.join(names)}")
+    selected = names if args.takes == "all" else args.takes.split(",")
+    if unknown := sorted(set(selected) - set(names)):
+        raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}")
     if not 1 <= args.seconds <= 600:
         raise ConfigError(f"--seconds {args.seconds:g}: a take lasts 1 to 600 s")
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
-    takes = tuple(take for take in PROTOCOL if take.name in wanted)
-    return Plan(args.out, reference, takes, duration=args.seconds)
+    takes = tuple(take for take in PROTOCOL if take.name in selected)
+    return SessionPlan(args.out, reference, takes, duration=args.seconds)
 
 
-def _subject(args: argparse.Namespace) -> Subject:
-    return Subject(
+def _recorded_object(args: argparse.Namespace) -> RecordedObject:
+    return RecordedObject(
         args.object,
         Touch[args.label.upper()],
         surface=args.surface,
@@ -90,62 +90,57 @@ def _subject(args: argparse.Namespace) -> Subject:
     )
 
 
-def _follow(recorder: Recorder, heard: AudioInput, plan: Plan, *, alone: bool) -> None:
-    """Pass sound and keys to the recorder, and show how it stands, until it is done."""
-    meters = Meters(heard.source.channels, plan.reference.threshold_dbfs)
-    title = f"{len(recorder.protocol.takes)} takes to make" if recorder.protocol.takes else "all takes are made"
-    terminal.log().print(title)
+def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unattended: bool) -> None:
+    """Pass sound and keys to the recorder, and show its state, until it is done."""
+    meters = Meters(audio.source.channels, plan.reference.threshold_dbfs)
+    count = len(recorder.protocol.takes)
+    terminal.log().print(f"{count} takes to record" if count else "all takes are recorded already")
     try:
-        with _live() as live:
-            for block in heard:
-                if alone:
-                    _go_on(recorder, heard, plan)
-                elif key := KEYS.get(keys.pressed(0)):
+        with live_display() as live:
+            for block in audio:
+                if unattended:
+                    _press_go(recorder, audio, plan)
+                elif key := KEYS.get(keyboard.read_key(0)):
                     recorder.press(key)
                 before = recorder.protocol.stage
                 recorder.push(block)
                 meters.push(block)
-                if recorder.protocol.stage is Stage.JUDGED and before is not Stage.JUDGED:
-                    terminal.log().print(_judged(recorder), soft_wrap=True)
+                if recorder.protocol.stage is Stage.REVIEW and before is not Stage.REVIEW:
+                    terminal.log().print(_quality(recorder), soft_wrap=True)
                 if recorder.protocol.stage is Stage.DONE:
                     return
                 if live is not None and meters.due():
-                    live.update(_screen(recorder, meters, plan, alone=alone), refresh=True)
+                    live.update(_screen(recorder, meters, plan, unattended=unattended), refresh=True)
     finally:
         recorder.close()
 
 
-def _go_on(recorder: Recorder, heard: AudioInput, plan: Plan) -> None:
-    """Press the key that a person would, who keeps every take."""
-    if recorder.protocol.stage is Stage.JUDGED:
+def _press_go(recorder: Recorder, audio: AudioInput, plan: SessionPlan) -> None:
+    """Start each take and keep it, as a person does who accepts every take."""
+    if recorder.protocol.stage is Stage.REVIEW:
         recorder.press(Key.GO)
     if recorder.protocol.stage is Stage.READY:
         recorder.press(Key.GO)
-        # The hand is where it should be when the countdown ends.
-        heard.ask(SimulatedAct("take", plan.duration + COUNTDOWN, take=recorder.protocol.take.name))
+        # The simulated person starts at once, so that the countdown is over when the stroke is under way.
+        audio.ask(SimulatedAct("take", plan.duration + plan.countdown, take=recorder.protocol.take.name))
 
 
-def _live() -> AbstractContextManager[Live | None]:
-    console = terminal.log()
-    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
-
-
-def _judged(recorder: Recorder) -> Text:
-    take = recorder.protocol.take
-    good = recorder.verdict is not None and recorder.verdict.good
-    text = Text(f"{take.name:13}", style="bold").append(str(recorder.verdict), "green" if good else "yellow")
-    if recorder.heard:
-        text.append(f"  ({recorder.heard.contact:.0%} contact, {recorder.heard.level_dbfs:.0f} dBFS)", "dim")
+def _quality(recorder: Recorder) -> Text:
+    good = recorder.quality is not None and recorder.quality.good
+    text = Text(f"{recorder.protocol.take.name:13}", style="bold")
+    text.append(str(recorder.quality), "green" if good else "yellow")
+    if recorder.levels:
+        text.append(f"  ({recorder.levels.contact:.0%} contact, {recorder.levels.level_dbfs:.0f} dBFS)", "dim")
     return text
 
 
-def _screen(recorder: Recorder, meters: Meters, plan: Plan, *, alone: bool) -> Group:
-    protocol = recorder.protocol
-    take, stage = protocol.take, protocol.stage
+def _screen(recorder: Recorder, meters: Meters, plan: SessionPlan, *, unattended: bool) -> Group:
+    session = recorder.protocol
+    take, stage = session.take, session.stage
     total = {Stage.COUNTDOWN: plan.countdown, Stage.RECORDING: plan.duration, Stage.PAUSED: plan.duration}.get(stage)
-    head = Text(f" take {protocol.number} of {len(protocol.takes)}: ", style="dim").append(take.name, "bold")
-    rows = [head, Text(f" {take.instruction}"), _bar(stage, protocol.remaining, total), *meters.rows()]
-    if not alone:
+    head = Text(f" take {session.number} of {len(session.takes)}: ", style="dim").append(take.name, "bold")
+    rows = [head, Text(f" {take.instruction}"), _bar(stage, session.remaining, total), *meters.rows()]
+    if not unattended:
         rows.append(Text(f" {_hint(stage)}", style="dim"))
     return Group(*rows)
 
@@ -159,21 +154,24 @@ def _bar(stage: Stage, remaining: float, total: float | None) -> Text:
 
 
 def _hint(stage: Stage) -> str:
-    keep = {Stage.JUDGED: "space: keep it, next take", Stage.READY: "space: begin", Stage.PAUSED: "space: go on"}
+    keep = {Stage.REVIEW: "space: keep, next take", Stage.READY: "space: start", Stage.PAUSED: "space: continue"}
     hint = keep.get(stage, "space: pause" if stage is Stage.RECORDING else "")
     again = "" if stage in (Stage.READY, Stage.COUNTDOWN) else "r: retake"
-    return "   ".join(filter(None, (hint, again, "q: quit, keeping what there is")))
+    return "   ".join(filter(None, (hint, again, "q: quit and keep all takes")))
 
 
-def _tell(args: argparse.Namespace, made: Sequence[Recording]) -> None:
+def _print(args: argparse.Namespace, recordings: Sequence[Recording]) -> None:
     if args.json:
-        told = [{"file": str(one.path), "take": one.take, **one.properties} for one in made]
-        terminal.print_json({"object": args.object, "takes": told})
+        takes = [
+            {"file": str(recording.path), "take": recording.take, **recording.properties} for recording in recordings
+        ]
+        terminal.print_json({"object": args.object, "takes": takes})
         return
-    table = Table("take", "level", "verdict", box=None)
-    for one in made:
-        table.add_row(one.take, f"{float(one.known('level_dbfs')):.0f} dBFS", one.known("verdict"))
-    if made:
+    table = Table("take", "level", "quality", box=None)
+    for recording in recordings:
+        level_dbfs = float(recording.known("level_dbfs"))
+        table.add_row(recording.take, f"{level_dbfs:.0f} dBFS", recording.known("quality"))
+    if recordings:
         terminal.out().print(table)
-    last = f"{len(made)} takes in {args.out}: check them with `tactophone dataset check {args.out}`"
+    last = f"{len(recordings)} takes in {args.out}: check them with `tactophone dataset check {args.out}`"
     terminal.out().print(last, soft_wrap=True)

@@ -3,11 +3,8 @@
 import argparse
 from functools import partial
 
-from tactophone.cli._support import console as face
-from tactophone.cli._support import dashboard_options as page
-from tactophone.cli._support import flags, sources
-from tactophone.cli._support import run_summary as outcome
-from tactophone.runtime import Supervisor, run_robot
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
+from tactophone.errors import ConfigError
 
 FLAGS = {
     "--peer": "link.peer",
@@ -17,10 +14,10 @@ FLAGS = {
     "--contact": "capture.contact",
     "--air": "capture.air",
     "--codec": "link.codec",
-    "--packet": "link.packet_duration",
-    "--judge": "link.judge",
-    "--model": "judge.model",
-    "--calibration": "judge.calibration",
+    "--packet-duration": "link.packet_duration",
+    "--send-predictions": "link.send_predictions",
+    "--model": "detector.model",
+    "--calibration": "detector.calibration",
     "--identity": "link.identity",
     "--name": "process.name",
 }
@@ -29,15 +26,27 @@ FLAGS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
-    page.add_arguments(parser)
-    outcome.add_arguments(parser)
+    dashboard_options.add_arguments(parser)
+    log_option.add_arguments(parser)
+    run_summary.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Send until interrupted, or until the sound ends."""
+    from tactophone.cli._support.sources import open_source
+    from tactophone.runtime import Supervisor, run_robot
+
     settings = flags.settings_of(args)
+    if args.log and not settings.link.send_predictions:
+        raise ConfigError(
+            "send --log needs predictions on this side: add --send-predictions, or log with receive --log"
+        )
     name = settings.process.name or "send"
-    main = partial(run_robot, open_source=sources.open_source)
-    with Supervisor(main, settings, name=name) as robot, page.shown(args, name):
-        ended = face.follow([robot], name, duration=args.duration)
-    return outcome.print_outcome(args, ended)
+    main = partial(run_robot, open_source=open_source)
+    with (
+        Supervisor(main, settings, name=name) as robot,
+        log_option.logged(args.log, name),
+        dashboard_options.shown(args, name),
+    ):
+        outcome = console.follow([robot], name, duration=args.duration)
+    return run_summary.print_outcome(args, outcome)

@@ -1,4 +1,4 @@
-"""``tactophone settings``: every setting with its default, range and meaning, as a TOML file to begin with."""
+"""``tactophone settings``: every setting with its default, range and meaning, as a TOML file to edit."""
 
 import argparse
 import math
@@ -9,7 +9,7 @@ from tactophone import config
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare nothing: the verb has no arguments."""
+    """Declare no arguments; the epilog shows how the file is used."""
     parser.epilog = "tactophone settings > robot.toml; tactophone send --config robot.toml"
 
 

@@ -1,42 +1,30 @@
-"""``tactophone simulate``: sound from the simulated finger, for training, testing and play."""
+"""``tactophone simulate``: sound of the simulated finger, for training and tests."""
 
 import argparse
 import os
 import time
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-
-from rich.table import Table
+from typing import TYPE_CHECKING
 
 from tactophone.cli._support import terminal
-from tactophone.dataset import write_metadata
 from tactophone.errors import ConfigError
-from tactophone.haptics import PROFILES
-from tactophone.pipeline import open_pipeline
-from tactophone.simulation.content.catalogue import PAPER, TestObject, catalogue, find
-from tactophone.simulation.content.competition import DAYS, Run, make_finals, make_run, run_recording
-from tactophone.simulation.content.generate import DURATION, Style, finish, make, plan
-from tactophone.simulation.content.movement import TAKES, Take
-from tactophone.simulation.participants.offline_pipeline import OfflinePipeline
-from tactophone.simulation.participants.operator import make_bank, play, render_visits, tally
-from tactophone.simulation.physics.source import RATE
+from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
+
+if TYPE_CHECKING:
+    from tactophone.simulation import SimulatedObject, Take
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's actions and their arguments."""
+    """Declare the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    _objects_arguments(_action(actions, "objects", "list the catalogue, with how rough each object truly is"))
-    _dataset_arguments(
-        _action(
-            actions, "dataset", "make the paper's data set: seven takes of every object; goes on where it was cut off"
+    for name, (description, declare, action) in _ACTIONS.items():
+        verb = actions.add_parser(
+            name, help=description, description=description, formatter_class=terminal.HelpFormatter
         )
-    )
-    _competition_arguments(
-        _action(actions, "competition", "make runs over five stones in a box, on two days, with the truth over time")
-    )
-    _operator_arguments(
-        _action(actions, "operator", "let a simulated operator feel five stones and pick the rough ones")
-    )
+        declare(verb.add_argument)
+        verb.set_defaults(action=action)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,64 +33,53 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _action(actions: "argparse._SubParsersAction[argparse.ArgumentParser]", name: str, line: str) -> (
-    argparse.ArgumentParser
-):  # fmt: skip
-    return actions.add_parser(name, help=line, description=line, formatter_class=terminal.HelpFormatter)
+def _objects_arguments(add: Callable[..., object]) -> None:
+    add("--json", action="store_true", help="print JSON instead of a table")
 
 
-def _objects_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.set_defaults(action=_objects)
+def _dataset_arguments(add: Callable[..., object]) -> None:
+    takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
+    _sound_arguments(add)
+    add("--seconds", type=float, default=30.0, help="length of a take, in s, over 0")
+    words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all'"
+    add("--objects", default="paper", metavar="LIST", help=words)
+    words = f"takes separated by commas, of {takes}; or 'all'"
+    add("--takes", default="all", metavar="LIST", help=words)
+    add("--scenarios", action="store_true", help="render movable objects held, on a table and in a box")
+    add("--opus", action="store_true", help="pass the sound through Opus, as the paper did")
+    add("--authors-layout", action="store_true", help="write opus/stereo/NN_variant.wav, as the paper's authors do")
+    add("--jobs", type=int, default=cores, help="processes, 1 or more")
 
 
-def _dataset_arguments(parser: argparse.ArgumentParser) -> None:
-    _sound_arguments(parser)
-    parser.add_argument("--seconds", type=float, default=DURATION, help="length of a take, in s, over 0")
-    parser.add_argument(
-        "--objects", default="paper", metavar="LIST",
-        help="numbers or names divided by commas, 'paper' for the 23 of the paper, or 'all'",
-    )  # fmt: skip
-    parser.add_argument(
-        "--takes", default="all", metavar="LIST",
-        help=f"takes divided by commas, of {', '.join(take.name for take in TAKES)}; or 'all'",
-    )  # fmt: skip
-    parser.add_argument("--scenarios", action="store_true", help="all that can be moved held, on a table and in a box")
-    parser.add_argument("--opus", action="store_true", help="pass the sound through Opus and back, as the paper did")
-    parser.add_argument(
-        "--authors-layout", action="store_true", help="write opus/stereo/NN_variant.wav, as the paper's authors do"
-    )
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes, 1 or more")
-    parser.set_defaults(action=_dataset)
+def _competition_arguments(add: Callable[..., object]) -> None:
+    _sound_arguments(add)
+    add("--runs", type=int, default=5, help="runs per day, 1 or more")
+    add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
 
 
-def _competition_arguments(parser: argparse.ArgumentParser) -> None:
-    _sound_arguments(parser)
-    parser.add_argument("--runs", type=int, default=5, help="runs a day, 1 or more")
-    parser.add_argument(
-        "--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do"
-    )
-    parser.set_defaults(action=_competition)
+def _operator_arguments(add: Callable[..., object]) -> None:
+    from tactophone.haptics.mapping import PROFILES
+
+    add("--model", default="", metavar="NAME|FILE", help="default: the shipped one for two channels")
+    add("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
+    add("--rounds", type=int, default=1000, help="rounds, 1 or more")
+    add("--visits", type=int, default=12, help="rendered visits per label to draw from, 1 or more")
+    add("--seed", type=int, default=0, help="random seed of stones, strokes and noise")
+    add("--json", action="store_true", help="print JSON instead of text")
 
 
-def _operator_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--model", default="", metavar="NAME|FILE", help="default: the one that ships for two channels")
-    parser.add_argument("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
-    parser.add_argument("--rounds", type=int, default=1000, help="rounds, 1 or more")
-    parser.add_argument("--visits", type=int, default=12, help="stones of each kind to draw from, 1 or more")
-    parser.add_argument("--seed", type=int, default=0, help="another seed gives other stones, strokes and noise")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
-    parser.set_defaults(action=_operator)
-
-
-def _sound_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("out", type=Path, metavar="OUT", help="folder to write to; what is there already is kept")
-    parser.add_argument("--seed", type=int, default=0, help="another seed gives other sessions, strokes and noise")
-    parser.add_argument("--bits", type=int, choices=(16, 24), default=16, help="bits a sample")
+def _sound_arguments(add: Callable[..., object]) -> None:
+    add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
+    add("--seed", type=int, default=0, help="random seed of sessions, strokes and noise")
+    add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
 
 
 def _objects(args: argparse.Namespace) -> int:
-    rows = [_row(thing) for thing in catalogue()]
+    from rich.table import Table
+
+    from tactophone.simulation import catalogue
+
+    rows = [_row(obj) for obj in catalogue()]
     if args.json:
         terminal.print_json(rows)
         return 0
@@ -113,87 +90,119 @@ def _objects(args: argparse.Namespace) -> int:
     return 0
 
 
-def _row(thing: TestObject) -> dict[str, object]:
+def _row(obj: "SimulatedObject") -> dict[str, object]:
     return {
-        "number": thing.number,
-        "object": thing.name,
-        "label": thing.label.name.lower(),
-        "material": thing.substance,
-        "mounting": str(thing.mounting),
-        "Ra_um": round(thing.roughness.ra * 1e6, 3),
-        "Rq_um": round(thing.roughness.rq * 1e6, 3),
+        "number": obj.number,
+        "object": obj.name,
+        "label": obj.label.name.lower(),
+        "material": obj.substance,
+        "mounting": str(obj.mounting),
+        "Ra_um": round(obj.roughness.ra * 1e6, 3),
+        "Rq_um": round(obj.roughness.rq * 1e6, 3),
     }
 
 
 def _dataset(args: argparse.Namespace) -> int:
-    style = Style(args.seconds, args.seed, opus=args.opus, authors_layout=args.authors_layout, bits=args.bits)
-    things = _things(args.objects)
-    if args.authors_layout and (args.scenarios or any(thing.number not in PAPER for thing in things)):
-        raise ConfigError("the authors' layout has numbers 00 to 22 and no scenarios; leave --scenarios and others out")
+    from tactophone.simulation import PAPER, RenderOptions, plan_dataset, render_dataset, write_manifest
+
+    options = RenderOptions(args.seconds, args.seed, opus=args.opus, authors_layout=args.authors_layout, bits=args.bits)
+    objects = _objects_named(args.objects)
+    if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
+        raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
     if args.seconds <= 0 or args.jobs < 1:
         raise ConfigError(f"--seconds {args.seconds} --jobs {args.jobs}, but both must be over 0")
-    jobs = plan(things, style, scenarios=args.scenarios, takes=_takes(args.takes))
+    jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=_takes_named(args.takes))
     args.out.mkdir(parents=True, exist_ok=True)
-    began = time.monotonic()
+    start = time.monotonic()
     try:
         with terminal.progress("simulating") as bar:
             task = bar.add_task("", total=len(jobs), note="")
-            for job in make(args.out, jobs, processes=args.jobs):
+            for job in render_dataset(args.out, jobs, processes=args.jobs):
                 bar.update(task, advance=1, note=job.name)
     finally:
-        done = finish(args.out, jobs)
-        terminal.complain(f"{done} of {len(jobs)} takes are there after {time.monotonic() - began:.0f} s")
+        done = write_manifest(args.out, jobs)
+        terminal.log().print(f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s")
     print(args.out)
     return 0
 
 
 def _competition(args: argparse.Namespace) -> int:
-    runs = [Run(day, number + 1, args.seed) for day in DAYS for number in range(args.runs)]
+    from tactophone.dataset import write_metadata
+    from tactophone.simulation import DAYS, CompetitionRun, run_recording, write_finals, write_run
+
+    runs = [CompetitionRun(day, number + 1, args.seed) for day in DAYS for number in range(args.runs)]
     args.out.mkdir(parents=True, exist_ok=True)
     if args.authors_layout:
-        print(*make_finals(args.out, runs, bits=args.bits), sep="\n")
+        print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
         return 0
     with terminal.progress("simulating") as bar:
         task = bar.add_task("", total=len(runs), note="")
-        for one in runs:
-            make_run(args.out, one, bits=args.bits)
-            bar.update(task, advance=1, note=one.name)
-    write_metadata(args.out, [run_recording(args.out, one) for one in runs])
+        for each in runs:
+            write_run(args.out, each, bits=args.bits)
+            bar.update(task, advance=1, note=each.name)
+    write_metadata(args.out, [run_recording(args.out, each) for each in runs])
     print(args.out)
     return 0
 
 
 def _operator(args: argparse.Namespace) -> int:
+    from tactophone.pipeline import open_pipeline
+    from tactophone.simulation import OfflinePipeline, perceive_visits, play_rounds, render_visits, summarize_rounds
+    from tactophone.types import LIVE_SAMPLE_RATE
+
     if args.rounds < 1 or args.visits < 1:
         raise ConfigError(f"--rounds {args.rounds} --visits {args.visits}, but both must be 1 or more")
-    walk = open_pipeline(args.model, sample_rate=RATE, channels=2, profile=args.profile)
+    pipeline = open_pipeline(args.model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=args.profile)
     visits = render_visits(visits=args.visits, seed=args.seed)
-    rounds = play(make_bank(visits, OfflinePipeline(walk)), rounds=args.rounds, seed=args.seed)
-    found = tally(rounds)
+    rounds = play_rounds(perceive_visits(visits, OfflinePipeline(pipeline)), rounds=args.rounds, seed=args.seed)
+    summary = summarize_rounds(rounds)
     if args.json:
-        terminal.print_json(asdict(found))
+        terminal.print_json(asdict(summary))
         return 0
     print(f"simulated operator, {args.rounds} rounds of five stones, two rough")
-    print(f"picked both rough stones:      {found.success:.1%}")
-    print(f"the roughest picked was rough: {found.found:.1%}")
-    print(f"time to decide:                {found.duration:.1f} s (half of the rounds within "
-          f"{found.quartiles[0]:.1f} to {found.quartiles[1]:.1f} s)")  # fmt: skip
+    print(f"picked both rough stones:      {summary.success:.1%}")
+    print(f"the roughest picked was rough: {summary.found:.1%}")
+    print(f"time to decide:                {summary.duration:.1f} s "
+          f"(quartiles {summary.quartiles[0]:.1f} to {summary.quartiles[1]:.1f} s)")  # fmt: skip
     return 0
 
 
-def _things(names: str) -> list[TestObject]:
+def _objects_named(names: str) -> "list[SimulatedObject]":
+    from tactophone.simulation import PAPER, catalogue, find
+
     if names == "all":
         return list(catalogue())
     if names == "paper":
-        return [thing for thing in catalogue() if thing.number in PAPER]
+        return [obj for obj in catalogue() if obj.number in PAPER]
     return [find(name.strip()) for name in names.split(",")]
 
 
-def _takes(names: str) -> list[Take]:
+def _takes_named(names: str) -> "list[Take]":
     known = {take.name: take for take in TAKES}
     if names == "all":
         return list(TAKES)
     unknown = [name for name in names.split(",") if name not in known]
     if unknown:
-        raise ConfigError(f"{unknown[0]!r} is no take; there are {', '.join(known)}")
+        raise ConfigError(f"{unknown[0]!r} is not a take; there are {', '.join(known)}")
     return [known[name] for name in names.split(",")]
+
+
+_ACTIONS = {
+    "objects": ("list the catalogue of objects with their true roughness", _objects_arguments, _objects),
+    "dataset": (
+        "render the paper's data set, seven takes of each object; continues after an interruption",
+        _dataset_arguments,
+        _dataset,
+    ),
+    "competition": (
+        "render runs over five stones in a box, on two days, with the truth over time",
+        _competition_arguments,
+        _competition,
+    ),
+    "operator": (
+        "let a simulated operator explore five stones and pick the rough ones",
+        _operator_arguments,
+        _operator,
+    ),
+}
+"""Description, arguments and function of each action."""

@@ -1,6 +1,7 @@
-"""The page an operator looks at: the only room that imports asyncio."""
+"""The operator's page: a web server in its own process that reads telemetry and sends requests."""
 
-from tactophone.dashboard.process import ADDRESS, Page, play, watch
-from tactophone.game.rounds import Box
+from tactophone.dashboard.feed import WatchedRun
+from tactophone.dashboard.message import pack, step_table
+from tactophone.dashboard.process import ADDRESS, Page, watch
 
-__all__ = ["ADDRESS", "Box", "Page", "play", "watch"]
+__all__ = ["ADDRESS", "Page", "WatchedRun", "pack", "step_table", "watch"]

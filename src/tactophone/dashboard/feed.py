@@ -1,4 +1,4 @@
-"""One viewer's place in a run: what is new since the last message."""
+"""The messages of a viewer: what is new in a run since the last message."""
 
 import time
 from contextlib import suppress
@@ -7,30 +7,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dashboard.message import BUCKET, SCOPE_STEP, envelope, pack, tick_table, words
+from tactophone.dashboard.message import BUCKET, SCOPE_STEP, envelope, header, pack, step_table
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import Request, Snapshot, Watcher
 
-WHOLE_EVERY = 0.2
-"""Seconds between messages with state, counters and gauges: as fast as anybody reads figures."""
+STATE_INTERVAL = 0.2
+"""Seconds between messages with state, counters and gauges: faster than a person reads numbers."""
 
-SEEK_EVERY = 0.5
-"""Seconds between looks for a run that has not begun yet, or has ended and may begin anew."""
+SEARCH_INTERVAL = 0.5
+"""Seconds between searches for a run that has not started yet, or has ended and may be restarted."""
 
 
-class Run:
-    """The run that is watched, whether it is there or not: one that begins anew is found again."""
+class WatchedRun:
+    """A run by name, whether it exists or not; a restarted run is found again."""
 
     def __init__(self, name: str) -> None:
         self.name = name
         self._watcher: Watcher | None = None
         self._alive = False
-        self._sought = -SEEK_EVERY
+        self._searched = -SEARCH_INTERVAL
 
     def snapshot(self, since: Snapshot | None = None) -> Snapshot | None:
-        """Look at the run; ``None`` while there is none."""
+        """Read the run; ``None`` while there is none."""
         if not self._alive:
-            self._seek(time.monotonic())
+            self._search(time.monotonic())
         if self._watcher is None:
             return None
         snapshot = self._watcher.snapshot(since)
@@ -38,59 +38,60 @@ class Run:
         return snapshot
 
     def ask(self, request: Request) -> None:
-        """Pass a request on, if there is a run to pass it to."""
+        """Send a request to the run, if there is a run."""
         if self._watcher is not None:
             self._watcher.ask(request.action, request.value, text=request.text)
 
-    def _seek(self, now: float) -> None:
-        if now - self._sought < SEEK_EVERY:
+    def _search(self, now: float) -> None:
+        if now - self._searched < SEARCH_INTERVAL:
             return
-        self._sought = now
+        self._searched = now
         with suppress(TactophoneError):
             self._watcher = Watcher(self.name)
 
 
 class Feed:
-    """Makes one viewer's messages; each goes on where the last one ended, however long ago that was."""
+    """Makes a viewer's messages; each continues where the last one ended, however long ago that was."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: WatchedRun) -> None:
         self._run = run
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._last: Snapshot | None = None
         self._rest = np.zeros((0, 2), np.float32)
         self._offset = 0.0
-        self._whole_at = -WHOLE_EVERY
+        self._state_sent = -STATE_INTERVAL
 
     def message(self) -> bytes:
-        """Give what is new."""
+        """Return a message with all that is new since the last one."""
         snapshot = self._run.snapshot(self._last)
         if snapshot is None:
             return pack({"alive": False, "waiting_for": self._run.name}, {})
-        if self._last is not None and snapshot.tick_end < self._last.tick_end:
-            self._forget()
+        if self._last is not None and snapshot.step_end < self._last.step_end:
+            self._reset()  # a restarted run counts from 0
         now = time.monotonic()
-        whole = now - self._whole_at >= WHOLE_EVERY
-        self._whole_at = now if whole else self._whole_at
+        full = now - self._state_sent >= STATE_INTERVAL
+        self._state_sent = now if full else self._state_sent
         origin, tables = self._origin(snapshot), self._tables(snapshot)
         self._last = snapshot
-        return pack({**words(snapshot, whole=whole), "origin": origin}, tables)
+        return pack({**header(snapshot, full=full), "origin": origin}, tables)
 
     def _tables(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
         first = snapshot.vibration_end - len(snapshot.vibration)
         return {
-            "ticks": tick_table(snapshot.ticks, self._origin(snapshot)),
+            "steps": step_table(snapshot.steps, self._origin(snapshot)),
             "sound": self._envelope(snapshot),
             "scope": snapshot.vibration[-first % SCOPE_STEP :: SCOPE_STEP],
         }
 
     def _envelope(self, snapshot: Snapshot) -> NDArray[np.float64]:
-        """Time of each bucket's end, then its envelope; what fills no bucket yet waits for the next message."""
+        """Return the time of each bucket's end and its envelope; an unfinished bucket waits for the next message."""
         rate = snapshot.state.sample_rate
         size = max(1, round(BUCKET * rate))
         missed = self._last is None or snapshot.sound_end - len(snapshot.sound) > self._last.sound_end
         sound = snapshot.sound if missed else np.concatenate([self._rest, snapshot.sound])
+        # Buckets start at multiples of their size since the run began, also after sound was missed.
         sound = sound[-(snapshot.sound_end - len(sound)) % size :]
         count = len(sound) // size
         self._rest = sound[count * size :]
@@ -98,9 +99,9 @@ class Feed:
         return np.column_stack([ends / rate, envelope(sound[: count * size], size)])
 
     def _origin(self, snapshot: Snapshot) -> float:
-        """Stream time at the newest sound."""
+        """Return the stream time of the newest sound, in s."""
         rate = snapshot.state.sample_rate
-        if len(snapshot.ticks):
-            newest = snapshot.ticks[-1]
+        if len(snapshot.steps):
+            newest = snapshot.steps[-1]
             self._offset = float(newest["time"]) - int(newest["sound_end"]) / rate
         return self._offset + snapshot.sound_end / rate

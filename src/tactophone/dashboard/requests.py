@@ -1,4 +1,4 @@
-"""What a viewer may ask of the run, read from the page's JSON; whether it is granted, the run alone decides."""
+"""Requests of a viewer, parsed from the page's JSON; the run alone decides whether to grant them."""
 
 import json
 import math
@@ -7,34 +7,34 @@ from typing import Any
 from tactophone.telemetry import Request, State
 
 _LEVELS = ("ceiling", "output_level")
-_WORDLESS = ("stop", "mute", "arm")
+_WITHOUT_VALUE = ("stop", "mute", "arm")
 
-LONGEST_NAME = 64
-"""Bytes of a profile's name: what the mailbox holds."""
+MAX_NAME_BYTES = 64
+"""Of a profile's name: the size of the mailbox."""
 
 
-def wish(text: str, state: State) -> Request | str:
-    """Read one request; a text says why it is none that could be granted.
+def parse_request(text: str, state: State) -> Request | str:
+    """Parse a request; returns a text with the reason when it must be refused.
 
     Parameters
     ----------
     state
-        How the run is set now: a page may lower its ceiling and never raises it, not even to where it was. The run
-        refuses what is over the local machine's ceiling; this is the nearer of two fences.
+        Settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier value. The run
+        itself refuses any ceiling above the local machine's; this check is the stricter.
 
     Examples
     --------
-    >>> wish('{"action": "mute"}', State()).action
+    >>> parse_request('{"action": "mute"}', State()).action
     'mute'
-    >>> wish('{"action": "ceiling", "value": 0.9}', State(ceiling=0.5))
+    >>> parse_request('{"action": "ceiling", "value": 0.9}', State(ceiling=0.5))
     'a page can lower the ceiling (0.5 now), never raise it: raise it at the machine'
     """
     try:
-        asked = json.loads(text)
-        action, value, name = asked["action"], asked.get("value", 0.0), asked.get("text", "")
+        entries = json.loads(text)
+        action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
     except (ValueError, TypeError, KeyError, AttributeError):
-        return "not a request: wanted JSON with an action"
-    if action in _WORDLESS:
+        return "not a request: write JSON with an action"
+    if action in _WITHOUT_VALUE:
         return Request(action)
     if action in (*_LEVELS, "threshold_dbfs"):
         return _number(action, value, state)
@@ -45,16 +45,16 @@ def wish(text: str, state: State) -> Request | str:
 
 def _number(action: Any, value: Any, state: State) -> Request | str:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return f"{action} wants a number"
+        return f"{action} needs a number"
     low, high = (0.0, 1.0) if action in _LEVELS else (-120.0, 0.0)
     if not low <= value <= high:
-        return f"{action} is {low:g} to {high:g}"
+        return f"{action} must be from {low:g} to {high:g}"
     if action == "ceiling" and value > state.ceiling:
         return f"a page can lower the ceiling ({state.ceiling:g} now), never raise it: raise it at the machine"
     return Request(action, float(value))
 
 
 def _profile(name: Any, state: State) -> Request | str:
-    if name not in state.profiles or len(name.encode()) > LONGEST_NAME:
+    if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
         return f"profiles are {', '.join(state.profiles)}"
     return Request("profile", text=name)

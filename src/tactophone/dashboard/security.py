@@ -1,9 +1,8 @@
-"""Who may see the page: holders of the token, who came to this machine by its own name.
+"""Access control of the page: by token, Host and Origin.
 
-The token is the first part of every path, so that a page's own relative addresses carry it and no cookie is needed.
-Two more doors stand behind it. *Host*: a foreign name that was made to point here (DNS rebinding) is not one of ours.
-*Origin*: another site's page that guesses our address cannot open a WebSocket, which browsers do not hold to the
-same-origin rule.
+The token is the first part of every path, so that the page's relative addresses contain it and no cookie is needed.
+Two checks follow. *Host* must be a name of this machine, so that a foreign name that resolves to it (DNS rebinding) is
+refused. *Origin* must be this page, as browsers do not apply the same-origin rule to WebSockets.
 """
 
 import ipaddress
@@ -24,28 +23,28 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Sent with every answer, refusals included."""
+"""Sent with every response, refusals included."""
 
 
 @dataclass(frozen=True, slots=True)
 class AccessControl:
-    """Decides for each request whether it may pass.
+    """Decides whether a request is allowed.
 
     Parameters
     ----------
     host, port
-        Where the server listens; ``0.0.0.0`` and ``::`` mean everywhere.
+        Where the server listens; ``0.0.0.0`` and ``::`` mean all interfaces.
     token
-        Drawn anew for every run.
+        Random, new for every page.
 
     Examples
     --------
-    >>> guard = AccessControl("127.0.0.1", 8470, token="secret")
-    >>> guard.url
+    >>> access = AccessControl("127.0.0.1", 8470, token="secret")
+    >>> access.url
     'http://127.0.0.1:8470/secret/'
-    >>> guard.refusal(token="secret", host="127.0.0.1:8470", origin=None)
+    >>> access.refusal(token="secret", host="127.0.0.1:8470", origin=None)
     ''
-    >>> guard.refusal(token="secret", host="rebound.example:8470", origin=None)
+    >>> access.refusal(token="secret", host="rebound.example:8470", origin=None)
     'Host is not an address of this page'
     """
 
@@ -55,43 +54,43 @@ class AccessControl:
 
     @property
     def url(self) -> str:
-        """What a person opens; from other machines where it listens everywhere."""
+        """The address to open; with the machine's name if it listens on all interfaces."""
         host = socket.gethostname() if _everywhere(self.host) else self.host
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
 
     @property
     def private(self) -> bool:
-        """Whether only this machine can reach it."""
+        """Whether only this machine can reach the page."""
         return self.host == "localhost" or ipaddress.ip_address(self.host).is_loopback
 
     def refusal(self, *, token: str, host: str | None, origin: str | None, websocket: bool = False) -> str:
-        """Say why a request is refused; nothing when it may pass."""
+        """Return why a request is refused; empty if it is allowed."""
         if not secrets.compare_digest(token.encode(), self.token.encode()):
             return "the token is wrong"
-        if host is None or not self._is_ours(host):
+        if host is None or not self._is_own_host(host):
             return "Host is not an address of this page"
         if origin is None and not websocket:
             return ""
         return "" if origin == f"http://{host}" else "Origin is another page"
 
-    def _is_ours(self, host: str) -> bool:
+    def _is_own_host(self, host: str) -> bool:
         try:
-            asked = urlsplit(f"//{host}")
-            name, port = asked.hostname or "", asked.port or 80
+            parts = urlsplit(f"//{host}")
+            name, port = parts.hostname or "", parts.port or 80
         except ValueError:
             return False
-        return port == self.port and (name in self._names or self._is_our_address(name))
+        return port == self.port and (name in self._names or self._is_own_address(name))
 
     @property
     def _names(self) -> set[str]:
         return {"localhost", self.host} | ({socket.gethostname().lower()} if _everywhere(self.host) else set())
 
-    def _is_our_address(self, name: str) -> bool:
-        """Tell whether it is an address in figures that leads here: a rebound name never is."""
-        asked, own = _address(name), _address(self.host)
-        if asked is None:
+    def _is_own_address(self, name: str) -> bool:
+        """Return whether the name is a numeric address of this machine; a rebound name never is."""
+        address, own = _address(name), _address(self.host)
+        if address is None:
             return False
-        return _everywhere(self.host) or asked == own or (asked.is_loopback and own is not None and own.is_loopback)
+        return _everywhere(self.host) or address == own or (address.is_loopback and own is not None and own.is_loopback)
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -1,7 +1,7 @@
-"""The page's server: files, one live feed for each viewer, and a viewer's wishes back.
+"""The page's server: files, a live feed for each viewer, and requests from the viewers.
 
-A viewer acknowledges each message, and gets no further one while `CREDIT` of them are outstanding. A stalled browser
-therefore costs nothing but its connection: nothing queues up, and what it missed comes in one piece when it wakes.
+A viewer acknowledges each message, and receives none while `CREDIT` of them are unacknowledged. So nothing queues up
+for a stalled browser; when it resumes, it receives what it missed in a single message.
 """
 
 import asyncio
@@ -9,65 +9,66 @@ import json
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Middleware
 
-from tactophone.dashboard.feed import Feed, Run
-from tactophone.dashboard.requests import wish
+from tactophone.dashboard.feed import Feed, WatchedRun
+from tactophone.dashboard.requests import parse_request
 from tactophone.dashboard.security import HEADERS, AccessControl
 from tactophone.telemetry import State
 
 PERIOD = 1 / 60
-"""Seconds between messages: a screen's."""
+"""Seconds between messages: the refresh interval of a screen."""
 
 CREDIT = 3
-"""Messages under way to a viewer at most: 50 ms, more than a local page ever needs."""
+"""Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
 
 VIEWERS = 8
-"""At the same time at most, so that forgotten tabs cannot take the machine."""
+"""Greatest number of viewers, so that forgotten tabs cannot load the machine."""
 
-LARGEST_WISH = 4_096
+MAX_MESSAGE_BYTES = 4_096
 """Bytes of a message from a page."""
 
 STATIC = files("tactophone.dashboard") / "static"
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
-RUN = web.AppKey("run", Run)
+RUN = web.AppKey("run", WatchedRun)
 VIEWS: web.AppKey[set[web.WebSocketResponse]] = web.AppKey("views", set)
 
 
 def dashboard(name: str) -> web.Application:
     """Build the operator's page for the run of that name."""
     app = web.Application()
-    app[RUN], app[VIEWS] = Run(name), set()
-    app.router.add_get("/", page("index.html"))
+    app[RUN], app[VIEWS] = WatchedRun(name), set()
+    app.router.add_get("/", page(STATIC / "index.html"))
     app.router.add_get("/live", _live)
     return app
 
 
-def guarded(inner: web.Application, guard: AccessControl) -> web.Application:
-    """Put a page, and the files that all pages load, under the token and behind the guard."""
+def protect(inner: web.Application, access: AccessControl) -> web.Application:
+    """Serve a page, and the files that all pages load, under the token and behind access control."""
     inner.router.add_static("/static", str(STATIC))
-    outer = web.Application(middlewares=[_keep_out(guard)], client_max_size=LARGEST_WISH)
-    outer.add_subapp(f"/{guard.token}", inner)
+    outer = web.Application(middlewares=[_check_access(access)], client_max_size=MAX_MESSAGE_BYTES)
+    outer.add_subapp(f"/{access.token}", inner)
     outer.on_response_prepare.append(_add_headers)
     return outer
 
 
-def page(name: str) -> Handler:
-    """Make the handler that gives one HTML file."""
+def page(path: Traversable) -> Handler:
+    """Return a handler that serves an HTML file."""
 
     async def handler(request: web.Request) -> web.StreamResponse:
-        return web.Response(text=(STATIC / name).read_text(encoding="utf-8"), content_type="text/html")
+        return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
 
     return handler
 
 
-def _keep_out(guard: AccessControl) -> Middleware:
+def _check_access(access: AccessControl) -> Middleware:
     @web.middleware
     async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
-        reason = guard.refusal(
+        reason = access.refusal(
             token=request.path.split("/")[1],
             host=request.headers.get("Host"),
             origin=request.headers.get("Origin"),
@@ -86,7 +87,7 @@ async def _live(request: web.Request) -> web.StreamResponse:
     views, run = request.app[VIEWS], request.app[RUN]
     if len(views) >= VIEWERS:
         return web.Response(status=503, text=f"{VIEWERS} pages are open already: close one.\n")
-    view = web.WebSocketResponse(heartbeat=20, max_msg_size=LARGEST_WISH, compress=False)
+    view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
     await view.prepare(request)
     views.add(view)
     credit = asyncio.Semaphore(CREDIT)
@@ -108,7 +109,7 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
             await asyncio.sleep(PERIOD)
 
 
-async def _receive(view: web.WebSocketResponse, run: Run, credit: asyncio.Semaphore) -> None:
+async def _receive(view: web.WebSocketResponse, run: WatchedRun, credit: asyncio.Semaphore) -> None:
     async for message in view:
         if message.type is not WSMsgType.TEXT:
             continue
@@ -116,8 +117,8 @@ async def _receive(view: web.WebSocketResponse, run: Run, credit: asyncio.Semaph
             credit.release()
             continue
         snapshot = run.snapshot()
-        asked = wish(message.data, snapshot.state if snapshot else State())
-        if isinstance(asked, str):
-            await view.send_str(json.dumps({"refused": asked}))
+        request = parse_request(message.data, snapshot.state if snapshot else State())
+        if isinstance(request, str):
+            await view.send_str(json.dumps({"refused": request}))
         else:
-            run.ask(asked)
+            run.ask(request)

@@ -1,30 +1,48 @@
-"""Recordings, labels, surfaces, splits, the guided recorder.
+"""Data sets: recordings, their labels, checks, splits and conversion.
 
-``open_dataset`` reads what is known, ``check`` names what is wrong, ``split`` divides without leaks,
-``write_metadata`` writes the one manifest format, and ``find_recording`` tells the truth about a single file.
+`open_dataset` reads the manifest, `check` reports what is wrong, `split` divides recordings without leaks,
+`write_metadata` writes the one manifest format, and `ground_truth` returns the known labels of a single file.
 """
 
 from tactophone.dataset.channels import channel_order
 from tactophone.dataset.checks import check, usable
-from tactophone.dataset.discovery import find_recording, open_dataset, truth_of
-from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.splits import Fold, split
-from tactophone.dataset.values import Dataset, Problem, Recording, Segment, fingerprint, touch_at
+from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
+from tactophone.dataset.converters import convert, set_split, write_card
+from tactophone.dataset.discovery import find_recording, ground_truth, open_dataset
+from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
+from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
+from tactophone.dataset.plots import draw_dataset
+from tactophone.dataset.splits import SPLITS, Fold, split
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
 
 __all__ = [
+    "DEFAULT_CONTACT_DBFS",
+    "FILE_NAME",
+    "LABEL_NAMES",
+    "SPLITS",
     "Dataset",
     "Fold",
+    "MotionInterval",
     "Problem",
     "Recording",
     "Segment",
     "channel_order",
     "check",
+    "check_consistency",
+    "convert",
+    "draw_dataset",
     "find_recording",
     "fingerprint",
+    "ground_truth",
+    "holds_metadata",
     "open_dataset",
+    "read_metadata",
+    "read_slides",
+    "set_split",
     "split",
     "touch_at",
-    "truth_of",
     "usable",
+    "write_card",
     "write_metadata",
+    "write_slides",
 ]

@@ -3,40 +3,40 @@
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 
-TWO = ("contact", "air")
+TWO_CHANNELS = ("contact", "air")
 
 
-def channel_order(recording: Recording, *, wanted: int, alone: str = "contact") -> tuple[int, ...]:
-    """Give which of a file's channels to take, in the order contact, air.
+def channel_order(recording: Recording, *, count: int, single: str = "contact") -> tuple[int, ...]:
+    """Return which of a file's channels to read, in the order contact, air.
 
     Parameters
     ----------
     recording
-        If its channels are not told, they are taken to be contact, then air.
-    wanted
-        2, or 1.
-    alone
-        Which to take where one is wanted; the file's first, if it has none such.
+        If its channels are unknown, they are taken as contact, then air.
+    count
+        Channels to read: 2 or 1.
+    single
+        Which microphone to read when ``count`` is 1; the file's first channel if it has no such microphone.
 
     Raises
     ------
     DatasetError
-        If two are wanted and the file does not hold one contact and one air channel.
+        If ``count`` is 2 and the file does not hold one contact and one air channel.
 
     Examples
     --------
     >>> from pathlib import Path
-    >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), wanted=2)
+    >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), count=2)
     (1, 0)
     """
-    told = recording.channels
-    if wanted == 1:
-        return (told.index(alone) if alone in told else 0,)
-    if not told:
+    names = recording.channels
+    if count == 1:
+        return (names.index(single) if single in names else 0,)
+    if not names:
         return (0, 1)
-    if sorted(told) != sorted(TWO):
+    if sorted(names) != sorted(TWO_CHANNELS):
         raise DatasetError(
-            f"{recording.path}: holds {' and '.join(told)}, but contact and air are wanted; "
-            "take the one-channel variant (--variant one-channel)"
+            f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
+            "use the one-channel variant (--variant one-channel)"
         )
-    return tuple(told.index(name) for name in TWO)
+    return tuple(names.index(name) for name in TWO_CHANNELS)

@@ -1,4 +1,4 @@
-"""Finds what is wrong with recordings, file by file, so that one bad file costs nobody a night's training."""
+"""Checks of single recordings: each bad file is reported, and none stops the others."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from tactophone.types import Touch
 READ_SIZE = 1 << 16
 """Samples read at once: more is no faster, and memory must not grow with a recording's length."""
 
-LOWEST_RATE = 2000
-"""Hz; the paper's detector works at this rate, and nothing can be gained by going up to it."""
+MIN_RATE = 2000
+"""Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""
 
-SHORTEST = 0.256
+MIN_DURATION = 0.256
 """Seconds; one window of the paper's detector."""
 
 SILENT_DBFS = -90.0
@@ -23,11 +23,13 @@ SILENT_DBFS = -90.0
 
 CLIPPED_LEVEL = 0.999
 CLIPPED_SHARE = 1e-3
-"""A recording is clipped when more than this share of its samples lies at full scale; single taps may touch it."""
+"""A recording is clipped when more than this share of its samples is at full scale; single taps may reach it."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Survey:
+class _Measurements:
+    """What one pass over a file measures; ``promised`` is the length in its header, in samples."""
+
     sample_rate: int
     channels: int
     size: int
@@ -38,7 +40,7 @@ class _Survey:
 
 
 def check(dataset: Dataset, *, progress: Callable[[int], None] = lambda done: None) -> tuple[Problem, ...]:
-    """Read every recording through and name what is wrong; nothing stops at a bad one.
+    """Read every recording to its end and report what is wrong; a bad one does not stop the rest.
 
     Parameters
     ----------
@@ -47,22 +49,22 @@ def check(dataset: Dataset, *, progress: Callable[[int], None] = lambda done: No
     progress
         Called with the number of recordings done.
     """
-    found = [*dataset.problems, *_conflicts(dataset)]
+    problems = [*dataset.problems, *_label_conflicts(dataset)]
     for done, recording in enumerate(dataset.recordings, 1):
-        found.extend(check_recording(recording))
+        problems.extend(check_recording(recording))
         progress(done)
-    return tuple(found)
+    return tuple(problems)
 
 
 def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
-    """Leave out the recordings that cannot be used; give the rest, and every problem found."""
+    """Return the data set without the recordings that cannot be used, and every problem found."""
     problems = check(dataset)
     bad = {problem.path for problem in problems if problem.fatal}
     return dataset.where(lambda recording: recording.path not in bad), problems
 
 
 def check_recording(recording: Recording) -> Iterator[Problem]:
-    """Name what is wrong with one recording: missing, empty, broken, silent, clipped, or told falsely."""
+    """Report what is wrong with one recording: missing, empty, broken, silent, clipped, or unlike its manifest."""
     path = recording.path
     if not path.is_file():
         yield Problem(path, "missing", "the manifest names it, but there is no such file; restore it or drop its line")
@@ -71,74 +73,70 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
         yield Problem(path, "empty", "0 bytes; record it again or drop its line")
         return
     try:
-        survey = _survey(recording)
+        measured = _measure(recording)
     except (soundfile.LibsndfileError, RuntimeError, OSError) as error:
-        yield Problem(path, "broken", f"cannot be read as sound ({_reason(error)}); restore it or drop its line")
+        reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
+        yield Problem(path, "broken", f"cannot be read as sound ({reason}); restore it or drop its line")
         return
-    for kind, message, fatal in (*_sound_faults(survey), *_told_falsely(recording, survey)):
+    for kind, message, fatal in (*_sound_faults(measured), *_manifest_faults(recording, measured)):
         yield Problem(path, kind, message, fatal)
 
 
-def _survey(recording: Recording) -> _Survey:
+def _measure(recording: Recording) -> _Measurements:
     with soundfile.SoundFile(recording.path) as file:
         peaks, clipped, size, finite = np.zeros(file.channels), 0, 0, True
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
-            loud = np.abs(samples)
-            finite = finite and bool(np.isfinite(loud).all())
-            peaks = np.maximum(peaks, np.nan_to_num(loud.max(axis=0), posinf=0.0))
-            clipped += int((loud >= CLIPPED_LEVEL).sum())
+            magnitude = np.abs(samples)
+            finite = finite and bool(np.isfinite(magnitude).all())
+            peaks = np.maximum(peaks, np.nan_to_num(magnitude.max(axis=0), posinf=0.0))
+            clipped += int((magnitude >= CLIPPED_LEVEL).sum())
             size += len(samples)
-        return _Survey(file.samplerate, file.channels, size, len(file), tuple(peaks.tolist()), clipped, finite)
+        return _Measurements(file.samplerate, file.channels, size, len(file), tuple(peaks.tolist()), clipped, finite)
 
 
-def _sound_faults(survey: _Survey) -> Iterator[tuple[str, str, bool]]:
-    duration = survey.size / survey.sample_rate
-    if survey.size == 0:
+def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
+    duration = measured.size / measured.sample_rate
+    if measured.size == 0:
         yield "empty", "a header without sound; record it again or drop its line", True
         return
-    if survey.size < survey.promised:
-        yield "broken", f"ends after {survey.size} of {survey.promised} samples; restore the whole file", True
-    if not survey.finite:
+    if measured.size < measured.promised:
+        yield "broken", f"ends after {measured.size} of {measured.promised} samples; restore the whole file", True
+    if not measured.finite:
         yield "broken", "holds NaN or infinite samples; export it again", True
-    if survey.sample_rate < LOWEST_RATE:
-        yield "rate", f"{survey.sample_rate} Hz, but {LOWEST_RATE} Hz or more is wanted; record it again", True
-    if duration < SHORTEST:
-        yield "short", f"{duration:.3f} s, less than one window of {SHORTEST} s; record it again or drop it", True
+    if measured.sample_rate < MIN_RATE:
+        yield "rate", f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again", True
+    if duration < MIN_DURATION:
+        yield "short", f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it", True
     threshold = 10 ** (SILENT_DBFS / 20)
-    silent = [str(number) for number, peak in enumerate(survey.peaks) if peak < threshold]
+    silent = [str(number) for number, peak in enumerate(measured.peaks) if peak < threshold]
     if silent:
-        whole = len(silent) == survey.channels
+        whole = len(silent) == measured.channels
         where = "every channel" if whole else f"channel {', '.join(silent)}"
-        yield "silent", f"{where} stays under {SILENT_DBFS:.0f} dBFS; look to the microphone and its gain", whole
-    share = survey.clipped / (survey.size * survey.channels)
+        yield "silent", f"{where} stays under {SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
+    share = measured.clipped / (measured.size * measured.channels)
     if share > CLIPPED_SHARE:
         yield "clipped", f"{share:.2%} of its samples lie at full scale; record it again with less gain", False
 
 
-def _told_falsely(recording: Recording, survey: _Survey) -> Iterator[tuple[str, str, bool]]:
-    if recording.channels and len(recording.channels) != survey.channels:
-        told = f"the manifest names {len(recording.channels)} channels, but the file has {survey.channels}"
-        yield "channels", f"{told}; correct the column channels", True
-    duration = survey.size / survey.sample_rate
+def _manifest_faults(recording: Recording, measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
+    if recording.channels and len(recording.channels) != measured.channels:
+        found = f"the manifest names {len(recording.channels)} channels, but the file has {measured.channels}"
+        yield "channels", f"{found}; correct the column channels", True
+    duration = measured.size / measured.sample_rate
     for segment in recording.segments:
-        # One millisecond of grace: manifests round.
+        # One millisecond of tolerance: manifests round.
         if not 0 <= segment.start < segment.end <= duration + 1e-3:
-            told = f"{segment.start:g}-{segment.end:g} s of {duration:.3f} s"
-            yield "segments", f"a segment lies at {told}; correct its times", False
+            found = f"{segment.start:g}-{segment.end:g} s of {duration:.3f} s"
+            yield "segments", f"a segment lies at {found}; correct its times", False
 
 
-def _conflicts(dataset: Dataset) -> Iterator[Problem]:
+def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
     seen: dict[str, Recording] = {}
     for recording in dataset.recordings:
         if recording.label not in (Touch.SMOOTH, Touch.ROUGH):
             continue
         first = seen.setdefault(recording.surface, recording)
         if first.label is not recording.label:
-            told = (
-                f"{recording.surface} is {recording.known('label')} here, {first.known('label')} in {first.path.name}"
-            )
-            yield Problem(recording.path, "label", f"{told}; give a surface one label", fatal=False)
-
-
-def _reason(error: Exception) -> str:
-    return str(getattr(error, "error_string", error)).strip().rstrip(".")
+            labels = f"{recording.known('label')} here, {first.known('label')} in {first.path.name}"
+            message = f"{recording.surface} is {labels}; give each surface a single label"
+            yield Problem(recording.path, "label", message, fatal=False)

@@ -1,4 +1,4 @@
-"""Finds what is wrong between recordings: leaks, duplicates, imbalance; and takes in which nothing is touched."""
+"""Checks across recordings: leaks, duplicates and imbalance; and takes without contact."""
 
 import hashlib
 from collections import Counter
@@ -11,96 +11,105 @@ import soundfile
 from tactophone.dataset.values import Dataset, Problem, Recording
 from tactophone.types import CONTACT, Touch
 
-FAINT_DBFS = -60.0
-"""RMS of a quarter second under which nothing is touched, whatever the set-up; a calibration tells better."""
+DEFAULT_CONTACT_DBFS = -60.0
+"""RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""
 
-LEAST_CONTACT = 0.05
+MIN_CONTACT = 0.05
 """Share of a take that must be in contact."""
 
-LEAST_SHARE = 0.25
-"""Of the recordings that either label should have; the paper has 0.43 rough objects."""
+MIN_LABEL_SHARE = 0.25
+"""Of the surfaces, for either label; the paper has 0.43 rough objects."""
 
 CELL = 0.25
+"""Seconds over which a level is measured."""
 
 
-def check_together(
-    dataset: Dataset, *, threshold_dbfs: float = FAINT_DBFS, progress: Callable[[int], None] = lambda done: None
+def check_consistency(
+    dataset: Dataset,
+    *,
+    threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
+    progress: Callable[[int], None] = lambda done: None,
 ) -> tuple[Problem, ...]:
-    """Read every recording that can be read, and name what is wrong with the set as a whole.
+    """Read every readable recording, and report what is wrong with the set as a whole.
 
     Parameters
     ----------
     dataset
-        Single files' faults are :func:`tactophone.dataset.check`'s to name.
+        Faults of single files are reported by :func:`tactophone.dataset.check` instead.
     threshold_dbfs
-        Contact level over a quarter second.
+        Level of contact over a quarter second, in dBFS.
     progress
         Called with the number of recordings done.
     """
-    found = [*_leaks(dataset), *_imbalance(dataset)]
+    problems = [*_leaks(dataset), *_imbalance(dataset)]
     seen: dict[str, Recording] = {}
     for done, recording in enumerate(dataset.recordings, 1):
-        heard = _hear(recording, threshold_dbfs)
-        if heard is not None:
-            digest, contact = heard
-            found += _duplicate(recording, seen.setdefault(digest, recording))
-            found += _untouched(recording, contact, threshold_dbfs)
+        measured = _measure(recording, threshold_dbfs)
+        if measured is not None:
+            digest, contact = measured
+            problems += _duplicate(recording, seen.setdefault(digest, recording))
+            problems += _without_contact(recording, contact, threshold_dbfs)
         progress(done)
-    return tuple(found)
+    return tuple(problems)
 
 
 def _leaks(dataset: Dataset) -> Iterator[Problem]:
     sides: dict[str, set[str]] = {}
-    for one in dataset.recordings:
-        if one.known("split"):
-            sides.setdefault(one.surface, set()).add(one.known("split"))
+    for recording in dataset.recordings:
+        if side := recording.known("split"):
+            sides.setdefault(recording.surface, set()).add(side)
     for surface, names in sorted(sides.items()):
         if len(names) > 1:
-            told = f"{surface} is in {' and '.join(sorted(names))}; keep all of a surface on one side"
-            yield Problem(dataset.root, "leak", told, fatal=False)
+            message = f"{surface} is in {' and '.join(sorted(names))}; keep each surface on one side"
+            yield Problem(dataset.root, "leak", message, fatal=False)
 
 
 def _imbalance(dataset: Dataset) -> Iterator[Problem]:
-    surfaces = {one.surface: one.label for one in dataset.recordings if one.label in (Touch.SMOOTH, Touch.ROUGH)}
-    counted = Counter(label for label in surfaces.values() if label is not None)
+    surfaces = {
+        recording.surface: recording.label
+        for recording in dataset.recordings
+        if recording.label in (Touch.SMOOTH, Touch.ROUGH)
+    }
+    counts = Counter(surfaces.values())
     for label in (Touch.SMOOTH, Touch.ROUGH):
-        if surfaces and counted[label] < LEAST_SHARE * len(surfaces):
-            told = f"{counted[label]} of {len(surfaces)} surfaces are {label.name.lower()}; record more of them"
-            yield Problem(dataset.root, "unbalanced", told, fatal=False)
+        if surfaces and counts[label] < MIN_LABEL_SHARE * len(surfaces):
+            message = f"{counts[label]} of {len(surfaces)} surfaces are {label.name.lower()}; record more of them"
+            yield Problem(dataset.root, "unbalanced", message, fatal=False)
 
 
 def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
     if first is recording:
         return
-    told = f"the same sound as {first.path.name}"
+    message = f"the same sound as {first.path.name}"
     if first.label is not recording.label:
-        told += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
+        message += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
     elif first.known("split") != recording.known("split"):
-        told += f", which is in {first.known('split') or '-'} and this in {recording.known('split') or '-'}"
-    yield Problem(recording.path, "duplicate", f"{told}; drop one of them", fatal=False)
+        message += f", which is in {first.known('split') or '-'} and this in {recording.known('split') or '-'}"
+    yield Problem(recording.path, "duplicate", f"{message}; drop either file", fatal=False)
 
 
-def _untouched(recording: Recording, contact: float, threshold_dbfs: float) -> Iterator[Problem]:
-    if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < LEAST_CONTACT:
-        told = f"over {threshold_dbfs:.0f} dBFS for {contact:.0%} of the time only; record it again, or label it none"
-        yield Problem(recording.path, "no contact", told, fatal=False)
+def _without_contact(recording: Recording, contact: float, threshold_dbfs: float) -> Iterator[Problem]:
+    if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < MIN_CONTACT:
+        found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
+        yield Problem(recording.path, "no contact", f"{found}; record it again, or label it none", fatal=False)
 
 
-def _hear(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
-    """Give a hash of the sound itself, whatever its container, and the share of it in contact."""
+def _measure(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
+    """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unreadable."""
     try:
         samples, rate = _read(recording.path)
     except (soundfile.LibsndfileError, OSError):
         return None
-    order = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
+    channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
     size = max(1, int(CELL * rate))
-    whole = samples[: len(samples) // size * size, order].reshape(-1, size)
-    power = np.square(whole, dtype=np.float64).mean(axis=1) if len(whole) else np.zeros(1)
+    # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
+    cells = samples[: len(samples) // size * size, channel].reshape(-1, size)
+    power = np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
     digest = hashlib.sha256(f"{rate}".encode() + samples.tobytes()).hexdigest()
     return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
 
 
 def _read(path: Path) -> tuple[np.ndarray, int]:
     with soundfile.SoundFile(path) as file:
-        # Sixteen bits tell two recordings apart; a copy at 24 bits is still the same sound.
+        # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
         return file.read(dtype="float32", always_2d=True).round(4), int(file.samplerate)

@@ -1,44 +1,42 @@
-"""Converts any known layout into the one of this project, and writes a data card beside it."""
+"""Conversion of any known layout into ``metadata.csv``, and the data card."""
 
 import dataclasses
 import os
 from collections import Counter
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
 import soundfile
 
+from tactophone.dataset.checks import READ_SIZE
 from tactophone.dataset.metadata import FILE_NAME, write_metadata
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
 
 CARD = "README.md"
-"""Where Hugging Face looks for a data set's card."""
-
-READ_SIZE = 1 << 16
+"""Where Hugging Face looks for the card of a data set."""
 
 
 def convert(dataset: Dataset, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Dataset:
-    """Copy recordings into a folder as FLAC, ``SURFACE/NAME.flac``, with a ``metadata.csv``; the originals stay.
+    """Copy recordings into a folder as FLAC with a ``metadata.csv``; the originals stay.
 
     Sound is neither resampled nor mixed; floating-point sound becomes 24 bit.
 
     Raises
     ------
     DatasetError
-        If a folder that holds a data set is given as ``out``, or a file cannot be converted.
+        If ``out`` holds a data set already, or a file cannot be converted.
     """
     if (out / FILE_NAME).exists():
         raise DatasetError(f"{out}: holds a data set already; name a new folder")
-    made = []
+    copies = []
     for done, recording in enumerate(dataset.recordings, 1):
-        made.append(_copy(dataset, recording, out))
+        copies.append(_copy(dataset, recording, out))
         progress(done)
-    write_metadata(out, made)
-    return Dataset(out.name, out, tuple(made))
+    write_metadata(out, copies)
+    return Dataset(out.name, out, tuple(copies))
 
 
 def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
@@ -56,85 +54,108 @@ def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
     """
     if not (dataset.root / FILE_NAME).is_file():
         raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
-    told = [
-        dataclasses.replace(
-            one, properties=MappingProxyType({**one.properties, "split": sides.get(one.surface, one.known("split"))})
-        )
-        for one in dataset.recordings
-    ]
-    return write_metadata(dataset.root, told)
+    recordings = []
+    for recording in dataset.recordings:
+        side = sides.get(recording.surface, recording.known("split"))
+        properties = MappingProxyType({**recording.properties, "split": side})
+        recordings.append(dataclasses.replace(recording, properties=properties))
+    return write_metadata(dataset.root, recordings)
 
 
 def write_card(dataset: Dataset, *, path: Path | None = None) -> Path:
-    """Write a data card in Hugging Face's form: what the set holds, how it was made, what is known to be wrong."""
+    """Write a data card in Hugging Face's format: contents, how it was recorded, and known faults."""
     target = path or dataset.root / CARD
     target.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
     return target
 
 
+def copy_as_flac(source: Path, target: Path) -> None:
+    """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill leaves no half file at ``target``.
+
+    Raises
+    ------
+    OSError, soundfile.LibsndfileError
+        If the source cannot be read or the disk is full.
+    """
+    part = target.with_suffix(".part.flac")
+    try:
+        with soundfile.SoundFile(source) as file:
+            subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
+            with soundfile.SoundFile(part, "w", file.samplerate, file.channels, subtype) as flac:
+                # As integers, PCM is copied bit by bit.
+                for samples in file.blocks(READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32"):
+                    flac.write(samples)
+            if soundfile.info(part).frames != len(file):
+                raise OSError("the copy is shorter than the original")
+        flush_to_disk(part)
+        os.replace(part, target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def flush_to_disk(path: Path) -> None:
+    """Return when a file's bytes are on the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
 def _copy(dataset: Dataset, recording: Recording, out: Path) -> Recording:
     target = (out / recording.path.resolve().relative_to(dataset.root.resolve())).with_suffix(".flac")
     target.parent.mkdir(parents=True, exist_ok=True)
-    partial = target.with_suffix(".part.flac")
     try:
-        with soundfile.SoundFile(recording.path) as source:
-            subtype = "PCM_16" if source.subtype == "PCM_16" else "PCM_24"
-            with soundfile.SoundFile(partial, "w", source.samplerate, source.channels, subtype) as flac:
-                for samples in source.blocks(READ_SIZE, dtype="float32", always_2d=True):
-                    flac.write(samples)
+        copy_as_flac(recording.path, target)
     except (soundfile.LibsndfileError, OSError) as error:
-        partial.unlink(missing_ok=True)
         raise DatasetError(f"{recording.path}: cannot be converted ({error}); `tactophone dataset check`") from None
-    os.replace(partial, target)
     return dataclasses.replace(recording, path=target)
 
 
 def _card(dataset: Dataset) -> Iterator[str]:
     recordings = dataset.recordings
-    licences = sorted({one.known("licence") for one in recordings} - {""})
     yield from ("---", "pretty_name: " + dataset.name, "task_categories: [audio-classification]")
     yield from ("tags: [tactile, haptics, texture, contact-microphone]", "---", "", f"# {dataset.name}", "")
-    hours, rates = _sound(recordings)
+    minutes, rates = _extent(recordings)
+    channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (
-        f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {hours * 60:.1f} minutes, at "
-        f"{', '.join(f'{rate} Hz' for rate in rates)}. Channels: {_listed(recordings, _channels)}."
+        f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {minutes:.1f} minutes, at "
+        f"{', '.join(f'{rate} Hz' for rate in rates)}. Channels: {channels}."
     )
     yield from ("", f"SHA-256 over names, labels and bytes: `{dataset.fingerprint}`.", "")
-    yield f"Licence: {'; '.join(licences) or 'not stated'}."
+    yield f"Licence: {_values(recordings, 'licence', '; ')}."
     yield from ("", "## Surfaces", "", "| surface | label | material | scenarios | takes |", "|---|---|---|---|--:|")
     for surface in dataset.surfaces:
-        own = [one for one in recordings if one.surface == surface]
-        words = [_listed(own, partial(_known, key)) for key in ("label", "material", "scenario")]
-        yield f"| {surface} | {' | '.join(words)} | {len(own)} |"
-    yield from ("", "## How it was made", "", f"Takes: {_listed(recordings, partial(_known, 'take'))}.", "")
-    yield f"Sessions: {_listed(recordings, partial(_known, 'session'))}."
-    yield f"Split: {_listed(recordings, partial(_known, 'split'))}."
-    doubtful = [one for one in recordings if one.known("verdict") not in ("", "good")]
+        own = [recording for recording in recordings if recording.surface == surface]
+        cells = (_values(own, key) for key in ("label", "material", "scenario"))
+        yield f"| {surface} | {' | '.join(cells)} | {len(own)} |"
+    yield from ("", "## How it was recorded", "", f"Takes: {_values(recordings, 'take')}.", "")
+    yield f"Sessions: {_values(recordings, 'session')}."
+    yield f"Split: {_values(recordings, 'split')}."
+    doubtful = [recording for recording in recordings if recording.known("quality") not in ("", "good")]
     yield from ("", "## Known faults", "")
-    yield from (f"- `{one.path.relative_to(dataset.root)}`: {one.known('verdict')}" for one in doubtful)
+    yield from (f"- `{bad.path.relative_to(dataset.root)}`: {bad.known('quality')}" for bad in doubtful)
     yield from (f"- {problem.kind}: {problem.message}" for problem in dataset.problems)
     if not doubtful and not dataset.problems:
-        yield "None told by the recorder; `tactophone dataset check` looks for more."
-    counted = Counter(one.label for one in recordings)
-    yield from ("", "## Beware", "")
+        yield "The recorder reported none; `tactophone dataset check` looks for more."
+    counts = Counter(recording.label for recording in recordings)
+    yield from ("", "## Limits", "")
     yield (
-        f"Labels are a person's word for a whole recording ({counted[Touch.ROUGH]} rough, {counted[Touch.SMOOTH]} "
-        "smooth); pauses between strokes carry it too. Split by surface, never by window: windows overlap."
+        f"Each label is a person's label of a whole recording ({counts[Touch.ROUGH]} rough, {counts[Touch.SMOOTH]} "
+        "smooth), pauses between strokes included. Split by surface, never by window: windows overlap."
     )
 
 
-def _sound(recordings: tuple[Recording, ...]) -> tuple[float, list[int]]:
-    infos = [soundfile.info(one.path) for one in recordings if one.path.is_file() and one.path.stat().st_size]
-    return sum(info.duration for info in infos) / 3600, sorted({int(info.samplerate) for info in infos})
+def _extent(recordings: Sequence[Recording]) -> tuple[float, list[int]]:
+    """Return the length of all readable files, in minutes, and their sample rates, in Hz."""
+    paths = (recording.path for recording in recordings)
+    infos = [soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size]
+    return sum(info.duration for info in infos) / 60, sorted({int(info.samplerate) for info in infos})
 
 
-def _channels(recording: Recording) -> str:
-    return " and ".join(recording.channels)
+def _values(recordings: Sequence[Recording], key: str, separator: str = ", ") -> str:
+    return _join((recording.known(key) for recording in recordings), separator)
 
 
-def _known(key: str, recording: Recording) -> str:
-    return recording.known(key)
-
-
-def _listed(recordings: "tuple[Recording, ...] | list[Recording]", tell: Callable[[Recording], str]) -> str:
-    return ", ".join(sorted({tell(one) for one in recordings} - {""})) or "not stated"
+def _join(values: Iterable[str], separator: str = ", ") -> str:
+    return separator.join(sorted(set(values) - {""})) or "not stated"

@@ -1,7 +1,7 @@
-"""Other people's layouts: folders with ``manifest.csv``, and the paper's authors' published recordings.
+"""Other layouts: folders with ``manifest.csv``, and the published recordings of the paper's authors.
 
 The authors' layout is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
-``finals_recordings/day_D_word.wav``. Which objects are rough, and which are for training, is in their notebooks
+``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
 (github.com/AIS-Bonn/Roughness_Sensing) and repeated here.
 """
 
@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.metadata import inside, rows, word_of
-from tactophone.dataset.values import WORDS, Dataset, Problem, Recording, Segment
+from tactophone.dataset.metadata import inside, parse_label, rows
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
 from tactophone.types import Touch
 
 MANIFEST = "manifest.csv"
@@ -23,15 +23,15 @@ STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
 
 PRESSURES: Mapping[str, str] = MappingProxyType({"light": "light", "medium": "medium", "loud": "strong"})
-"""The authors' word for each pressure, and the paper's."""
+"""The authors' name of each pressure, and the paper's."""
 
 _OBJECT = re.compile(r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)")
-_FINAL = re.compile(r"day_(?P<day>\d)_(?P<word>smooth|rough)")
-_TOLD = ("file", "surface", "label", "tier", "recording", "channels", "channel_meaning")
+_FINAL = re.compile(r"day_(?P<day>\d)_(?P<label>smooth|rough)")
+_COLUMNS = ("file", "surface", "label", "tier", "recording", "channels", "channel_meaning")
 
 
 def holds_manifest(folder: Path) -> bool:
-    """Tell whether a folder has a ``manifest.csv``."""
+    """Return whether a folder has a ``manifest.csv``."""
     return (folder / MANIFEST).is_file()
 
 
@@ -40,23 +40,23 @@ def read_manifest(folder: Path) -> Dataset:
     problems: list[Problem] = []
     segments = _segments(folder, problems)
     recordings = []
-    for line, row in rows(folder / MANIFEST, wanted=("file", "surface", "label")):
+    for line, row in rows(folder / MANIFEST, required=("file", "surface", "label")):
         path = inside(folder, row["file"])
         if path is None:
-            told = f"line {line}: file is {row['file']!r}, which names no file inside the folder; write its path"
-            problems.append(Problem(folder / MANIFEST, "file", told))
+            message = f"line {line}: file is {row['file']!r}, which is not a file in the folder; write its path"
+            problems.append(Problem(folder / MANIFEST, "file", message))
             continue
         recordings.append(_manifest_recording(row, path, segments=segments, problems=problems))
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
 def holds_authors(folder: Path) -> bool:
-    """Tell whether a folder has the authors' layout."""
+    """Return whether a folder has the authors' layout."""
     return (folder / STEREO).is_dir() or (folder / FINALS).is_dir()
 
 
 def read_authors(folder: Path) -> Dataset:
-    """Read the authors' layout; a file whose name does not fit it is named and left out."""
+    """Read the authors' layout; a file whose name does not fit is reported and left out."""
     problems: list[Problem] = []
     recordings = [
         recording
@@ -71,7 +71,7 @@ def _manifest_recording(
     row: Mapping[str, str], path: Path, *, segments: Mapping[str, list[Segment]], problems: list[Problem]
 ) -> Recording:
     # A label such as "tap/no_contact (see segments.csv)" lists what the segments hold.
-    label = None if "segments" in row["label"] else WORDS[word_of(row["label"], path=path, problems=problems)]
+    label = None if "segments" in row["label"] else LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)]
     return Recording(
         path,
         row["surface"],
@@ -80,7 +80,7 @@ def _manifest_recording(
         take=row.get("recording", ""),
         tier=row.get("tier", ""),
         segments=tuple(segments.get(row["file"], ())),
-        properties=MappingProxyType({key: value for key, value in row.items() if key not in _TOLD and value}),
+        properties=MappingProxyType({key: value for key, value in row.items() if key not in _COLUMNS and value}),
     )
 
 
@@ -90,30 +90,31 @@ def _channels(meaning: str) -> Iterator[str]:
 
 
 def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]:
-    found: dict[str, list[Segment]] = {}
+    segments: dict[str, list[Segment]] = {}
     manifest = folder / SEGMENTS
     if not manifest.is_file():
-        return found
-    for line, row in rows(manifest, wanted=("file", "start_s", "end_s", "label")):
+        return segments
+    for line, row in rows(manifest, required=("file", "start_s", "end_s", "label")):
         try:
             start, end = float(row["start_s"]), float(row["end_s"])
         except ValueError:
-            told = f"line {line}: start_s and end_s are {row['start_s']!r} and {row['end_s']!r}; write seconds"
-            problems.append(Problem(manifest, "segments", told, fatal=False))
+            message = f"line {line}: start_s and end_s are {row['start_s']!r} and {row['end_s']!r}; write seconds"
+            problems.append(Problem(manifest, "segments", message, fatal=False))
             continue
-        # A tap is a touch of which nothing more is known.
-        word = "contact" if row["label"] == "tap" else row["label"]
-        found.setdefault(row["file"], []).append(
-            Segment(start, end, word_of(word, path=folder / row["file"], problems=problems))
-        )
-    return found
+        # A tap is a contact of unknown roughness.
+        text = "contact" if row["label"] == "tap" else row["label"]
+        label = parse_label(text, path=folder / row["file"], problems=problems)
+        segments.setdefault(row["file"], []).append(Segment(start, end, label))
+    return segments
 
 
 def _object(path: Path, problems: list[Problem]) -> Recording | None:
     match = _OBJECT.fullmatch(path.stem)
     if not match:
-        told = "the authors' layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}; rename it"
-        problems.append(Problem(path, "name", told))
+        message = (
+            "the authors' layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}; rename it"
+        )
+        problems.append(Problem(path, "name", message))
         return None
     number = int(match["number"])
     properties = {
@@ -134,13 +135,13 @@ def _object(path: Path, problems: list[Problem]) -> Recording | None:
 def _final(path: Path, problems: list[Problem]) -> Recording | None:
     match = _FINAL.fullmatch(path.stem)
     if not match:
-        told = "the authors' competition runs are named day_{1,2}_{smooth,rough}.wav; rename it"
-        problems.append(Problem(path, "name", told))
+        message = "the authors' competition runs are named day_{1,2}_{smooth,rough}.wav; rename it"
+        problems.append(Problem(path, "name", message))
         return None
     return Recording(
         path,
-        f"competition {match['word']}",
-        WORDS[match["word"]],
+        f"competition {match['label']}",
+        LABEL_NAMES[match["label"]],
         ("contact", "air"),
         scenario="competition",
         session=f"day {match['day']}",

@@ -1,8 +1,8 @@
-"""The one manifest format: a folder with ``metadata.csv``, as Hugging Face's ``audiofolder`` reads it.
+"""The manifest format: a folder with ``metadata.csv``, as Hugging Face's ``audiofolder`` reads it.
 
-One line a recording. ``file_name`` is the file's path from the folder; the other columns are ours, all optional but
-``surface``; a column not named here is kept as a property. ``segments`` holds ``start-end=word`` pairs, in seconds,
-divided by spaces, so that one line tells everything of one file.
+Each line describes a recording. ``file_name`` is the file's path from the folder, ``surface`` is required, and all
+other columns are optional; a column not named here is kept as a property. ``segments`` holds ``start-end=label``
+entries, in seconds, separated by spaces.
 """
 
 import csv
@@ -12,18 +12,18 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.values import WORDS, Dataset, Problem, Recording, Segment
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
 from tactophone.errors import DatasetError
 
 FILE_NAME = "metadata.csv"
 PARTS = ("train", "validation", "test")
 """Sub-folders that may have a ``metadata.csv`` of their own, as ``audiofolder`` has it; kept as property ``split``."""
 
-_OURS = ("file_name", "surface", "label", "channels", "take", "scenario", "session", "tier", "segments")
+_COLUMNS = ("file_name", "surface", "label", "channels", "take", "scenario", "session", "tier", "segments")
 
 
 def holds_metadata(folder: Path) -> bool:
-    """Tell whether a folder is a data set of this format."""
+    """Return whether a folder is a data set of this format."""
     return bool(_manifests(folder))
 
 
@@ -32,28 +32,27 @@ def read_metadata(folder: Path) -> Dataset:
     recordings: list[Recording] = []
     problems: list[Problem] = []
     for manifest in _manifests(folder):
-        for line, row in rows(manifest, wanted=("file_name", "surface")):
-            parsed = _parse(row, manifest=manifest, line=line, problems=problems)
-            if parsed:
+        for line, row in rows(manifest, required=("file_name", "surface")):
+            if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
                 recordings.append(parsed)
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
-    """Write ``metadata.csv`` for recordings that lie in the folder; a kill leaves the old file or the new, never half.
+    """Write ``metadata.csv`` for recordings in the folder; a kill leaves the old file or the new file, never half.
 
     Raises
     ------
     ValueError
-        If a recording lies elsewhere.
+        If a recording is not in the folder.
     """
     lines = [_line(folder, recording) for recording in recordings]
-    extra = sorted({name for line in lines for name in line} - set(_OURS))
+    extra = sorted({name for line in lines for name in line} - set(_COLUMNS))
     target = folder / FILE_NAME
     with tempfile.NamedTemporaryFile(
         "w", dir=folder, prefix=".metadata-", delete=False, newline="", encoding="utf-8"
     ) as file:
-        writer = csv.DictWriter(file, [*_OURS, *extra], restval="", lineterminator="\n")
+        writer = csv.DictWriter(file, [*_COLUMNS, *extra], restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
         file.flush()
@@ -63,18 +62,18 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
     return target
 
 
-def rows(manifest: Path, *, wanted: Iterable[str]) -> Iterable[tuple[int, Mapping[str, str]]]:
-    """Give each line of a CSV file with its number, cells stripped.
+def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapping[str, str]]]:
+    """Yield each line of a CSV file with its number, cells stripped.
 
     Raises
     ------
     DatasetError
-        If a wanted column is not there, or the file is not text.
+        If a required column is missing, or the file is not text.
     """
     try:
         with manifest.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, restval="")
-            missing = set(wanted) - set(reader.fieldnames or ())
+            missing = set(required) - set(reader.fieldnames or ())
             if missing:
                 raise DatasetError(
                     f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
@@ -86,19 +85,18 @@ def rows(manifest: Path, *, wanted: Iterable[str]) -> Iterable[tuple[int, Mappin
         raise DatasetError(f"{manifest}: not a CSV file in UTF-8 ({error}); export it again as such") from error
 
 
-def word_of(text: str, *, path: Path, problems: list[Problem]) -> str:
-    """Give a label's word in lower case, or note what is wrong with it and give the word for unknown."""
-    word = text.lower().replace(" ", "_").replace("-", "_")
-    if word in WORDS:
-        return word
-    problems.append(
-        Problem(path, "label", f"{text!r} is no label; write one of {', '.join(filter(None, WORDS))}, or nothing")
-    )
+def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
+    """Return a label's name in lower case; for an unknown one, add a problem and return the empty name."""
+    name = text.lower().replace(" ", "_").replace("-", "_")
+    if name in LABEL_NAMES:
+        return name
+    names = ", ".join(filter(None, LABEL_NAMES))
+    problems.append(Problem(path, "label", f"{text!r} is not a label; write one of {names}, or nothing"))
     return ""
 
 
 def inside(folder: Path, name: str) -> Path | None:
-    """Give the file that a manifest names, or nothing if it would lie outside the manifest's folder."""
+    """Return the path of a file named in a manifest; ``None`` if it is outside the manifest's folder."""
     path = folder / name
     inner = path.resolve().is_relative_to(folder.resolve())
     return path if name and inner and not Path(name).is_absolute() else None
@@ -115,16 +113,16 @@ def _parse(row: Mapping[str, str], *, manifest: Path, line: int, problems: list[
     name, folder = row["file_name"], manifest.parent
     path = inside(folder, name)
     if path is None:
-        told = f"line {line}: file_name is {name!r}, which names no file inside {folder}; write its path from there"
-        problems.append(Problem(manifest, "file_name", told))
+        message = f"line {line}: file_name is {name!r}, which is not a file in {folder}; write its path from there"
+        problems.append(Problem(manifest, "file_name", message))
         return None
-    extra = {key: value for key, value in row.items() if key not in _OURS and value}
+    extra = {key: value for key, value in row.items() if key not in _COLUMNS and value}
     if folder.name in PARTS:
         extra.setdefault("split", folder.name)
     return Recording(
         path,
         row["surface"] or path.stem,
-        WORDS[word_of(row.get("label", ""), path=path, problems=problems)],
+        LABEL_NAMES[parse_label(row.get("label", ""), path=path, problems=problems)],
         tuple(filter(None, row.get("channels", "").split("|"))),
         **{key: row.get(key, "") for key in ("take", "scenario", "session", "tier")},
         segments=_segments(row.get("segments", ""), path=path, problems=problems),
@@ -133,17 +131,17 @@ def _parse(row: Mapping[str, str], *, manifest: Path, line: int, problems: list[
 
 
 def _segments(text: str, *, path: Path, problems: list[Problem]) -> tuple[Segment, ...]:
-    found = []
+    segments = []
     for entry in text.split():
         try:
-            span, word = entry.split("=")
+            span, label = entry.split("=")
             start, end = map(float, span.split("-"))
         except ValueError:
-            told = f"{entry!r} is no segment; write start-end=word in seconds, such as 0.30-5.17=rough"
-            problems.append(Problem(path, "segments", told, fatal=False))
+            message = f"{entry!r} is not a segment; write start-end=label in seconds, such as 0.30-5.17=rough"
+            problems.append(Problem(path, "segments", message, fatal=False))
             continue
-        found.append(Segment(start, end, word_of(word, path=path, problems=problems)))
-    return tuple(found)
+        segments.append(Segment(start, end, parse_label(label, path=path, problems=problems)))
+    return tuple(segments)
 
 
 def _line(folder: Path, recording: Recording) -> dict[str, str]:
@@ -151,6 +149,9 @@ def _line(folder: Path, recording: Recording) -> dict[str, str]:
         **recording.properties,
         "file_name": recording.path.resolve().relative_to(folder.resolve()).as_posix(),
         "channels": "|".join(recording.channels),
-        "segments": " ".join(f"{one.start:.4f}-{one.end:.4f}={one.word or 'ambiguous'}" for one in recording.segments),
+        "segments": " ".join(
+            f"{segment.start:.4f}-{segment.end:.4f}={segment.label_name or 'ambiguous'}"
+            for segment in recording.segments
+        ),
         **{key: recording.known(key) for key in ("surface", "label", "take", "scenario", "session", "tier")},
     }

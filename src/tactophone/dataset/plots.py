@@ -1,4 +1,4 @@
-"""A data set as a picture: how loud each surface's takes are, and a page of spectrograms."""
+"""A data set as a figure: the level of each take by surface, and example spectrograms."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 import soundfile
 
-from tactophone.dataset import Dataset, Recording
-from tactophone.offline.plots import BLUE, GREY, VERMILION, load_pyplot
+from tactophone.dataset.values import Dataset, Recording
+from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
 from tactophone.types import Touch
 
 PANELS = 12
-LONGEST = 5.0
+EXCERPT = 5.0
 """Seconds of a recording that a small panel can show."""
 
-TOP = 4000.0
-"""Hz; what the link's usual setting lets through."""
+MAX_FREQUENCY = 4000.0
+"""Hz; what the link's usual setting transmits."""
 
 COLOURS = {Touch.ROUGH: VERMILION, Touch.SMOOTH: BLUE}
 
 
 def draw_dataset(path: Path, dataset: Dataset) -> None:
-    """Draw levels per take, and spectrograms of recordings drawn evenly from all; write a PNG.
+    """Draw the level of each take, and spectrograms of up to 12 recordings spread evenly over the set, as PNG.
 
     Raises
     ------
@@ -31,11 +31,11 @@ def draw_dataset(path: Path, dataset: Dataset) -> None:
         If matplotlib is not installed.
     """
     pyplot = load_pyplot()
-    readable = [one for one in dataset.recordings if one.path.is_file() and one.path.stat().st_size]
-    shown = [
-        readable[place]
-        for place in np.unique(np.linspace(0, len(readable) - 1, min(PANELS, len(readable))).astype(int))
+    readable = [
+        recording for recording in dataset.recordings if recording.path.is_file() and recording.path.stat().st_size
     ]
+    places = np.unique(np.linspace(0, len(readable) - 1, min(PANELS, len(readable))).astype(int))
+    shown = [readable[place] for place in places]
     rows = -(-len(shown) // 4)
     height = 0.28 * len(dataset.surfaces) + 1.2
     figure = pyplot.figure(figsize=(11, height + 1.9 * rows), layout="constrained", dpi=110)
@@ -52,18 +52,20 @@ def draw_dataset(path: Path, dataset: Dataset) -> None:
 
 
 def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -> None:
-    place = {surface: row for row, surface in enumerate(reversed(dataset.surfaces))}
+    row_of = {surface: row for row, surface in enumerate(reversed(dataset.surfaces))}
     drawn: Counter[str] = Counter()
-    most = max(Counter(one.surface for one in recordings).values(), default=1)
-    for one in recordings:
-        low, middle, high = _levels(one)
-        colour = COLOURS.get(one.label, GREY) if one.label is not None else GREY
-        offset = 0.7 * ((drawn[one.surface] + 0.5) / most - 0.5)
-        drawn[one.surface] += 1
-        axes.plot([low, high], [place[one.surface] + offset] * 2, color=colour, alpha=0.35, linewidth=1.5)
-        axes.plot(middle, place[one.surface] + offset, "o", color=colour, markersize=3)
-    axes.set_yticks(range(len(place)), list(place), fontsize=7)
-    axes.set_xlabel("level of a quarter second in dBFS: median, and 10th to 90th percentile of each take", fontsize=8)
+    max_takes = max(Counter(recording.surface for recording in recordings).values(), default=1)
+    for recording in recordings:
+        surface = recording.surface
+        low, middle, high = _levels(recording)
+        colour = COLOURS.get(recording.label, GREY) if recording.label is not None else GREY
+        # Takes of a surface share its row, spread over 0.7 of the row's height.
+        height = row_of[surface] + 0.7 * ((drawn[surface] + 0.5) / max_takes - 0.5)
+        drawn[surface] += 1
+        axes.plot([low, high], [height] * 2, color=colour, alpha=0.35, linewidth=1.5)
+        axes.plot(middle, height, "o", color=colour, markersize=3)
+    axes.set_yticks(range(len(row_of)), list(row_of), fontsize=7)
+    axes.set_xlabel("level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=8)
     for label, colour in COLOURS.items():
         axes.plot([], [], "o", color=colour, label=label.name.lower())
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
@@ -71,10 +73,11 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
 
 
 def _levels(recording: Recording) -> tuple[float, float, float]:
+    """Return p10, p50 and p90 of the level over 0.25 s, in dBFS, of the first channel."""
     samples, rate = soundfile.read(recording.path, dtype="float32", always_2d=True)
     size = max(1, rate // 4)
-    cells = samples[: max(len(samples) // size, 1) * size, 0]
-    power = np.square(cells[: len(cells) // size * size].reshape(-1, size), dtype=np.float64).mean(axis=1)
+    cells = samples[: len(samples) // size * size, 0].reshape(-1, size)
+    power = np.square(cells, dtype=np.float64).mean(axis=1)
     levels = 10 * np.log10(np.maximum(power, 1e-10)) if len(power) else np.array([-100.0])
     low, middle, high = np.percentile(levels, [10, 50, 90])
     return float(low), float(middle), float(high)
@@ -83,10 +86,10 @@ def _levels(recording: Recording) -> tuple[float, float, float]:
 def _draw_spectrogram(axes: Any, recording: Recording) -> None:
     with soundfile.SoundFile(recording.path) as file:
         rate = int(file.samplerate)
-        samples = file.read(int(LONGEST * rate), dtype="float32", always_2d=True)[:, 0]
+        samples = file.read(int(EXCERPT * rate), dtype="float32", always_2d=True)[:, 0]
     size = 1 << int(np.log2(rate / 40))
     axes.specgram(samples + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40)
-    axes.set_ylim(0, min(TOP, rate / 2))
+    axes.set_ylim(0, min(MAX_FREQUENCY, rate / 2))
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
     axes.set_title(f"{recording.surface} {recording.take}\n{recording.known('label')} {recording.scenario}", fontsize=7)

@@ -1,19 +1,19 @@
-"""Splits by what must not leak: a surface, a scenario, a day; never by window, as windows overlap."""
+"""Splits by what must not leak: surface, scenario or day; never by window, as windows overlap."""
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 
-NAMES = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "given")
+SPLITS = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "predefined")
 """What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
 
-``K-fold`` deals surfaces to folds; by a key it deals that key's values, where there are too many to leave out singly.
-
-``given`` is the data set's own: the authors' train and test objects, or the folders ``train`` and ``test``.
+``K-fold`` assigns surfaces to folds; ``K-fold-by-KEY`` assigns the values of that key, for keys with too many values
+to leave each out. ``predefined`` is the data set's own split: the authors' train and test objects, or the folders
+``train`` and ``test``.
 """
 
 _LEAVE_ONE = re.compile(r"leave-one-(?P<key>\w+)-out")
@@ -22,7 +22,7 @@ _FOLDS = re.compile(r"(?P<count>\d+)-fold(-by-(?P<key>\w+))?")
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """One training set with the test set that it must not have seen."""
+    """A training set and the test set that is held out from it."""
 
     name: str
     train: tuple[Recording, ...]
@@ -30,88 +30,91 @@ class Fold:
 
 
 def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
-    """Split labelled recordings in a named, reproducible way: the same name and data give the same folds anywhere.
+    """Split labelled recordings; the same name and data give the same folds on any machine.
 
     Parameters
     ----------
     dataset
-        Recordings without a label smooth or rough are left out.
+        Recordings without the label smooth or rough are left out.
     name
-        One of :data:`NAMES`.
+        One of :data:`SPLITS`.
 
     Raises
     ------
     DatasetError
-        If the name is unknown, or the data cannot be split so.
+        If the name is unknown, or the data cannot be split that way.
     """
-    kept = dataset.labelled()
-    if name == "given":
-        return _given(kept)
+    labelled = dataset.labelled()
+    if name == "predefined":
+        return _predefined(labelled)
     if match := _LEAVE_ONE.fullmatch(name):
-        return _leave_one_out(kept, match["key"])
+        return _leave_one_out(labelled, match["key"])
     if match := _FOLDS.fullmatch(name):
-        return _folds(kept, int(match["count"]), match["key"] or "surface")
-    raise DatasetError(f"{name!r} is no split; take one of {', '.join(NAMES)}")
+        return _k_fold(labelled, int(match["count"]), match["key"] or "surface")
+    raise DatasetError(f"{name!r} is not a split; take one of {', '.join(SPLITS)}")
 
 
-def _given(dataset: Dataset) -> tuple[Fold, ...]:
-    train = tuple(one for one in dataset.recordings if one.known("split") == "train")
-    names = sorted({one.known("split") for one in dataset.recordings} - {"train", ""})
+def _predefined(dataset: Dataset) -> tuple[Fold, ...]:
+    sides: dict[str, tuple[Recording, ...]] = {}
+    for recording in dataset.recordings:
+        side = recording.known("split")
+        sides[side] = (*sides.get(side, ()), recording)
+    train, names = sides.get("train", ()), sorted(sides.keys() - {"train", ""})
     if not train or not names:
-        raise DatasetError(f"{dataset.root}: gives no split of its own; take leave-one-surface-out, or fill in `split`")
-    seen = {one.surface for one in train}
-    tests = {name: tuple(one for one in dataset.recordings if one.known("split") == name) for name in names}
-    for name, test in tests.items():
-        if leaked := seen & {one.surface for one in test}:
+        raise DatasetError(
+            f"{dataset.root}: has no split of its own; take leave-one-surface-out, or fill in the column split"
+        )
+    train_surfaces = {recording.surface for recording in train}
+    for name in names:
+        if leaked := train_surfaces & {recording.surface for recording in sides[name]}:
             raise DatasetError(
                 f"{dataset.root}: {', '.join(sorted(leaked))} in both train and {name}; divide by surface"
             )
-    return tuple(Fold(name, train, test) for name, test in tests.items())
+    return tuple(Fold(name, train, sides[name]) for name in names)
 
 
 def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
-    values = sorted({one.known(key) for one in dataset.recordings})
+    values = sorted({recording.known(key) for recording in dataset.recordings})
     if len(values) < 2:
         raise DatasetError(
             f"{dataset.root}: every recording has {key} {values[0]!r}; leaving one out needs two or more. "
             f"Choose another key, or fill in the column {key}"
         )
-    return _sort(dataset, {f"{key} {value}": value for value in values}, lambda one: one.known(key))
+    return _make_folds(dataset, {f"{key} {value}": value for value in values}, lambda recording: recording.known(key))
 
 
-def _folds(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
-    values = {one.known(key) for one in dataset.recordings}
+def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
+    # Rough values first, so that labels are spread evenly. Within a label the order is that of the values' hashes: it
+    # looks shuffled, needs no seed, and one surface more or less hardly moves the others.
+    ranked = sorted(
+        {
+            (
+                -int(recording.label or 0),
+                hashlib.sha256(recording.known(key).encode()).hexdigest(),
+                recording.known(key),
+            )
+            for recording in dataset.recordings
+        }
+    )
+    values = list(dict.fromkeys(value for _, _, value in ranked))
     if not 2 <= count <= len(values):
-        raise DatasetError(
-            f"{dataset.root}: {count} folds of {len(values)} {key}s; take from 2 to as many as there are"
-        )
-    side = _deal(dataset.recordings, count, key)
-    return _sort(dataset, {f"fold {number + 1}": number for number in range(count)}, lambda one: side[one.known(key)])
+        raise DatasetError(f"{dataset.root}: {count} folds of {len(values)} {key}s; take from 2 to {len(values)}")
+    fold_of: dict[str, int] = {}
+    for place, (_, _, value) in enumerate(ranked):
+        fold_of.setdefault(value, place % count)
+    names = {f"fold {number + 1}": number for number in range(count)}
+    return _make_folds(dataset, names, lambda recording: fold_of[recording.known(key)])
 
 
-def _deal(recordings: Iterable[Recording], count: int, key: str) -> dict[str, int]:
-    """Deal a key's values to folds, rough ones first, so that labels are spread evenly.
-
-    The order within a label is the hash of the value: it looks shuffled, needs no seed, and a surface more or less
-    hardly moves the others.
-    """
-    values = {
-        (-int(one.label or 0), hashlib.sha256(one.known(key).encode()).hexdigest(), one.known(key))
-        for one in recordings
-    }
-    dealt: dict[str, int] = {}
-    for place, (_, _, value) in enumerate(sorted(values)):
-        dealt.setdefault(value, place % count)
-    return dealt
-
-
-def _sort(dataset: Dataset, folds: Mapping[str, str | int], side: Callable[[Recording], str | int]) -> tuple[Fold, ...]:
-    """Make one fold of each name, testing the recordings that are on its side and training on the others."""
+def _make_folds(
+    dataset: Dataset, folds: Mapping[str, str | int], fold_of: Callable[[Recording], str | int]
+) -> tuple[Fold, ...]:
+    """Make a fold of each name: test the recordings that belong to it, train on all others."""
     return tuple(
         Fold(
             name,
-            tuple(one for one in dataset.recordings if side(one) != out),
-            tuple(one for one in dataset.recordings if side(one) == out),
+            tuple(recording for recording in dataset.recordings if fold_of(recording) != held_out),
+            tuple(recording for recording in dataset.recordings if fold_of(recording) == held_out),
         )
-        for name, out in folds.items()
+        for name, held_out in folds.items()
     )

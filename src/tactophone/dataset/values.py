@@ -1,4 +1,4 @@
-"""A recording with what is known of it, and a data set of them: values only, nothing is opened here."""
+"""Values of a data set: recordings, their labels and segments. No file is opened here except to hash it."""
 
 import functools
 import hashlib
@@ -12,7 +12,7 @@ from typing import Any
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
 
-WORDS: Mapping[str, Touch | None] = MappingProxyType(
+LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
     {
         "none": Touch.NONE,
         "no_contact": Touch.NONE,
@@ -24,19 +24,19 @@ WORDS: Mapping[str, Touch | None] = MappingProxyType(
         "": None,
     }
 )
-"""The words a label column may hold. ``mixed``: see the segments. ``contact``: touched, roughness unknown."""
+"""What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A stretch of a recording in which one label holds.
+    """An interval of a recording with a constant label.
 
     Parameters
     ----------
     start, end
         In seconds since the recording began.
-    word
-        One of :data:`WORDS`.
+    label_name
+        One of :data:`LABEL_NAMES`.
 
     Examples
     --------
@@ -46,51 +46,51 @@ class Segment:
 
     start: float
     end: float
-    word: str
+    label_name: str
 
     @property
     def label(self) -> Touch | None:
-        """What is felt, or ``None`` where that is not known."""
-        return WORDS[self.word]
+        """The class, or ``None`` where it is unknown."""
+        return LABEL_NAMES[self.label_name]
 
     @property
     def contact(self) -> bool:
-        """Whether the finger touches anything."""
+        """Whether the finger is in contact."""
         return self.label is not Touch.NONE
 
 
 def touch_at(time: float, segments: Iterable[Segment]) -> int:
-    """Give the number of the `Touch` that holds at a time, or -1 where nobody knows: as telemetry tells a truth.
+    """Return the number of the labelled `Touch` at a time in s, or -1 where it is unknown, as telemetry stores it.
 
     Examples
     --------
     >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
     (2, -1)
     """
-    here = (one.label for one in segments if one.start <= time < one.end and one.label is not None)
-    return int(next(here, -1))
+    labels = (segment.label for segment in segments if segment.start <= time < segment.end)
+    return int(next((label for label in labels if label is not None), -1))
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One sound file and what is known of it.
+    """One sound file and its labels.
 
     Parameters
     ----------
     path
         The WAV or FLAC file.
     surface
-        The thing touched; splits keep all recordings of a surface on one side.
+        The material and texture touched; splits keep all recordings of a surface on one side.
     label
-        A person's word for the whole recording; ``None`` if ambiguous, mixed or unknown.
+        A person's label of the whole recording; ``None`` if ambiguous, mixed or unknown.
     channels
-        What each channel holds, ``"contact"`` or ``"air"``, in the file's order; empty if unknown.
+        The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order; empty if unknown.
     take, scenario, session, tier
-        Which of the surface's recordings it is, how the object was held, the day, and how far the label is trusted.
+        Which of the surface's recordings it is, how the object was held, the day, and how reliable the label is.
     segments
-        Where labels change in time.
+        Labels that change with time.
     properties
-        Whatever else the manifest tells, such as ``pressure``, ``stroke``, ``material`` or ``licence``.
+        All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``.
     """
 
     path: Path
@@ -105,12 +105,12 @@ class Recording:
     properties: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}), hash=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to other processes, which a read-only view of properties does not by itself."""
-        *values, properties = (getattr(self, one.name) for one in fields(self))
-        return _arrived, (*values, dict(properties))
+        """Support pickling: a read-only view of properties cannot be pickled as it is."""
+        *values, properties = (getattr(self, entry.name) for entry in fields(self))
+        return _unpickle, (*values, dict(properties))
 
     def known(self, name: str) -> str:
-        """Give a field or a property as text, empty if nothing is known: what splits group by.
+        """Return a field or a property as text, empty if unknown; splits group by it.
 
         >>> Recording(Path("a.wav"), "slate", Touch.ROUGH, properties={"pressure": "light"}).known("pressure")
         'light'
@@ -119,16 +119,16 @@ class Recording:
         return value.name.lower() if isinstance(value, Touch) else str(value or "")
 
 
-def _arrived(*values: Any) -> Recording:
+def _unpickle(*values: Any) -> Recording:
     *others, properties = values
     return replace(Recording(*others), properties=MappingProxyType(properties))
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something wrong with a file or a manifest's line, in words that say what to do.
+    """A fault of a file or of a line of the manifest; the message says what to do.
 
-    ``fatal`` is true when the file cannot be used at all; otherwise it is merely suspicious.
+    ``fatal`` is true when the file cannot be used; otherwise the problem is a warning.
     """
 
     path: Path
@@ -144,7 +144,7 @@ class Problem:
 class Dataset:
     """Recordings that belong together, in the manifest's order.
 
-    ``problems`` are those met while reading the manifest; the lines concerned are left out or corrected, as told.
+    ``problems`` are those met while reading the manifest; their messages say whether a line was left out or corrected.
     """
 
     name: str
@@ -154,15 +154,15 @@ class Dataset:
 
     @property
     def surfaces(self) -> tuple[str, ...]:
-        """The surfaces, sorted."""
+        """Names of all surfaces, sorted."""
         return tuple(sorted({recording.surface for recording in self.recordings}))
 
     def where(self, keep: Callable[[Recording], bool]) -> "Dataset":
-        """Keep some of the recordings."""
+        """Return the data set with only the recordings for which ``keep`` is true."""
         return Dataset(self.name, self.root, tuple(filter(keep, self.recordings)), self.problems)
 
     def labelled(self) -> "Dataset":
-        """Keep the recordings that a person called smooth or rough.
+        """Return the data set with only the recordings labelled smooth or rough.
 
         Raises
         ------
@@ -179,14 +179,14 @@ class Dataset:
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 over every file's name, surface, label and bytes: changes when anything a model learns from does."""
+        """SHA-256 over every file's name, surface, label and bytes; changes with anything that training uses."""
         return fingerprint(self.recordings)
 
 
 def fingerprint(recordings: Iterable[Recording]) -> str:
-    """Hash recordings by content, whatever their order and wherever their folder lies; missing files count as empty."""
+    """Hash recordings by content, independent of their order and folder; missing files count as empty."""
     total = hashlib.sha256()
-    for recording in sorted(recordings, key=lambda one: (one.path.name, one.surface)):
+    for recording in sorted(recordings, key=lambda recording: (recording.path.name, recording.surface)):
         total.update(f"{recording.path.name}\0{recording.surface}\0{recording.known('label')}\0".encode())
         if recording.path.is_file():
             stat = recording.path.stat()
@@ -196,6 +196,6 @@ def fingerprint(recordings: Iterable[Recording]) -> str:
 
 @functools.lru_cache(maxsize=1 << 16)
 def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
-    """Hash a file's bytes, once for each state of it: cross-validation asks in every fold."""
+    """Hash a file's bytes, cached by its time and size: cross-validation needs it in every fold."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()

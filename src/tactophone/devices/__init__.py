@@ -1,24 +1,26 @@
-"""Sound devices as they are: clients that outlive their server, and lists of what there is.
+"""Sound devices that come and go: JACK clients, PortAudio streams, a clocked device, and a survey of them.
 
-Both ends of the journey sit on a device (microphones in `capture`, an actuator in `haptics`), so what they share
-about JACK and PortAudio stands below them: opening with a clear error, losing a server without a sound, coming back.
+Microphones (`capture`) and actuators (`haptics`) share this room: opening with a clear error, silence when a server or
+a device is lost, and reconnecting.
 """
 
 from tactophone.devices.clocked import ClockedDevice
-from tactophone.devices.device import Device
+from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient, JackPort
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
-from tactophone.devices.survey import Found, survey
+from tactophone.devices.survey import SurveyedDevice, survey
 
 __all__ = [
     "ClockedDevice",
     "Device",
     "DummyServer",
-    "Found",
     "JackClient",
     "JackPort",
     "PortAudioDevice",
     "PortAudioStream",
+    "Process",
+    "SurveyedDevice",
+    "open_at_rate",
     "survey",
 ]

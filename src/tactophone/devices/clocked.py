@@ -1,4 +1,4 @@
-"""A device without hardware, paced by the machine's clock, that plays into a WAV file or nowhere."""
+"""A device without hardware, paced by the system clock, that plays into a WAV file or nowhere."""
 
 import threading
 import time
@@ -13,12 +13,12 @@ from tactophone.types import FloatArray
 
 
 class ClockedDevice:
-    """A device without hardware: a thread that asks for one period after another as the clock goes.
+    """A device without hardware: a thread that requests one period after another in step with the clock.
 
-    After a stall it catches up what it owes, at most `_LONGEST_DEBT`; what is beyond counts as one lost period.
+    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
     """
 
-    _LONGEST_DEBT = 0.1
+    _LONGEST_DELAY = 0.1
 
     def __init__(self, process: Process, *, period: int, sample_rate: int, path: Path | None = None) -> None:
         self.xruns = self.process_faults = self.losses = 0
@@ -35,21 +35,21 @@ class ClockedDevice:
 
     @property
     def fault(self) -> str:
-        """What is wrong now: that the file cannot be written, for one."""
+        """What is wrong now, such as a file that cannot be written; empty when nothing is."""
         return self._fault
 
     def open(self) -> None:
-        """Begin; the file, if any, is made anew."""
+        """Start; the file, if any, is overwritten."""
         self._file = self._open_file() if self._path else None
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, name="actuator", daemon=True)
         self._thread.start()
 
     def revive(self) -> None:
-        """Nothing can be lost here but the file, and a full disk is not asked again and again."""
+        """Do nothing: only the file can fail, and writing to a full disk is not retried."""
 
     def close(self) -> None:
-        """End, with the file whole."""
+        """Stop, with the file complete."""
         self._ended.set()
         if self._thread is not None:
             self._thread.join()
@@ -69,7 +69,7 @@ class ClockedDevice:
         waveform = np.zeros(self._period, np.float32)
         due = time.monotonic()
         while not self._ended.wait(max(0.0, due - time.monotonic())):
-            if time.monotonic() - due > self._LONGEST_DEBT:
+            if time.monotonic() - due > self._LONGEST_DELAY:
                 self.xruns += 1
                 due = time.monotonic()
             self._cycle(waveform)
@@ -80,11 +80,11 @@ class ClockedDevice:
     def _cycle(self, waveform: FloatArray) -> None:
         try:
             self._process([], [waveform])
-        except Exception:  # as at a real device: a period that failed is silent, and the next one is asked for
+        except Exception:  # as with a real device, a failed period is silent and the next one is requested
             self.process_faults += 1
             waveform[:] = 0.0
         if self._file is not None and not self._fault:
             try:
                 self._file.write(waveform)
             except Exception as error:
-                self._fault = f"{self._path} cannot be written any more ({error}): free the disk, and start again"
+                self._fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"

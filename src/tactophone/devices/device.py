@@ -1,57 +1,64 @@
-"""The contract of a sound device: it calls for sound periodically, may go away at any time and comes back."""
+"""The contract of a sound device: it calls periodically, may be lost at any time and reconnects."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
+from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
 Process: TypeAlias = Callable[[list[FloatArray], list[FloatArray]], None]
 """What a device calls each period, with one array of shape ``(samples,)`` for each input and each output.
 
-It runs in the device's own thread: it copies in or renders out and leaves. If it raises, the period is silent and
-counted, and the next one is asked for as if nothing had happened.
+It runs in the device's own thread: it copies the input or renders the output, and returns. If it raises, the period is
+silent and counted, and the next one is requested as usual.
 """
 
 
 class Device(Protocol):
     """A sound device behind JACK or PortAudio.
 
-    A device never raises after `open`: when it is lost, its ``fault`` says so in words, the process is no longer
-    called, the output is silent, and `revive`, called now and then, brings it back as soon as it can be had.
+    A device never raises after `open`. When it is lost, its ``fault`` says so, the process is no longer called and the
+    output is silent; `revive`, called regularly, reconnects it as soon as it is available.
     """
 
     xruns: int
-    """Periods lost since `open`, as the system counts them."""
+    """Periods lost since `open`, as counted by the system."""
 
     process_faults: int
-    """Periods that the process failed."""
+    """Periods in which the process raised."""
 
     losses: int
-    """Times that the device went away."""
+    """Times that the device was lost."""
 
     @property
     def sample_rate(self) -> int:
         """In Hz."""
-        ...
 
     @property
     def latency(self) -> float:
-        """Seconds that the device itself adds, as it says."""
-        ...
+        """Delay in s that the device reports."""
 
     @property
     def fault(self) -> str:
-        """What is wrong now and what to do, in words; empty when nothing is."""
-        ...
+        """What is wrong now and what to do; empty when nothing is."""
 
     def open(self) -> None:
-        """Begin; `DeviceError` with the candidates when the device is missing or not fit."""
-        ...
+        """Start; raises `DeviceError` with the candidates when the device is missing or unsuitable."""
 
     def revive(self) -> None:
-        """Try to come back, if lost."""
-        ...
+        """Try to reconnect, if lost."""
 
     def close(self) -> None:
-        """End; silent from here on."""
-        ...
+        """Stop; silent from here on."""
+
+
+def open_at_rate(device: Device, sample_rate: int) -> None:
+    """Open a device that must run at a rate in Hz; raises `DeviceError`, with the device closed, if it does not."""
+    device.open()
+    found = device.sample_rate
+    if found != sample_rate:
+        device.close()
+        raise DeviceError(
+            f"the sound device runs at {found} Hz, but {sample_rate} Hz is needed: start it with that rate "
+            f"(jackd ... -r {sample_rate})"
+        )

@@ -1,23 +1,23 @@
-"""A JACK server of our own, without a sound card: for measuring, demonstrating and testing."""
+"""A private JACK server without a sound card, for measurements, demonstrations and tests."""
 
 import os
 import shutil
 import subprocess
 import tempfile
 import time
-from types import TracebackType
 from typing import Self
 
 from tactophone.devices.jack import JackClient, silent
 from tactophone.errors import DeviceError
+from tactophone.types import LIVE_SAMPLE_RATE
 
 _ATTEMPTS = 400
 _BETWEEN_ATTEMPTS = 0.025
-"""Seconds; `jack_wait` looks only once a second."""
+"""Seconds; `jack_wait` checks only once a second."""
 
 
 class DummyServer:
-    """``jackd`` with its dummy driver, under a name of its own; a context manager.
+    """``jackd`` with its dummy driver under a private name; a context manager.
 
     Parameters
     ----------
@@ -26,17 +26,17 @@ class DummyServer:
     name
         The server's name; by default one that no other process uses.
     synchronous
-        Whether a period is only over when all clients are done. JACK's own default is not: it goes on without a client
-        that is late, and repeats that client's last period.
+        Whether a period ends only when all clients are done. JACK's default is false: it goes on without a late client,
+        and repeats that client's last period.
 
     Notes
     -----
-    The dummy driver hands over each period at the period's beginning, where a card does at its end. One process can be
-    a client of one server at a time only: libjack keeps the server in global variables.
+    The dummy driver delivers each period at its beginning, a sound card at its end. A process can be a client of only
+    one server at a time: libjack keeps the server in global variables.
     """
 
     def __init__(
-        self, period: int = 128, *, sample_rate: int = 48_000, name: str = "", synchronous: bool = True
+        self, period: int = 128, *, sample_rate: int = LIVE_SAMPLE_RATE, name: str = "", synchronous: bool = True
     ) -> None:
         self.name = name or f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate
@@ -48,13 +48,11 @@ class DummyServer:
         self.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def start(self) -> None:
-        """Start it and wait until clients can join; real-time scheduling where that is allowed."""
+        """Start the server and wait until clients can join; with real-time scheduling where that is allowed."""
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
@@ -63,19 +61,19 @@ class DummyServer:
             [*command, "-r", str(self.sample_rate), "-p", str(self.period)],
             stdout=self._log,
             stderr=self._log,
-            start_new_session=True,  # an interrupt from the keyboard is for us: who measures ends the server in order
+            start_new_session=True,  # Ctrl-C reaches this process alone, which stops the server
         )
         for _ in range(_ATTEMPTS):
             if self._process.poll() is not None:
-                raise DeviceError(f"jackd did not start: {self._last_words()}")
+                raise DeviceError(f"jackd did not start: {self._last_line()}")
             if self._answers():
                 return
             time.sleep(_BETWEEN_ATTEMPTS)
         self.kill()
-        raise DeviceError(f"jackd gave no answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_words()}")
+        raise DeviceError(f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}")
 
     def stop(self) -> None:
-        """End it in order."""
+        """Stop the server in order."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             try:
@@ -84,7 +82,7 @@ class DummyServer:
                 self.kill()
 
     def kill(self) -> None:
-        """End it as a crash would."""
+        """Kill the server, as in a crash."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()
@@ -98,10 +96,10 @@ class DummyServer:
         probe.close()
         return True
 
-    def _last_words(self) -> str:
+    def _last_line(self) -> str:
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it said nothing"
+        return lines[-1] if lines else "it printed nothing"
 
 
 def _may_be_realtime() -> bool:

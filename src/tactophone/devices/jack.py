@@ -1,10 +1,9 @@
 """JACK clients that outlive their server.
 
-What JACK does when things fail was measured (docs/hardware.md) and shapes this file. A process callback that
-raises is never called again, without a word: so nothing may leave it. A server that ends calls back once and leaves
-a client behind that answers with stale values: so that client is thrown away and a new one made when the server is
-back. A client that *stalls* has its last period repeated for ever: only another process can help against that, see
-:mod:`tactophone.runtime.watchdog`.
+How JACK fails was measured (docs/guide/hardware.md) and explains this file. A process callback that raises is never
+called again, without a message: so no exception may leave it. A server that ends calls back once and leaves a client
+that returns stale values: so that client is discarded, and a new one made when the server is back. The last period of a
+client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`.
 """
 
 import contextlib
@@ -17,29 +16,29 @@ from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
 _ABANDONED: list[Any] = []
-"""Clients of servers that died: kept, because libjack's threads may still call back into one."""
+"""Clients of dead servers: kept, because libjack's threads may still call back into them."""
 
 
 @dataclass(frozen=True, slots=True)
 class JackPort:
-    """One port of a JACK graph: where sound comes out of (``gives``) or goes into."""
+    """A port of the JACK graph; ``is_output``: whether it delivers sound."""
 
     name: str
-    gives: bool
+    is_output: bool
     physical: bool
 
 
 class JackClient:
-    """A JACK client with named ports, each wired to another's port or left free.
+    """A JACK client with named ports, each connected to another client's port or left free.
 
     Parameters
     ----------
     name
-        As the JACK graph shows it.
+        Its name in the JACK graph.
     process
         Called each period; see `tactophone.devices.device.Process`.
     inputs, outputs
-        Own ports' names, each with the port to wire it to; an empty text leaves it free.
+        Names of the client's ports, each with the port to connect it to; an empty text leaves it free.
     server
         The JACK server's name; empty for the default one.
     """
@@ -49,12 +48,12 @@ class JackClient:
     ) -> None:
         self.xruns = self.process_faults = self.losses = 0
         self._name, self._process, self._server = name, process, server
-        self._wires = {**inputs, **outputs}
+        self._targets = {**inputs, **outputs}
         self._inputs, self._outputs = list(inputs), list(outputs)
         self._client: Any = None
         self._lost = False
-        self._unwired = ""
-        self._rewire = True
+        self._unconnected = ""
+        self._reconnect = True
 
     @property
     def sample_rate(self) -> int:
@@ -63,28 +62,28 @@ class JackClient:
 
     @property
     def period(self) -> int:
-        """Samples a period; 0 while there is no server."""
+        """Samples per period; 0 while there is no server."""
         return int(self._client.blocksize) if self._client else 0
 
     @property
     def latency(self) -> float:
-        """Seconds of one period and of what the wired ports say of the hardware behind them."""
+        """Seconds of one period; 0 while there is no server."""
         return self.period / self.sample_rate if self.sample_rate else 0.0
 
     @property
     def fault(self) -> str:
-        """What is wrong now, in words."""
+        """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
-            return f"the JACK server{self._named()} is gone: start it again, and sound comes back by itself"
-        return self._unwired
+            return f"the JACK server{self._named()} is gone: start it again, and the client reconnects"
+        return self._unconnected
 
     def open(self) -> None:
-        """Join the graph and wire the ports.
+        """Join the graph and connect the ports.
 
         Raises
         ------
         DeviceError
-            When there is no server, or a port to wire to is not there.
+            When there is no server, or a port to connect to does not exist.
         """
         jack = _jack()
         try:
@@ -95,21 +94,21 @@ class JackClient:
                 f"no JACK server{self._named()}: start one, such as `jackd -R -d alsa -r 48000 -p 128`, "
                 "or choose portaudio"
             ) from None
-        self._wire()
-        if self._unwired:
-            unwired = self._unwired
+        self._connect_ports()
+        if self._unconnected:
+            unconnected = self._unconnected
             self.close()
-            raise DeviceError(unwired)
+            raise DeviceError(unconnected)
 
     def revive(self) -> None:
-        """Join again if the server was lost, and wire again what is not wired."""
+        """Join again if the server was lost, and connect again what is not connected."""
         if self._lost:
             self._abandon()
         with contextlib.suppress(_jack().JackError):
             if self._client is None:
                 self._join(_jack())
-            if self._rewire:
-                self._wire()
+            if self._reconnect:
+                self._connect_ports()
 
     def close(self) -> None:
         """Leave the graph."""
@@ -121,10 +120,10 @@ class JackClient:
                 client.close()
 
     def ports(self) -> list[JackPort]:
-        """All ports of the graph but our own, physical ones first."""
+        """All ports of the graph except this client's, physical ones first."""
         own = f"{self._client.name}:"
         ports = [
-            JackPort(port.name, gives=port.is_output, physical=port.is_physical)
+            JackPort(port.name, is_output=port.is_output, physical=port.is_physical)
             for port in self._client.get_ports(is_audio=True)
             if not port.name.startswith(own)
         ]
@@ -139,14 +138,14 @@ class JackClient:
         client.set_process_callback(self._cycle(list(client.inports), list(client.outports)))
         client.set_xrun_callback(self._on_xrun)
         client.set_shutdown_callback(self._on_shutdown)
-        # Asking a port for its wires again and again would do too, but crashes when the server dies meanwhile.
-        client.set_port_connect_callback(self._on_wire)
-        self._client, self._rewire = client, True
+        # Polling the connections of a port would do too, but crashes when the server dies meanwhile.
+        client.set_port_connect_callback(self._on_connect)
+        self._client, self._reconnect = client, True
         client.activate()
 
     def _abandon(self) -> None:
-        """Forget the client of a dead server: closing it crashes once a new server has taken over its memory."""
-        self._client._ptr = _jack()._ffi.NULL  # else the binding closes it when it is collected, at exit at the latest
+        """Discard the client of a dead server: closing it crashes once a new server has taken over its memory."""
+        self._client._ptr = _jack()._ffi.NULL  # otherwise the binding closes it at garbage collection
         _ABANDONED.append(self._client)
         self._client, self._lost = None, False
 
@@ -154,17 +153,17 @@ class JackClient:
         def cycle(_: int) -> None:
             try:
                 self._process([port.get_array() for port in inputs], [port.get_array() for port in outputs])
-            except Exception:  # whatever it was, JACK must not see it: it would never call again
+            except Exception:  # JACK must not see any exception: it would never call again
                 self.process_faults += 1
                 for port in outputs:
                     port.get_array()[:] = 0.0
 
         return cycle
 
-    def _wire(self) -> None:
-        self._unwired, self._rewire = "", False
+    def _connect_ports(self) -> None:
+        self._unconnected, self._reconnect = "", False
         for port in (*self._client.inports, *self._client.outports):
-            target = self._wires[port.shortname]
+            target = self._targets[port.shortname]
             if target and not port.connections:
                 self._connect(port, target)
 
@@ -173,18 +172,18 @@ class JackClient:
         try:
             self._client.connect(*ends)
         except _jack().JackError:
-            candidates = [other.name for other in self.ports() if other.gives == port.is_input]
-            self._unwired = (
-                f"{port.name}: there is no JACK port {target} to wire it to; there are "
-                f"{', '.join(candidates) or 'none'}: choose one of them in the settings"
+            candidates = [other.name for other in self.ports() if other.is_output == port.is_input]
+            self._unconnected = (
+                f"{port.name}: there is no JACK port {target} to connect to; there are "
+                f"{', '.join(candidates) or 'none'}: choose one in the settings"
             )
-            self._rewire = True
+            self._reconnect = True
 
     def _on_xrun(self, _: float) -> None:
         self.xruns += 1
 
-    def _on_wire(self, _one: Any, _other: Any, connected: bool) -> None:
-        self._rewire |= not connected
+    def _on_connect(self, _source: Any, _target: Any, connected: bool) -> None:
+        self._reconnect |= not connected
 
     def _on_shutdown(self, _status: Any, _reason: str) -> None:
         self._lost = True
@@ -195,7 +194,7 @@ class JackClient:
 
 
 def _jack() -> Any:
-    """Import JACK's binding, which needs an extra and the system's library, and quiet the library's own messages."""
+    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages."""
     try:
         import jack
     except ImportError:
@@ -210,10 +209,10 @@ def _jack() -> Any:
 
 
 def _ignore(_: str) -> None:
-    """Take a message of libjack: what matters in it comes as an exception too."""
+    """Discard a message of libjack; errors arrive as exceptions too."""
 
 
 def silent(_: list[FloatArray], outputs: list[FloatArray]) -> None:
-    """Take part in the graph without a sound: a process for who only wants to look."""
+    """Write silence: a process for clients that only inspect the graph."""
     for output in outputs:
         output[:] = 0.0

@@ -1,6 +1,6 @@
-"""PortAudio streams that come back: what runs where JACK does not.
+"""PortAudio streams that reconnect, for systems without JACK.
 
-The block size is left to PortAudio (``blocksize=0``): asking for the device's own period costs one period more
+The block size is left to PortAudio (``blocksize=0``): requesting the device's own period costs one period more
 (measured: 128 samples become 256).
 """
 
@@ -12,12 +12,12 @@ import numpy as np
 
 from tactophone.devices.device import Process
 from tactophone.errors import DeviceError
-from tactophone.types import FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class PortAudioDevice:
-    """One device as PortAudio lists it."""
+    """A device as PortAudio lists it; latencies in s."""
 
     index: int
     name: str
@@ -39,7 +39,7 @@ class PortAudioStream:
     direction
         ``"input"`` or ``"output"``.
     device
-        A number, or a part of a name; empty for the system's default.
+        Number, or part of the name; empty for the system's default.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class PortAudioStream:
         *,
         device: str = "",
         channels: int = 1,
-        sample_rate: int = 48_000,
+        sample_rate: int = LIVE_SAMPLE_RATE,
     ) -> None:
         self.xruns = self.process_faults = self.losses = 0
         self._process, self._direction, self._device, self._channels = process, direction, device, channels
@@ -64,24 +64,24 @@ class PortAudioStream:
 
     @property
     def latency(self) -> float:
-        """Seconds, as PortAudio says."""
+        """Delay in s that PortAudio reports."""
         return float(self._stream.latency) if self._stream else 0.0
 
     @property
     def fault(self) -> str:
-        """What is wrong now, in words."""
+        """What is wrong now; empty when nothing is."""
         if self._stream is None or not self._stream.active:
             which = self._device or "the default device"
-            return f"PortAudio lost {which}: plug it in again, and sound comes back by itself"
+            return f"PortAudio lost {which}: plug it in again, and the stream reconnects"
         return ""
 
     def open(self) -> None:
-        """Begin.
+        """Start the stream.
 
         Raises
         ------
         DeviceError
-            When no device fits; the message lists those there are.
+            When no device matches; the message lists the candidates.
         """
         sound = _sounddevice()
         chosen = self._choose(sound)
@@ -90,15 +90,15 @@ class PortAudioStream:
             stream.start()
         except sound.PortAudioError as error:
             raise DeviceError(
-                f"{chosen.name} does not take {self._channels} channels at {self._rate} Hz ({error.args[0]}): "
+                f"{chosen.name} does not support {self._channels} channels at {self._rate} Hz ({error.args[0]}): "
                 "choose another with `tactophone devices`"
             ) from None
         self._stream, self._system = stream, chosen.system
 
     def revive(self) -> None:
-        """Open again if the stream has stopped; PortAudio must start over to see a device that came back.
+        """Open again if the stream has stopped; PortAudio must be initialised again to find a device that came back.
 
-        On top of JACK it cannot: PortAudio aborts the whole process when it ends after its JACK server did.
+        On top of JACK this is impossible: PortAudio aborts the whole process when it ends after its JACK server.
         """
         if (self._stream is not None and self._stream.active) or self._system.startswith("JACK"):
             return
@@ -112,7 +112,7 @@ class PortAudioStream:
             self.open()
 
     def close(self) -> None:
-        """End."""
+        """Stop the stream."""
         stream, self._stream = self._stream, None
         if stream is not None:
             with contextlib.suppress(_sounddevice().PortAudioError):
@@ -120,7 +120,7 @@ class PortAudioStream:
                 stream.close()
 
     def _choose(self, sound: Any) -> PortAudioDevice:
-        """Find the one device meant; several or none is an error that lists them."""
+        """Return the only device that matches; several or none are an error that lists them."""
         known = [device for device in devices() if self._count(device) >= self._channels]
         if not self._device:
             default = sound.default.device[self._direction]
@@ -131,10 +131,10 @@ class PortAudioStream:
             matching = [device for device in known if self._device.lower() in device.name.lower()]
         if len(matching) == 1:
             return matching[0]
-        there = "; ".join(f"{device.index} {device.name} ({device.system})" for device in matching or known)
+        listed = "; ".join(f"{device.index} {device.name} ({device.system})" for device in matching or known)
         raise DeviceError(
-            f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, and one "
-            f"with {self._channels} channels is wanted; there are: {there or 'none'}"
+            f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, but "
+            f"exactly one with {self._channels} channels must; there are: {listed or 'none'}"
         )
 
     def _count(self, device: PortAudioDevice) -> int:
@@ -150,10 +150,10 @@ class PortAudioStream:
             "dtype": "float32",
         }
         if self._direction == "input":
-            return sound.InputStream(callback=self._hear, **settings)
+            return sound.InputStream(callback=self._record, **settings)
         return sound.OutputStream(callback=self._play, **settings)
 
-    def _hear(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
+    def _record(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
         self.xruns += bool(flags)
         try:
             self._process(list(block.T), [])
@@ -170,21 +170,21 @@ class PortAudioStream:
 
 
 def devices() -> list[PortAudioDevice]:
-    """All devices that PortAudio sees."""
+    """All devices that PortAudio finds."""
     sound = _sounddevice()
     systems = [system["name"] for system in sound.query_hostapis()]
     return [
         PortAudioDevice(
-            index=int(found["index"]),
-            name=str(found["name"]),
-            system=systems[found["hostapi"]],
-            inputs=int(found["max_input_channels"]),
-            outputs=int(found["max_output_channels"]),
-            sample_rate=float(found["default_samplerate"]),
-            input_latency=float(found["default_low_input_latency"]),
-            output_latency=float(found["default_low_output_latency"]),
+            index=int(entry["index"]),
+            name=str(entry["name"]),
+            system=systems[entry["hostapi"]],
+            inputs=int(entry["max_input_channels"]),
+            outputs=int(entry["max_output_channels"]),
+            sample_rate=float(entry["default_samplerate"]),
+            input_latency=float(entry["default_low_input_latency"]),
+            output_latency=float(entry["default_low_output_latency"]),
         )
-        for found in sound.query_devices()
+        for entry in sound.query_devices()
     ]
 
 

@@ -1,4 +1,4 @@
-"""How sure a score is: by drawing surfaces anew, because windows of one surface are no independent witnesses."""
+"""Confidence intervals of scores, by resampling surfaces: windows of one surface are not independent samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ DRAWS = 1000
 COVERAGE = 0.90
 
 BINS = 2048
-"""Of scores, in draws alone: it moves an interval's end by less than 0.001, and makes a draw a hundred times faster."""
+"""Bins of scores, used in draws alone: they move an interval's end by less than 0.001 and make a draw 100x faster."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A score with the interval that 90 % of the draws fall in; ``low`` and ``high`` are NaN where none can be had."""
+    """A score with its 90 % interval; ``low`` and ``high`` are NaN where no interval can be computed."""
 
     value: float
     low: float
@@ -28,29 +28,29 @@ class Estimate:
 
 
 def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
-    """Measure scores, each with its interval.
+    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval.
 
     Surfaces are drawn with replacement, rough and smooth ones apart, so that no draw lacks a class (stratified
-    percentile bootstrap; Efron & Tibshirani 1993, chapters 8 and 13).
+    percentile bootstrap; Efron & Tibshirani, "An Introduction to the Bootstrap", 1993, chapters 8 and 13).
 
     Parameters
     ----------
     scores
         The windows.
     draws
-        How many times the surfaces are drawn anew.
+        How many times the surfaces are resampled.
     seed
         Of the draws.
     """
     rng = np.random.default_rng(seed)
-    strata = _strata(scores)
+    strata = [surfaces for rough in (False, True) if len(surfaces := np.unique(scores.surface[scores.rough == rough]))]
     times = np.array([_draw(strata, surfaces=len(scores.names), rng=rng) for _ in range(draws)])
     drawn = measure_draws(count_by_surface(scores, bins=BINS), times)
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
 
 
 def measure_draws(counts: Counts, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Measure draws of surfaces.
+    """Compute every score of each draw of surfaces.
 
     Parameters
     ----------
@@ -62,9 +62,12 @@ def measure_draws(counts: Counts, times: NDArray[np.float64]) -> dict[str, NDArr
     return measure_counts(counts.times(times.reshape(-1, len(counts.rough))))
 
 
-def _strata(scores: Scores) -> list[NDArray[np.intp]]:
-    present = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
-    return [surfaces for surfaces in present if len(surfaces)]
+def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Estimate:
+    """Return a score with the interval that the middle 90 % of its draws span."""
+    if not len(drawn) or np.isnan(drawn).all():
+        return Estimate(value, float("nan"), float("nan"))
+    low, high = np.nanquantile(drawn, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
+    return Estimate(value, float(low), float(high))
 
 
 def _draw(strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -72,11 +75,3 @@ def _draw(strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.G
     for stratum in strata:
         np.add.at(times, rng.choice(stratum, len(stratum)), 1.0)
     return times
-
-
-def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Estimate:
-    """Give a score the interval that the middle 90 % of its draws span."""
-    if not len(drawn) or np.isnan(drawn).all():
-        return Estimate(value, float("nan"), float("nan"))
-    low, high = np.nanquantile(drawn, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
-    return Estimate(value, float(low), float(high))

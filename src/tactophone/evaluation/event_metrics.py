@@ -1,10 +1,11 @@
-"""What the operator would feel, in the units that matter to a finger: false bumps a minute, and milliseconds.
+"""Events at the operator's finger: false bumps per minute, and the delay to a correct decision in milliseconds.
 
-All is taken from the beliefs that a detector had at each update, with the gate's contact, its threshold and what it
-abstains from, as the live system would act on them.
+All are computed from a detector's predictions at each update, through its own contact gate and decision rule, as the
+live system acts on them.
 """
 
 import functools
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -19,13 +20,13 @@ from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
 BRIDGE = 0.03
-"""Seconds; two bumps closer than the shortest burst that is felt are felt as one (Sci. Rep. 2025, 15:5057)."""
+"""Seconds; two bumps closer than the shortest perceptible burst are perceived as one (Sci. Rep. 2025, 15:5057)."""
 
 HOLD = 0.05
-"""Seconds that a belief must stay right to count as a decision and not as a flicker."""
+"""Seconds that a touch must stay correct to count as a decision and not as a flicker."""
 
 SHORTEST_TOUCH = 0.3
-"""Seconds; of shorter touches no delay is taken."""
+"""Seconds; shorter touches count in no delay."""
 
 BINS = 10
 """Of equal width, for the calibration error (Guo et al., ICML 2017, section 2)."""
@@ -33,141 +34,138 @@ BINS = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delays:
-    """Seconds from each change to the right belief of it, of those that came; and how many never came."""
+    """Seconds from each change to the correct decision, where one came; and the number of changes without one."""
 
     times: NDArray[np.float64]
     missed: int
 
     def quantile_ms(self, share: float) -> float:
-        """Milliseconds within which this share of the right decisions came; NaN if there were none."""
+        """Quantile of the delays, in ms; NaN if there are none."""
         return 1e3 * float(np.quantile(self.times, share)) if len(self.times) else float("nan")
 
     @property
     def missed_share(self) -> float:
-        """Share of changes of which no right decision came."""
+        """Share of changes without a correct decision; NaN without changes."""
         total = len(self.times) + self.missed
         return self.missed / total if total else float("nan")
 
 
 @functools.lru_cache(maxsize=1 << 11)
-def touches(take_predictions: TakePredictions, rule: DecisionRule) -> NDArray[np.int8]:
-    """Give the touch believed at each update."""
+def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int8]:
+    """Return the touch that the decision rule reports at each update, shape ``(updates,)``."""
     decision = Decision(rule)
-    updates = zip(take_predictions.probabilities.astype(float).tolist(), take_predictions.contact.tolist(), strict=True)
+    updates = zip(take.probabilities.astype(float).tolist(), take.contact.tolist(), strict=True)
     return np.array([decision.decide((n, s, r), contact=contact)[0] for (n, s, r), contact in updates], np.int8)
 
 
-def false_bumps_per_minute(judged: Iterable[TakePredictions], rule: DecisionRule) -> float:
-    """Count how often smooth touching is felt as rough, per minute of touching; NaN if nothing smooth was touched."""
+def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: DecisionRule) -> float:
+    """False bumps (smooth classified as rough, as events) per minute of true contact with smooth surfaces.
+
+    Bumps closer than :data:`BRIDGE` are one. NaN without contact with a smooth surface.
+    """
     bumps, duration = 0, 0.0
-    for one in judged:
-        if one.recording.label is not Touch.SMOOTH or len(one.time) < 2:
+    for take in predictions:
+        if take.recording.label is not Touch.SMOOTH or len(take.time) < 2:
             continue
-        bumps += len(_runs((touches(one, rule) == Touch.ROUGH) & truly_touching(one), one.time))
-        duration += float(truly_touching(one).mean() * (one.time[-1] - one.time[0]))
+        touching = true_contact(take)
+        bumps += _count_bumps((decided_touches(take, rule) == Touch.ROUGH) & touching, take.time)
+        duration += float(touching.mean() * (take.time[-1] - take.time[0]))
     return 60 * bumps / duration if duration else float("nan")
 
 
-def contact_delays(judged: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
-    """Time from when each touch first slides to the right decision about it; only of recordings that tell touches.
+def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
+    """Time from the first slide of each touch to the correct decision; only recordings with segments count.
 
-    Recordings of more than one label, such as joined edges, are left out. Where sliding is not told, the time counts
-    from the first touch.
+    Recordings of more than one label, such as joined edges, are left out. Where sliding is not labelled, the time
+    counts from the first touch.
 
     Parameters
     ----------
-    judged
-        Of recordings with segments.
+    predictions
+        For recordings with segments.
     rule
         Of the decision.
     latency
-        Seconds from a window's end to its take_predictions.
+        Seconds from a window's end to its prediction.
     """
     found = [
-        _delay(one, start, segment.end, one.recording.label, rule=rule)
-        for one in judged
-        if one.recording.label is not None
-        for segment in _touches(one.recording.segments)
-        if (start := first_slide(one.recording, segment.start, segment.end)) is not None
+        _delay(take, start, segment.end, take.recording.label, rule=rule)
+        for take in predictions
+        if take.recording.label is not None
+        for segment in _touches_after_silence(take.recording.segments)
+        if (start := first_slide(take.recording, segment.start, segment.end)) is not None
         and segment.end - start >= SHORTEST_TOUCH
     ]
     return _delays(found, latency)
 
 
-def edge_delays(judged: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
-    """Time from each change between smooth and rough, with no lift-off between, to the right decision.
+def edge_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:
+    """Time from each change between smooth and rough, without a lift-off between, to the correct decision.
 
-    Edges on which the finger comes to a stop are left out, where sliding is told.
+    Edges on which the finger stops are left out, where sliding is labelled. Parameters as in :func:`contact_delays`.
     """
     found = []
-    for one in judged:
-        for before, after in zip(one.recording.segments, one.recording.segments[1:], strict=False):
+    for take in predictions:
+        for before, after in zip(take.recording.segments, take.recording.segments[1:], strict=False):
             changes = {before.label, after.label} == {Touch.SMOOTH, Touch.ROUGH}
-            if changes and slides_over(one.recording, after.start):
-                found.append(_delay(one, after.start, after.end, after.label, rule=rule))
+            if changes and slides_over(take.recording, after.start):
+                found.append(_delay(take, after.start, after.end, after.label, rule=rule))
     return _delays(found, latency)
 
 
-def calibration_error(judged: Iterable[TakePredictions]) -> float:
-    """Mean distance between the confidence in rough and how often it is right, over windows in contact."""
-    kept = [(rough_score(one.probabilities[one.contact], "two-class"), one) for one in judged]
-    share = np.concatenate([score for score, _ in kept])
-    rough = np.concatenate([np.full(len(score), one.recording.label is Touch.ROUGH) for score, one in kept])
+def calibration_error(predictions: Iterable[TakePredictions]) -> float:
+    """Expected calibration error: mean distance between P(rough) and the share truly rough, over :data:`BINS` bins.
+
+    Over updates in contact, by the two-class rule; NaN without any. Source: Guo et al., ICML 2017, section 2.
+    """
+    takes = [(rough_score(take.probabilities[take.contact], "two-class"), take) for take in predictions]
+    share = np.concatenate([score for score, _ in takes])
+    rough = np.concatenate([np.full(len(score), take.recording.label is Touch.ROUGH) for score, take in takes])
     place = np.minimum((share * BINS).astype(int), BINS - 1)
     count = np.bincount(place, minlength=BINS)
+    # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.
     gaps = np.abs(np.bincount(place, share, BINS) - np.bincount(place, rough, BINS))
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
 
 
-def truly_touching(take_predictions: TakePredictions) -> NDArray[np.bool_]:
-    """Whether the finger truly touches at each update; always, where a recording does not tell."""
-    segments = take_predictions.recording.segments
+def true_contact(take: TakePredictions) -> NDArray[np.bool_]:
+    """Whether the finger truly touches at each update, by the segments; throughout, where there are none."""
+    segments = take.recording.segments
     if not segments:
-        return np.ones(len(take_predictions.time), bool)
-    inside = [
-        (take_predictions.time > one.start) & (take_predictions.time <= one.end) for one in segments if one.contact
-    ]
-    return np.any(inside, axis=0) if inside else np.zeros(len(take_predictions.time), bool)
+        return np.ones(len(take.time), bool)
+    inside = [(take.time > part.start) & (take.time <= part.end) for part in segments if part.contact]
+    return np.any(inside, axis=0) if inside else np.zeros(len(take.time), bool)
 
 
-def _runs(on: NDArray[np.bool_], time: NDArray[np.float64]) -> list[tuple[float, float]]:
-    """Begin and end of each stretch of updates that is on, near ones joined."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
-    joined: list[tuple[float, float]] = []
-    for begin, end in edges.reshape(-1, 2):
-        start = float(time[begin])
-        if joined and start - joined[-1][1] < BRIDGE:
-            start = joined.pop()[0]
-        joined.append((start, float(time[end - 1])))
-    return joined
+def _count_bumps(rough: NDArray[np.bool_], time: NDArray[np.float64]) -> int:
+    """Number of stretches of updates that are rough; stretches closer than a perceptible gap count as one."""
+    stretches = _stretches(rough)
+    joined = sum(time[begin] - time[end] < BRIDGE for (_, end), (begin, _) in itertools.pairwise(stretches))
+    return len(stretches) - int(joined)
 
 
-def _touches(segments: Sequence[Segment]) -> list[Segment]:
-    """Touches of one thing that begin after silence."""
-    begun = zip((None, *segments), segments, strict=False)
-    return [
-        one
-        for before, one in begun
-        if one.contact and one.label is not None and before is not None and not before.contact
-    ]
+def _touches_after_silence(segments: Sequence[Segment]) -> list[Segment]:
+    """Labelled touches that begin after a segment without contact."""
+    pairs = itertools.pairwise(segments)
+    return [touch for before, touch in pairs if touch.contact and touch.label is not None and not before.contact]
 
 
-def _delay(
-    take_predictions: TakePredictions, start: float, end: float, label: Touch | None, *, rule: DecisionRule
-) -> float | None:
-    here = (take_predictions.time > start) & (take_predictions.time <= end)
-    time, right = take_predictions.time[here], touches(take_predictions, rule)[here] == label
-    for begin, last in _stretches(right):
-        if time[last] - time[begin] >= HOLD or last == len(right) - 1:
+def _delay(take: TakePredictions, start: float, end: float, label: Touch | None, *, rule: DecisionRule) -> float | None:
+    here = (take.time > start) & (take.time <= end)
+    time, correct = take.time[here], decided_touches(take, rule)[here] == label
+    for begin, last in _stretches(correct):
+        # A correct stretch that the segment's end cuts short counts too: nothing contradicts it.
+        if time[last] - time[begin] >= HOLD or last == len(correct) - 1:
             return float(time[begin] - start)
     return None
 
 
 def _stretches(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], on.astype(np.int8), [0]))))
+    """First and last index of each stretch that is on."""
+    edges = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0, append=0))
     return [(int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
 
 
 def _delays(found: Sequence[float | None], latency: float) -> Delays:
-    times = [one + latency for one in found if one is not None]
+    times = [delay + latency for delay in found if delay is not None]
     return Delays(np.array(times), len(found) - len(times))

@@ -1,7 +1,7 @@
 """Every score with its definition: rough or smooth, window by window.
 
-*Positive* is rough. A window is called rough when its score is 0.5 or more. Windows without contact are left out
-before: the gate has answered for them, and no detector was asked.
+*Positive* is rough. A window is classified as rough when its score is 0.5 or more. Windows without contact are left
+out first: the contact gate decides those, not the classifier.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ Rule = Literal["authors", "two-class"]
 RULES: tuple[Rule, ...] = ("authors", "two-class")
 
 LOW_FALSE_POSITIVES = 0.01
-"""Share of smooth windows that may be called rough when rough recall is read off: one false bump in 100 updates."""
+"""False positive rate at which rough recall is read: one false positive in 100 updates."""
 
 Measures: TypeAlias = Mapping[str, float]
 Floats = NDArray[np.float64]
@@ -23,16 +23,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scores:
-    """Windows in contact with what they are and what they were scored, in ascending order of score.
+    """Windows in contact with their labels and scores, in ascending order of score.
 
     Parameters
     ----------
     score
         From 0 (smooth) to 1 (rough), float64.
     rough
-        What each window truly is.
+        The label of each window.
     surface
-        Number of the surface that each window comes from: bootstrap draws surfaces, not windows.
+        Number of the surface of each window: the bootstrap draws surfaces, not windows.
     names
         The surfaces' names by number.
     """
@@ -45,14 +45,14 @@ class Scores:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counts:
-    """How many windows have which score, or lie in which bin of scores, in ascending order.
+    """Number of windows at each score, or in each bin of scores, in ascending order.
 
     Parameters
     ----------
     rough, smooth
-        Windows of either kind, shape ``(..., bins)``: any number of cases side by side.
+        Windows of either class, shape ``(..., bins)``: any number of cases side by side.
     called
-        Which bins are called rough, shape ``(bins,)``; none lies on both sides of 0.5.
+        Which bins are classified as rough, shape ``(bins,)``; no bin lies on both sides of 0.5.
     """
 
     rough: Floats
@@ -60,15 +60,15 @@ class Counts:
     called: NDArray[np.bool_]
 
     def times(self, weights: Floats) -> "Counts":
-        """Count rows so many times: weights ``(draws, surfaces)`` make of surfaces' counts those of draws."""
+        """Weigh surfaces: with weights ``(draws, surfaces)``, return the counts of each draw."""
         return Counts(weights @ self.rough, weights @ self.smooth, self.called)
 
 
 def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.float64]:
-    """Score windows by one of two rules that the field uses.
+    """Score windows by one of two rules.
 
-    ``authors``: P(rough) of all three classes, so that an answer *none* counts as smooth: a correct smooth and a
-    missed rough. ``two-class``: P(rough) of the two that touch, as the live system's confidence has it.
+    ``authors``: P(rough) among all three classes, as the paper's authors do, so that a prediction *none* counts as
+    smooth: a correct smooth and a missed rough. ``two-class``: P(rough) given rough or smooth, as in the live system.
 
     >>> rough_score(np.array([[0.5, 0.1, 0.4]], np.float32), "two-class").round(2)
     array([0.8])
@@ -81,7 +81,7 @@ def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.fl
     return score
 
 
-def collect(
+def sort_scores(
     score: NDArray[np.float64], *, rough: NDArray[np.bool_], surface: NDArray[np.intp], names: tuple[str, ...]
 ) -> Scores:
     """Sort windows by score, once, so that each bootstrap draw needs only sums."""
@@ -90,32 +90,32 @@ def collect(
 
 
 def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
-    """Compute every score at once.
+    """Compute every metric.
 
     Parameters
     ----------
     scores
         The windows.
     weights
-        How often each window counts; once, if not given.
+        How often each window counts; once by default.
 
     Returns
     -------
     dict
         ``smooth_accuracy``, ``rough_accuracy``
-            Share of a class's windows called so (Table II).
+            Share of a class's windows that are classified as that class (the paper's Table II).
         ``balanced_accuracy``
             Mean of the two.
         ``false_positive_rate``
-            Share of smooth windows called rough: bumps that are not there.
+            Share of smooth windows classified as rough.
         ``auc``
-            Chance that a rough window scores above a smooth one, ties half (area under the ROC curve).
+            Probability that a rough window scores above a smooth one, ties count half (area under the ROC curve).
         ``recall_at_1``
-            Share of rough windows above the score that 1 % of smooth ones exceed.
+            Share of rough windows above the score that 1 % of smooth windows exceed.
         ``rough_as_rough``, ``rough_as_smooth``, ``smooth_as_rough``, ``smooth_as_smooth``
-            Shares of all windows (Table I).
+            Shares of all windows (the paper's Table I).
 
-        A score that needs a class with no windows is NaN.
+        A metric of a class without windows is NaN.
     """
     every = np.ones(len(scores.score)) if weights is None else weights
     place, called = _bins(scores, len(scores.score))
@@ -124,7 +124,7 @@ def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
 
 
 def count_by_surface(scores: Scores, *, bins: int) -> Counts:
-    """Count each surface's windows in bins of about equally many windows, equal scores together."""
+    """Count each surface's windows in bins of about equally many windows; equal scores share a bin."""
     place, called = _bins(scores, bins)
     shape = len(scores.names), len(called)
     cell = scores.surface * len(called) + place
@@ -133,7 +133,7 @@ def count_by_surface(scores: Scores, *, bins: int) -> Counts:
 
 
 def measure_counts(counts: Counts) -> dict[str, Floats]:
-    """Compute what :func:`measure` gives for each case of counts."""
+    """Compute the metrics of :func:`measure` for each case of counts."""
     rough, smooth, called = counts.rough, counts.smooth, counts.called
     all_rough, all_smooth = rough.sum(axis=-1), smooth.sum(axis=-1)
     total = all_rough + all_smooth
@@ -153,12 +153,23 @@ def measure_counts(counts: Counts) -> dict[str, Floats]:
     }
 
 
+def false_positives_at_recall(scores: Scores, recall: float, weights: Floats | None = None) -> float:
+    """Share of smooth windows classified as rough, at the threshold that finds this share of the rough windows."""
+    every = np.ones(len(scores.score)) if weights is None else weights
+    rough, smooth = every * scores.rough, every * ~scores.rough
+    found = np.cumsum(rough[::-1])
+    place = int(np.searchsorted(found, recall * found[-1]))
+    return float(smooth[::-1][: place + 1].sum() / smooth.sum())
+
+
 def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """The bin of each window, and which bins are called rough."""
+    """The bin of each window, and which bins are classified as rough."""
     count = len(scores.score)
+    # Ties must share a bin: each window takes the place of the first window with its score.
     first = np.flatnonzero(np.diff(scores.score, prepend=-np.inf))
     tied = np.repeat(first, np.diff(first, append=count))
     called = scores.score >= 0.5
+    # The last bit keeps the two sides of 0.5 in different bins.
     codes, place = np.unique(2 * (tied * min(bins, count) // max(count, 1)) + called, return_inverse=True)
     return place, codes % 2 == 1
 
@@ -168,13 +179,13 @@ def _count(place: NDArray[np.intp], weights: NDArray[np.generic], size: int) -> 
 
 
 def _auc(rough: Floats, smooth: Floats) -> Floats:
-    """Mann-Whitney's statistic over all pairs; those of one bin are ties."""
+    """Mann-Whitney's statistic over all pairs; pairs within a bin are ties."""
     below = np.cumsum(smooth, axis=-1) - smooth / 2
     return _divide((rough * below).sum(axis=-1), rough.sum(axis=-1) * smooth.sum(axis=-1))
 
 
 def _recall_at(rough: Floats, smooth: Floats) -> Floats:
-    """Recall of rough over the lowest bin that at most 1 % of smooth windows exceed."""
+    """Recall of rough above the lowest bin that at most 1 % of smooth windows exceed."""
     all_smooth = smooth.sum(axis=-1, keepdims=True)
     too_low = all_smooth - np.cumsum(smooth, axis=-1) > LOW_FALSE_POSITIVES * all_smooth
     place = np.arange(rough.shape[-1]) > too_low.sum(axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Whether one method is truly better than another: both are measured on the same drawn surfaces, draw by draw."""
+"""Difference of two methods, measured on the same drawn surfaces (paired bootstrap)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from tactophone.evaluation.metrics import Floats, Scores, count_by_surface, meas
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One method's measure less another's.
+    """One method's score less another's.
 
     Parameters
     ----------
     estimate
-        The difference, with the interval that 90 % of the draws fall in.
+        The difference with its 90 % interval.
     p
         Two-sided: twice the share of draws on the rarer side of zero, at least one draw.
     """
@@ -25,21 +25,22 @@ class Difference:
     p: float
 
 
-def compare(one: Scores, other: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Difference]:
-    """Compare two methods on the surfaces that both judged, measure by measure (paired bootstrap over surfaces).
+def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Difference]:
+    """Compute every score of the first method less the second's, over the surfaces that both have scores of.
 
     Source: Efron & Tibshirani, "An Introduction to the Bootstrap" (1993), section 16.4.
     """
     rng = np.random.default_rng(seed)
-    strata = [sorted(_surfaces(one, rough) & _surfaces(other, rough)) for rough in (False, True)]
+    strata = [sorted(_surfaces(first, rough) & _surfaces(second, rough)) for rough in (False, True)]
     drawn = [
         [name for stratum in strata if stratum for name in rng.choice(stratum, len(stratum))] for _ in range(draws)
     ]
     every = [name for stratum in strata for name in stratum]
-    first, second = (_measure(scores, every, drawn) for scores in (one, other))
+    (value, in_draws), (other_value, in_other_draws) = (_measure(scores, every, drawn) for scores in (first, second))
+    differences = {name: in_draws[name] - in_other_draws[name] for name in value}
     return {
-        name: Difference(interval(first[0][name] - second[0][name], differences), _p(differences))
-        for name, differences in ((name, first[1][name] - second[1][name]) for name in first[0])
+        name: Difference(interval(value[name] - other_value[name], drawn), _p(drawn))
+        for name, drawn in differences.items()
     }
 
 
@@ -50,10 +51,11 @@ def _surfaces(scores: Scores, rough: bool) -> set[str]:
 def _measure(
     scores: Scores, every: Sequence[str], drawn: Sequence[Sequence[str]]
 ) -> tuple[dict[str, float], dict[str, Floats]]:
-    """Measure all of the surfaces once, and in each draw."""
+    """Scores over all common surfaces once, and in each draw."""
+    # The two methods number their surfaces differently, so draws are of names.
     times = np.array([[names.count(name) for name in scores.names] for names in drawn], np.float64)
-    whole = np.array([float(every.count(name)) for name in scores.names])[scores.surface]
-    return measure(scores, whole), measure_draws(count_by_surface(scores, bins=BINS), times)
+    weights = np.array([float(every.count(name)) for name in scores.names])[scores.surface]
+    return measure(scores, weights), measure_draws(count_by_surface(scores, bins=BINS), times)
 
 
 def _p(drawn: Floats) -> float:

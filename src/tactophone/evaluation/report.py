@@ -1,4 +1,4 @@
-"""All that is said of a detector on one set of recordings: both rules, with intervals, by surface and by recording."""
+"""Scores of a detector on one set of recordings: both rules, with intervals, by surface and by recording."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,17 +13,17 @@ from tactophone.types import Touch
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """How one surface or recording fared; accuracies are NaN where the gate stayed shut.
+class GroupScore:
+    """Score of one surface or one recording; accuracies are NaN where the contact gate never opened.
 
     Parameters
     ----------
     name, label
-        Which, and what a person calls it.
+        Of the surface or recording.
     updates, contact
-        How often it was judged, and the share of updates with the contact gate open.
+        Number of updates, and the share of them with the contact gate open.
     authors, two_class
-        Share of those updates judged rightly, by each rule.
+        Share of the updates in contact that are classified correctly, by each rule.
     """
 
     name: str
@@ -36,18 +36,18 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A detector's scores on some recordings.
+    """A detector's scores on a set of recordings.
 
     Parameters
     ----------
     recordings, surfaces, updates
-        How many were judged.
+        How many were scored.
     contact
         Share of updates with the contact gate open.
     rules
-        For each rule, each measure of :func:`tactophone.evaluation.metrics.measure` with its interval.
+        For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval.
     by_surface, by_recording
-        The same, one by one.
+        Scores of single surfaces and recordings.
     """
 
     recordings: int
@@ -55,55 +55,54 @@ class Report:
     updates: int
     contact: float
     rules: dict[Rule, dict[str, Estimate]]
-    by_surface: tuple[Row, ...]
-    by_recording: tuple[Row, ...]
+    by_surface: tuple[GroupScore, ...]
+    by_recording: tuple[GroupScore, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Give plain dictionaries and lists."""
+        """Return plain dictionaries and lists."""
         return asdict(self)
 
 
-def make_report(judgements: Sequence[TakePredictions], *, draws: int = DRAWS) -> Report:
-    """Score judgements in every way that a report has.
+def make_report(predictions: Sequence[TakePredictions], *, draws: int = DRAWS) -> Report:
+    """Score the predictions for labelled recordings.
 
     Raises
     ------
     DatasetError
-        If the contact gate was never open.
+        If the contact gate never opened.
     """
-    judged = [one for one in judgements if one.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
-    rules = {rule: estimate(scores_of(judged, rule), draws=draws) for rule in RULES}
-    surfaces = sorted({one.recording.surface for one in judged})
-    total = _row("", judged)
+    labelled = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
+    rules = {rule: estimate(scores_of(labelled, rule), draws=draws) for rule in RULES}
+    surfaces = sorted({take.recording.surface for take in labelled})
+    total = _score("", labelled)
     return Report(
-        len(judged),
+        len(labelled),
         len(surfaces),
         total.updates,
         total.contact,
         rules,
-        tuple(_row(name, [one for one in judged if one.recording.surface == name]) for name in surfaces),
-        tuple(_row(one.recording.path.name, [one]) for one in judged),
+        tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
+        tuple(_score(take.recording.path.name, [take]) for take in labelled),
     )
 
 
-def _row(name: str, judged: Sequence[TakePredictions]) -> Row:
-    labels = {one.recording.known("label") for one in judged}
-    contact = np.concatenate([one.contact for one in judged])
-    return Row(
+def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
+    labels = {take.recording.known("label") for take in takes}
+    contact = np.concatenate([take.contact for take in takes])
+    return GroupScore(
         name,
         labels.pop() if len(labels) == 1 else "mixed",
         len(contact),
         float(contact.mean()) if len(contact) else float("nan"),
-        _accuracy(judged, "authors"),
-        _accuracy(judged, "two-class"),
+        _accuracy(takes, "authors"),
+        _accuracy(takes, "two-class"),
     )
 
 
-def _accuracy(judged: Sequence[TakePredictions], rule: Rule) -> float:
-    right = np.concatenate(
-        [
-            (rough_score(one.probabilities[one.contact], rule) >= 0.5) == (one.recording.label is Touch.ROUGH)
-            for one in judged
-        ]
-    )
-    return float(right.mean()) if len(right) else float("nan")
+def _accuracy(takes: Sequence[TakePredictions], rule: Rule) -> float:
+    correct = [
+        (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.label is Touch.ROUGH)
+        for take in takes
+    ]
+    every = np.concatenate(correct)
+    return float(every.mean()) if len(every) else float("nan")

@@ -1,7 +1,7 @@
-"""Edges between smooth and rough under a finger that does not lift: joined from recordings of held-out surfaces.
+"""Edges between smooth and rough without a lift-off, joined from recordings of held-out surfaces.
 
-The simulator's finger lifts between stones, so that edges are made here: from the middle of a touch on one surface to
-the middle of a touch on another, cross-faded over as long as a fingertip takes to cross an edge.
+The finger lifts between objects in the recordings, so edges are synthesised: the middle of a touch on one surface,
+cross-faded into the middle of a touch on another over the time that a fingertip takes to cross an edge.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import numpy as np
 import soundfile
 
 from tactophone.dataset import Recording, Segment
-from tactophone.dataset.motion_intervals import Stretch, cut_slides, write_slides
+from tactophone.dataset.motion_intervals import MotionInterval, cut_slides, write_slides
 from tactophone.types import FloatArray, Touch
 
 HALF = 0.6
@@ -23,24 +23,29 @@ FADE = 0.02
 """Seconds: 2 mm of contact at 10 cm/s."""
 
 LEAD = 0.2
-"""Seconds of silence before, so that memories begin empty."""
+"""Seconds of silence before, so that running statistics begin empty."""
 
 _WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
 
 def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
-    """Join pairs of a smooth and a rough touch, in either order, and write them; needs both kinds.
+    """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
     Parameters
     ----------
     recordings
-        Held-out ones, of one rate and channel count, with segments or touched throughout.
+        Held-out recordings of one sample rate, with segments or in contact throughout.
     folder
         For the files, which are named by content and written once.
     most
-        Edges at most.
+        Largest number of edges.
     seed
         Of the pairing.
+
+    Raises
+    ------
+    ValueError
+        If the two recordings of a pair differ in sample rate.
     """
     pools = {label: list(_touches(recordings, label)) for label in _WORDS}
     if not all(pools.values()):
@@ -57,19 +62,20 @@ def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40,
 
 
 def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Recording, float]]:
+    """Each touch long enough, with the start in s of its middle part."""
     for recording in recordings:
         if recording.label is not label:
             continue
         whole = (Segment(0.0, soundfile.info(recording.path).duration, _WORDS[label]),)
-        for one in recording.segments or whole:
-            if one.contact and one.end - one.start >= HALF + 0.1:
-                yield recording, (one.start + one.end - HALF) / 2
+        for part in recording.segments or whole:
+            if part.contact and part.end - part.start >= HALF + 0.1:
+                yield recording, (part.start + part.end - HALF) / 2
 
 
 def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:
-    name = hashlib.sha256(repr([(str(one.path), start) for one, start in pair]).encode()).hexdigest()[:16]
+    name = hashlib.sha256(repr([(str(recording.path), start) for recording, start in pair]).encode()).hexdigest()[:16]
     path = folder / f"{name}.flac"
-    (first, rate), (second, other) = (_read(one.path, start) for one, start in pair)
+    (first, rate), (second, other) = (_read(recording.path, start) for recording, start in pair)
     if rate != other:
         raise ValueError(f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {other} Hz: edges join equal rates")
     if not path.is_file():
@@ -85,16 +91,16 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
 
 
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
-    """Tell when the finger slides, if both recordings tell it."""
+    """The slides of the joined recording, if both recordings have them labelled."""
     places = (LEAD, LEAD + HALF - FADE)
-    cuts = [cut_slides(one, start, start + HALF, place=place)
-            for (one, start), place in zip(pair, places, strict=True)]  # fmt: skip
+    cuts = [cut_slides(recording, start, start + HALF, place=place)
+            for (recording, start), place in zip(pair, places, strict=True)]  # fmt: skip
     if cuts[0] is None or cuts[1] is None:
         return {}
-    # A slide that goes on over the edge is told as one.
+    # A slide that continues over the edge is one slide.
     last, first = cuts[0][-1:], cuts[1][:1]
     if last and first and first[0].start <= last[0].end:
-        return {"slides": write_slides((*cuts[0][:-1], Stretch(last[0].start, first[0].end), *cuts[1][1:]))}
+        return {"slides": write_slides((*cuts[0][:-1], MotionInterval(last[0].start, first[0].end), *cuts[1][1:]))}
     return {"slides": write_slides((*cuts[0], *cuts[1]))}
 
 
@@ -105,7 +111,7 @@ def _read(path: Path, start: float) -> tuple[FloatArray, int]:
 
 
 def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
-    """Join with constant power, as the two sounds are unrelated."""
+    """Cross-fade with constant power, because the two sounds are uncorrelated."""
     size = round(FADE * rate)
     angle = np.linspace(0, np.pi / 2, size, dtype=np.float32)[:, None]
     crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)

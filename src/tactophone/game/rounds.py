@@ -1,6 +1,6 @@
 """A round of the stone box: five stones under a curtain, three smooth and two rough; find the rough ones by touch.
 
-The rules as values, without clock or network. The order is known here and never leaves before the curtain is lifted.
+The rules as values, without clock or network. The order stays here until the curtain is lifted.
 """
 
 import json
@@ -15,47 +15,49 @@ from numpy.typing import NDArray
 from tactophone.types import Touch
 
 PITCH, WIDTH, DEPTH = 0.11, 0.085, 0.07
-"""Metres from stone to stone, across one, and away from the player, as `simulation.five_stones` lays them."""
+"""Metres from stone to stone, and width and depth of a stone, as in `simulation.five_stones`."""
 
 MARGIN = 0.015
-"""Metres around the stones that the finger can reach."""
+"""Metres that the finger can reach beyond the stones."""
 
 LIFTED = -0.5
-"""Newtons with which a lifted finger presses: it rises."""
+"""Newtons of a lifted finger: negative, so that it rises."""
 
 GREATEST_FORCE = 5.0
-"""Newtons: as hard as people explore a texture (Tanaka et al., PLoS One 9, 2014)."""
+"""Newtons: the strongest press in free exploration of textures (Tanaka et al., PLoS One 9, 2014)."""
 
 SHORTEST_STROKE = 0.01
-"""Metres over a stone, without turning back, that count as one stroke."""
+"""Metres over a stone, without a reversal, that count as a stroke."""
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
-    """What a stone box is made of.
+class GameSettings:
+    """What the page's server needs.
 
     Parameters
     ----------
     name
-        Of the operator's run, whose vibration is felt.
+        Of the operator's run, whose vibration the page plays.
     orders
-        What lies under the curtain, round after round, beginning with ``seed``; then from the first again.
-    hand
-        Takes ``("lay", order, seed)`` and ``("move", x, y, force)``; the other end leads to the finger.
+        Orders of the stones, round after round, then from the first again.
+    seed
+        Of the first round; it grows by one per round.
+    finger
+        Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y, force)``.
     results
-        The file that rounds are appended to.
+        File to which results are appended, one line of JSON per round.
     """
 
     name: str
     orders: Sequence[Sequence[Touch]]
     seed: int
-    hand: Connection
+    finger: Connection
     results: Path
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Where the finger is wished to be: time in s, place in m, force in N (negative: lifted)."""
+    """A target of the finger: time in s, place in m, force in N (negative: lifted)."""
 
     time: float
     x: float
@@ -64,32 +66,32 @@ class Point:
 
     @property
     def stone(self) -> int:
-        """Which stone it presses on; -1 for none."""
+        """Index of the stone under pressure; -1 for none."""
         index, within = divmod(self.x, PITCH)
-        on = self.force > 0 and 0 <= index < 5 and within <= WIDTH and 0 <= self.y <= DEPTH
-        return int(index) if on else -1
+        pressed = self.force > 0 and 0 <= index < 5 and within <= WIDTH and 0 <= self.y <= DEPTH
+        return int(index) if pressed else -1
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
-    """What is kept of a round.
+class RoundResult:
+    """The result of a round.
 
     Parameters
     ----------
     finished
         Date and time, ISO 8601 with zone.
     order, choices
-        0-based from left to right: what the stones are, and which were chosen as rough.
+        The stones' labels from left to right, and the 0-based indices of those chosen as rough.
     correct
-        How many of the choices are rough.
+        How many choices are rough.
     duration
         Seconds from the first touch to the choice.
     strokes
-        How many, on each stone.
+        Number of strokes, per stone.
     trainer
-        Whether the player was told what was felt.
+        Whether the player saw the truth and the detector's decision.
     round_trip
-        Median seconds from pressing to hearing; ``None`` if it was never measured.
+        Median seconds from press to sound; ``None`` if not measured.
     """
 
     finished: str
@@ -103,13 +105,13 @@ class Result:
     round_trip: float | None = None
 
     def append(self, path: Path) -> None:
-        """Add one line of JSON to a results file."""
+        """Append one line of JSON to a results file."""
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(asdict(self)) + "\n")
 
 
 class Round:
-    """One round while it is played.
+    """A round in progress.
 
     Examples
     --------
@@ -128,31 +130,38 @@ class Round:
         self.strokes = [0] * len(order)
         self.path: list[Point] = []
         self.round_trips: list[float] = []
-        self._way, self._counted = 0.0, False
+        self._distance, self._counted = 0.0, False
 
     def touch(self, point: Point) -> None:
-        """Follow the finger; count a stroke when it has gone far enough one way over one stone."""
+        """Add a target; count a stroke when the finger has moved `SHORTEST_STROKE` over one stone."""
         last = self.path[-1] if self.path else point
         self.path.append(point)
         step = point.x - last.x
-        if point.stone < 0 or last.stone != point.stone or step * self._way < 0:
-            self._way, self._counted = 0.0, False
-        self._way += step if point.stone == last.stone else 0.0
-        if point.stone >= 0 and not self._counted and abs(self._way) >= SHORTEST_STROKE:
+        # A lift, another stone or a reversal ends the stroke.
+        if point.stone < 0 or last.stone != point.stone or step * self._distance < 0:
+            self._distance, self._counted = 0.0, False
+        self._distance += step if point.stone == last.stone else 0.0
+        if point.stone >= 0 and not self._counted and abs(self._distance) >= SHORTEST_STROKE:
             self._counted = True
             self.strokes[point.stone] += 1
 
     def truth(self, point: Point) -> Touch:
-        """What truly lies under the finger."""
+        """Return the true touch at a target."""
         return Touch.NONE if point.stone < 0 else self.order[point.stone]
 
-    def finish(self, choices: Sequence[int], now: Point, *, finished: str) -> Result:
-        """Take the player's choice of the two rough ones."""
+    def finish(self, choices: Sequence[int], now: Point, *, finished: str) -> RoundResult:
+        """Score the player's choice of the two rough stones.
+
+        Raises
+        ------
+        ValueError
+            If the choice is not two different stones.
+        """
         chosen = tuple(sorted(set(choices)))
         if len(chosen) != 2 or not all(0 <= stone < len(self.order) for stone in chosen):
-            raise ValueError(f"choices are {list(choices)}, but two of the stones 0 to {len(self.order) - 1} count")
+            raise ValueError(f"choices are {list(choices)}, but must be two of the stones 0 to {len(self.order) - 1}")
         begin = next((point.time for point in self.path if point.stone >= 0), now.time)
-        return Result(
+        return RoundResult(
             finished=finished,
             seed=self.seed,
             order=tuple(touch.name.lower() for touch in self.order),
@@ -165,13 +174,13 @@ class Round:
         )
 
     def track(self, begin: float) -> NDArray[np.float64]:
-        """Rows of time since ``begin``, x, y, force and truth."""
+        """Return rows of time since ``begin`` (s), x, y (m), force (N) and truth, shape ``(points, 5)``."""
         rows = [(point.time - begin, point.x, point.y, point.force, self.truth(point)) for point in self.path]
         return np.array(rows, dtype=np.float64).reshape(-1, 5)
 
 
 def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
-    """Hold a wish inside the box and within a hand's strength."""
+    """Clip a requested target to the box and to a hand's force."""
     width = 4 * PITCH + WIDTH
     return Point(
         now,
@@ -181,14 +190,14 @@ def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
     )
 
 
-def past(path: Path) -> list[Result]:
-    """Read the rounds in a results file; a line that is none is passed over."""
+def read_results(path: Path) -> list[RoundResult]:
+    """Read a results file; invalid lines are skipped."""
     if not path.exists():
         return []
-    found = []
+    results = []
     for line in path.read_text(encoding="utf-8").splitlines():
         try:
-            found.append(Result(**json.loads(line)))
+            results.append(RoundResult(**json.loads(line)))
         except (ValueError, TypeError):
             continue
-    return found
+    return results

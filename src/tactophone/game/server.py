@@ -1,7 +1,7 @@
-"""The stone box's page: pointer in, vibration out, and rounds played over the running chain.
+"""The game's page: pointer in, vibration out, and rounds played over the running system.
 
-The vibration goes out sample by sample, as the actuator is given it; of what was heard or believed nothing leaves
-before the curtain is lifted, unless the trainer is asked.
+The page receives the vibration sample by sample, as the actuator does. Sound, predictions and the order of the stones
+stay on the server until the curtain is lifted, except with the trainer.
 """
 
 import asyncio
@@ -13,6 +13,7 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import asdict
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,14 @@ import numpy as np
 from aiohttp import WSMsgType, web
 from numpy.typing import NDArray
 
-from tactophone.dashboard.feed import Run
-from tactophone.dashboard.message import pack, tick_table
-from tactophone.dashboard.server import CREDIT, LARGEST_WISH, page
-from tactophone.game.rounds import Box, Point, Round, past, within_reach
+from tactophone.dashboard import WatchedRun, pack, step_table
+from tactophone.dashboard.server import CREDIT, MAX_MESSAGE_BYTES, page
+from tactophone.game.rounds import GameSettings, Point, Round, read_results, within_reach
 from tactophone.telemetry import Request, Snapshot
 from tactophone.types import Touch
 
 PERIOD = 0.008
-"""Seconds between messages: half a picture, for the sound's sake."""
+"""Seconds between messages: half a video frame, because the messages carry sound."""
 
 LONGEST_ROUND = 600.0
 """Seconds whose signals are kept for the last screen."""
@@ -37,37 +37,39 @@ SHOWN = 2_000
 """Points of a signal on the last screen."""
 
 TAKEN = 4001
-"""WebSocket close code, of the range for applications, that says: opened in another window."""
+"""WebSocket close code, of the range for applications: the game was opened in another window."""
+
+STATIC = files("tactophone.game") / "static"
 
 
-def stone_box(box: Box) -> web.Application:
-    """Build the stone box's page."""
+def game_application(game: GameSettings) -> web.Application:
+    """Build the game's page."""
     app = web.Application()
-    table = _Table(box)
-    app.router.add_get("/", page("play.html"))
-    app.router.add_get("/box", table.sit)
+    app.router.add_get("/", page(STATIC / "play.html"))
+    app.router.add_static("/game", str(STATIC))
+    app.router.add_get("/player", _PlayerSlot(game).connect)
     return app
 
 
-class _Table:
-    """Where one player at a time sits; who comes takes the place, who comes back must find it free."""
+class _PlayerSlot:
+    """The place of the one player: a new window takes it over, a window that reconnects must find it free."""
 
-    def __init__(self, box: Box) -> None:
-        self._box = box
-        self._run = Run(box.name)
+    def __init__(self, game: GameSettings) -> None:
+        self._game = game
+        self._run = WatchedRun(game.name)
         self._played = 0
-        self._seat: web.WebSocketResponse | None = None
+        self._view: web.WebSocketResponse | None = None
 
-    async def sit(self, request: web.Request) -> web.StreamResponse:
-        view = web.WebSocketResponse(heartbeat=20, max_msg_size=LARGEST_WISH, compress=False)
+    async def connect(self, request: web.Request) -> web.StreamResponse:
+        view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
         await view.prepare(request)
-        if self._seat is not None and not self._seat.closed:
-            loser = view if "again" in request.query else self._seat
+        if self._view is not None and not self._view.closed:
+            loser = view if "again" in request.query else self._view
             await loser.close(code=TAKEN)
             if loser is view:
                 return view
-        self._seat = view
-        player = _Player(self._box, self._run, view, self._played)
+        self._view = view
+        player = _Player(self._game, self._run, view, self._played)
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(player.send())
             await player.receive()
@@ -78,15 +80,15 @@ class _Table:
 
 
 class _Player:
-    """One connection: what the player does goes to the finger and to the round, what is felt comes back."""
+    """A connection: the player's actions go to the finger and the round, the vibration comes back."""
 
-    def __init__(self, box: Box, run: Run, view: web.WebSocketResponse, played: int) -> None:
-        self._box, self._run, self._view = box, run, view
+    def __init__(self, game: GameSettings, run: WatchedRun, view: web.WebSocketResponse, played: int) -> None:
+        self._game, self._run, self._view = game, run, view
         self._credit = asyncio.Semaphore(CREDIT)
         self._round: Round | None = None
         self._begun = 0.0
         self._last: Snapshot | None = None
-        self._ticks: list[NDArray[np.float64]] = []
+        self._steps: list[NDArray[np.float64]] = []
         self.played = played
 
     async def receive(self) -> None:
@@ -94,7 +96,7 @@ class _Player:
             "begin": self._begin,
             "move": self._move,
             "choose": self._choose,
-            "heard": self._heard,
+            "delay": self._delay,
         }
         async for message in self._view:
             if message.type is not WSMsgType.TEXT:
@@ -103,13 +105,13 @@ class _Player:
                 self._credit.release()
                 continue
             try:
-                with_what = json.loads(message.data)
-                await actions[with_what.pop("action")](**with_what)
+                arguments = json.loads(message.data)
+                await actions[arguments.pop("action")](**arguments)
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 await self._view.send_str(json.dumps({"refused": str(error)}))
 
     async def send(self) -> None:
-        """Send what is new of the vibration, for as long as somebody listens."""
+        """Send the vibration since the last message, until the connection closes."""
         with suppress(ConnectionError):
             while not self._view.closed:
                 await self._credit.acquire()
@@ -121,75 +123,77 @@ class _Player:
                 await asyncio.sleep(PERIOD)
 
     def lift(self) -> None:
-        """Take the finger off whatever it is on."""
+        """Lift the finger where it is."""
         last = self._round.path[-1] if self._round and self._round.path else Point(0, 0, 0, 0)
-        self._reach(("move", last.x, last.y, -1.0))
+        self._command(("move", last.x, last.y, -1.0))
 
     def _message(self, snapshot: Snapshot) -> bytes:
-        words: dict[str, Any] = {"alive": snapshot.alive, "armed": snapshot.state.armed}
+        # The operator's side starts before the robot's: a round can begin when sound has arrived.
+        started = snapshot.alive and snapshot.step_end > 0
+        header: dict[str, Any] = {"alive": started, "armed": snapshot.state.armed}
         if self._round is not None:
             self._keep(snapshot)
-            if self._round.trainer and len(snapshot.ticks):
-                words["felt"] = Touch(int(snapshot.ticks[-1]["touch"])).name.lower()
-                words["truth"] = self._round.truth(self._round.path[-1]).name.lower() if self._round.path else "none"
-        # What came before the page looked is over: sound is for now.
+            if self._round.trainer and len(snapshot.steps):
+                header["detected"] = Touch(int(snapshot.steps[-1]["touch"])).name.lower()
+                header["truth"] = self._round.truth(self._round.path[-1]).name.lower() if self._round.path else "none"
+        # A page plays only what follows its first message; older vibration is out of date.
         vibration = snapshot.vibration if self._last else snapshot.vibration[:0]
-        return pack({**words, "vibration_end": snapshot.vibration_end}, {"vibration": vibration})
+        return pack({**header, "vibration_end": snapshot.vibration_end}, {"vibration": vibration})
 
     def _keep(self, snapshot: Snapshot) -> None:
         now = time.monotonic()
-        if now - self._begun > LONGEST_ROUND or not len(snapshot.ticks):
+        if now - self._begun > LONGEST_ROUND or not len(snapshot.steps):
             return
-        table = tick_table(snapshot.ticks, float(snapshot.ticks["time"][-1]))
+        table = step_table(snapshot.steps, float(snapshot.steps["time"][-1]))
         table[:, 0] += now - self._begun
-        self._ticks.append(table)
+        self._steps.append(table)
 
     async def _begin(self, trainer: bool = False) -> None:
-        seed = self._box.seed + self.played
-        order = self._box.orders[self.played % len(self._box.orders)]
+        seed = self._game.seed + self.played
+        order = self._game.orders[self.played % len(self._game.orders)]
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
-        self._begun, self._ticks = time.monotonic(), []
-        self._run.ask(Request("arm"))  # beginning is a person's word, should a fault have muted the run
-        self._reach(("lay", tuple(int(touch) for touch in order), seed))
+        self._begun, self._steps = time.monotonic(), []
+        self._run.ask(Request("arm"))  # a player's request, in case a fault has muted the run
+        self._command(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))
 
     async def _move(self, x: float, y: float, force: float) -> None:
         point = within_reach(float(x), float(y), float(force), now=time.monotonic())
-        self._reach(("move", point.x, point.y, point.force))
+        self._command(("move", point.x, point.y, point.force))
         if self._round is not None:
             self._round.touch(point)
 
-    async def _heard(self, delay: float) -> None:
-        if self._round is not None and 0 < delay < 5:
-            self._round.round_trips.append(float(delay))
+    async def _delay(self, seconds: float) -> None:
+        if self._round is not None and 0 < seconds < 5:
+            self._round.round_trips.append(float(seconds))
 
     async def _choose(self, stones: list[int]) -> None:
-        game, now = self._round, time.monotonic()
-        if game is None:
+        played, now = self._round, time.monotonic()
+        if played is None:
             return
         finished = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-        result = game.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
-        result.append(self._box.results)
+        result = played.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
+        result.append(self._game.results)
         self.lift()
         self._round = None
-        ticks = np.concatenate([np.empty((0, 10)), *self._ticks])
-        words = {"result": asdict(result), "past": _standing(self._box.results), "results": str(self._box.results)}
-        await self._view.send_bytes(pack(words, {"ticks": _thin(ticks), "track": _thin(game.track(self._begun))}))
+        steps = np.concatenate([np.empty((0, 10)), *self._steps])
+        header = {"result": asdict(result), "past": _summary(self._game.results), "results": str(self._game.results)}
+        await self._view.send_bytes(pack(header, {"steps": _thin(steps), "track": _thin(played.track(self._begun))}))
 
-    def _reach(self, message: tuple[object, ...]) -> None:
-        """Send to the finger, unless it has stopped listening: a page waits for nobody."""
-        if select.select([], [self._box.hand], [], 0)[1]:
-            self._box.hand.send(message)
+    def _command(self, message: tuple[object, ...]) -> None:
+        """Send to the finger, unless the pipe is full: the page never waits."""
+        if select.select([], [self._game.finger], [], 0)[1]:
+            self._game.finger.send(message)
 
 
 def _thin(table: NDArray[np.float64]) -> NDArray[np.float64]:
     return table[:: len(table) // SHOWN + 1]
 
 
-def _standing(results: Path) -> dict[str, Any]:
-    """How this player, or whoever shares the file, has done so far without the trainer."""
-    rounds = [result for result in past(results) if not result.trainer]
+def _summary(path: Path) -> dict[str, Any]:
+    """Summarize the rounds of a results file that were played without the trainer."""
+    rounds = [result for result in read_results(path) if not result.trainer]
     return {
         "rounds": len(rounds),
         "right": sum(result.correct == 2 for result in rounds),

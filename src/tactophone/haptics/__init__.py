@@ -1,17 +1,25 @@
-"""Belief to feel: mapping, limits, oscillator, actuator."""
+"""Prediction to vibration: rendering profiles, limits, renderers and actuators."""
 
-from tactophone.haptics.actuator import Actuator, clocked_actuator, jack_actuator, portaudio_actuator
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.mapping import PROFILES, PaperProfile, open_profile
+from tactophone.haptics.actuator import Actuator, Render, clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics.limits import Limits, peak_amplitude
+from tactophone.haptics.mapping import PROFILES, ROUGH_STIMULUS, SMOOTH_STIMULUS, PaperProfile, Stimulus, open_profile
 from tactophone.haptics.oscillator import Oscillator
-from tactophone.haptics.passthrough import PASSTHROUGH, Passthrough
+from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE, Passthrough
 from tactophone.haptics.passthrough_renderer import GateProfile, PassthroughRenderer
 from tactophone.haptics.playback import Playback
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
+from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, sensation_db, threshold_db
+from tactophone.haptics.renderer import Renderer
 
 __all__ = [
+    "FULL_DRIVE_DB",
+    "LEVEL_JND_DB",
     "PASSTHROUGH",
+    "PITCH_JND",
     "PROFILES",
+    "ROUGH_STIMULUS",
+    "SMOOTH_STIMULUS",
+    "STEP_SIZE",
     "Actuator",
     "ErmProfile",
     "GateProfile",
@@ -23,9 +31,15 @@ __all__ = [
     "PassthroughRenderer",
     "PerceptualProfile",
     "Playback",
+    "Render",
+    "Renderer",
+    "Stimulus",
     "clocked_actuator",
     "discriminable_steps",
     "jack_actuator",
     "open_profile",
+    "peak_amplitude",
     "portaudio_actuator",
+    "sensation_db",
+    "threshold_db",
 ]

@@ -1,13 +1,13 @@
-"""What may be felt at all: bounds that no sound, model, page or programming slip can pass.
+"""Bounds of the vibration that no sound, model, page or programming error can exceed.
 
-They hold twice: the walk bounds each command, so that what is shown is what is felt; and the oscillator bounds it
-again in the process that drives the finger, so that nothing between the two needs to be trusted.
+They are applied twice: the pipeline bounds each command, so that what is shown is what is rendered, and the oscillator
+bounds it again in the process that drives the actuator, so that nothing between the two needs to be trusted.
 """
 
 import math
 from dataclasses import dataclass
 
-from tactophone.types import HapticCommand
+from tactophone.types import DEFAULT_CEILING, HapticCommand, Prediction, Profile, Touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,38 +20,49 @@ class Limits:
         Greatest amplitude, 0 to 1 of full drive.
     lowest, highest
         The band in Hz; the defaults are those of the paper's voice coil, a Lofelt Basslet (section III-D).
-    settling
-        Time constant, in s, of the low-pass on amplitude and frequency. It bounds the slew: an amplitude never moves
-        faster than ``1 / settling`` of full drive a second.
-    patience
-        Longest time, in s, that a vibration outlives its last command, before it fades.
+    time_constant
+        Of the low-pass on amplitude and frequency, in s. It bounds the slew: an amplitude never moves faster than
+        ``1 / time_constant`` of full drive a second.
+    timeout
+        Longest time, in s, from a vibration's last command to the beginning of its fade.
 
     Examples
     --------
-    >>> Limits(ceiling=0.5).bound(HapticCommand(3.0, 5.0, time=0.0))
+    >>> Limits().bound(HapticCommand(3.0, 5.0, time=0.0))
     HapticCommand(amplitude=0.5, frequency=35.0, time=0.0)
     >>> Limits().bound(HapticCommand(float("nan"), 60.0, time=0.0)).amplitude
     0.0
     """
 
-    ceiling: float = 1.0
+    ceiling: float = DEFAULT_CEILING
     lowest: float = 35.0
     highest: float = 1000.0
-    # 4 ms: far under the 30 ms of the shortest burst that is felt, and soft enough that nothing clicks. An amplitude
-    # falls to exact silence in 12 time constants, 48 ms.
-    settling: float = 0.004
-    # 35 ms is three missed hops of 10.67 ms: on its way down within 40 ms, and silent within 35 + 48 < 100 ms.
-    patience: float = 0.035
+    # 4 ms: far under the 30 ms of the shortest burst that a finger notices, and slow enough that nothing clicks. An
+    # amplitude falls to exact silence in 12 time constants, 48 ms.
+    time_constant: float = 0.004
+    # 35 ms is three missed hops of 10.67 ms: the fade begins within 40 ms, and ends within 35 + 48 < 100 ms.
+    timeout: float = 0.035
 
     def __post_init__(self) -> None:
-        bounds = (self.ceiling, self.lowest, self.highest, self.settling, self.patience)
-        sound = all(map(math.isfinite, bounds)) and 0 <= self.ceiling <= 1 and min(self.settling, self.patience) > 0
-        if not sound or not 0 < self.lowest <= self.highest:
+        bounds = (self.ceiling, self.lowest, self.highest, self.time_constant, self.timeout)
+        valid = all(map(math.isfinite, bounds)) and 0 <= self.ceiling <= 1 and min(self.time_constant, self.timeout) > 0
+        if not valid or not 0 < self.lowest <= self.highest:
             raise ValueError(f"{self}: wanted 0 <= ceiling <= 1, 0 < lowest <= highest, and times over 0")
 
+    def scale_for(self, peak: float) -> float:
+        """Return the factor that brings a profile's greatest amplitude ``peak`` down to the ceiling; at most 1.
+
+        The factor applies to the whole profile. Bounding its strong end alone would reduce the contrast between rough
+        and smooth: from 25 to 19 dB for the paper's profile under a ceiling of 0.5.
+
+        >>> Limits(ceiling=0.5).scale_for(1.0), Limits(ceiling=0.5).scale_for(0.2)
+        (0.5, 1.0)
+        """
+        return min(1.0, self.ceiling / peak) if peak > 0 else 1.0
+
     def bound(self, command: HapticCommand) -> HapticCommand:
-        """Give the nearest command that is allowed; silence for one that is no number (see :func:`is_sound`)."""
-        if not is_sound(command):
+        """Return the nearest command within the bounds; silence for one that is not finite (see :func:`is_finite`)."""
+        if not is_finite(command):
             return HapticCommand(0.0, self.lowest, command.time)
         if 0.0 <= command.amplitude <= self.ceiling and self.lowest <= command.frequency <= self.highest:
             return command
@@ -59,6 +70,19 @@ class Limits:
         return HapticCommand(amplitude, min(max(command.frequency, self.lowest), self.highest), command.time)
 
 
-def is_sound(command: HapticCommand) -> bool:
-    """Whether a command's amplitude and frequency are numbers; an infinite one is a fault, not a loud wish."""
+def is_finite(command: HapticCommand) -> bool:
+    """Whether amplitude and frequency are finite; an infinite one is a fault, not a strong vibration."""
     return math.isfinite(command.amplitude) and math.isfinite(command.frequency)
+
+
+def peak_amplitude(profile: Profile) -> float:
+    """Return the greatest finite amplitude, 0 to 1, that a profile asks for between smooth and rough.
+
+    Found by trying 101 values of roughness for either touch, ends included, so that a profile need not declare it.
+    """
+    commands = (
+        profile.command(Prediction((0.0, 1.0 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0))
+        for touch in (Touch.SMOOTH, Touch.ROUGH)
+        for roughness in (step / 100 for step in range(101))
+    )
+    return max((min(command.amplitude, 1.0) for command in commands if is_finite(command)), default=0.0)

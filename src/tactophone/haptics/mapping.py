@@ -1,6 +1,6 @@
-"""Belief to wish: which vibration a prediction asks for, by a rendering profile that has a name.
+"""Rendering profiles by name: which vibration a prediction is mapped to.
 
-A profile knows nothing of limits: what is wished for here is bounded by :mod:`tactophone.haptics.limits`.
+A profile takes no account of limits; :mod:`tactophone.haptics.limits` scales and bounds what it asks for.
 """
 
 import difflib
@@ -15,7 +15,7 @@ from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """A vibration that stands for one end of the scale.
+    """The vibration at one end of the scale from smooth to rough.
 
     Parameters
     ----------
@@ -29,40 +29,39 @@ class Stimulus:
     level_dbfs: float
 
 
-ROUGH = Stimulus(60.0, 0.0)
-"""Users call it *bumpy* (Pätzold et al. 2023, section III-D)."""
+ROUGH_STIMULUS = Stimulus(60.0, 0.0)
+"""Users called it *bumpy* (Pätzold et al. 2023, section III-D)."""
 
-SMOOTH = Stimulus(120.0, -25.0)
-"""Users call it *fizzy* (ibid.)."""
+SMOOTH_STIMULUS = Stimulus(120.0, -25.0)
+"""Users called it *fizzy* (ibid.)."""
 
 
 @dataclass(frozen=True, slots=True)
 class PaperProfile:
-    """The paper's feel: a sine, moved by the detector's confidence between *smooth* and *rough*; none is silence.
+    """The paper's rendering: a sine between *smooth* and *rough* by the detector's confidence; *none* is silence.
 
-    The paper does not say along which line the confidence moves it. Here the level moves in dB and the frequency by
-    ratio, as both are felt (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and
-    -12.5 dBFS.
+    The paper does not say how to interpolate. Here the level is interpolated in dB and the frequency by ratio, as both
+    are perceived (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
 
     Examples
     --------
-    >>> belief = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
-    >>> command = PaperProfile().command(belief)
+    >>> prediction = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
+    >>> command = PaperProfile().command(prediction)
     >>> round(command.frequency, 1), round(command.amplitude, 3)
     (84.9, 0.237)
     """
 
-    smooth: Stimulus = SMOOTH
-    rough: Stimulus = ROUGH
+    smooth: Stimulus = SMOOTH_STIMULUS
+    rough: Stimulus = ROUGH_STIMULUS
     name: str = "paper"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Give the vibration wished for; its time is the window's end."""
-        share = prediction.roughness
-        frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** share
+        """Return the vibration for a prediction; its time is the window's end."""
+        roughness = prediction.roughness
+        frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** roughness
         if prediction.touch is Touch.NONE:
             return HapticCommand(0.0, frequency, prediction.end)
-        level_dbfs = self.smooth.level_dbfs + share * (self.rough.level_dbfs - self.smooth.level_dbfs)
+        level_dbfs = self.smooth.level_dbfs + roughness * (self.rough.level_dbfs - self.smooth.level_dbfs)
         return HapticCommand(10 ** (level_dbfs / 20), frequency, prediction.end)
 
 
@@ -73,12 +72,12 @@ PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType(
 
 
 def open_profile(name: str) -> Profile:
-    """Make a profile by its name.
+    """Make the profile of a name.
 
     Raises
     ------
     ConfigError
-        If there is none of that name.
+        If there is no profile of that name.
     """
     if name in PROFILES:
         return PROFILES[name]()

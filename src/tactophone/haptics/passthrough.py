@@ -1,10 +1,10 @@
-"""The sound itself as vibration, with no detector: what the paper's authors tried first (section III-C).
+"""The sound itself as vibration, without a detector: what the paper's authors tried first (section III-C).
 
-``direct``: the contact microphone's sound straight to the actuator, through an expander that closes on noise, a band
-that the finger feels, and a sharpening of transients. ``pitch``: the same, shifted down by three octaves first, so that
-the band in which surfaces differ comes to lie where a finger feels.
+``direct``: the contact microphone's sound goes to the actuator through a band-pass of the tactile range, an expander
+that suppresses noise, and a transient shaper. ``pitch``: the sound is shifted down by three octaves first, so that the
+band in which surfaces differ falls into the tactile range.
 
-The low band is worked on sample by sample at 4 kHz, so that it is the same to the bit in blocks of any size.
+The low band is processed sample by sample at 4 kHz, so that the result is bit-equal in blocks of any size.
 """
 
 import math
@@ -17,37 +17,34 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.haptics.limits import Limits
-from tactophone.types import FloatArray
-
-RATE = 48_000
-"""Hz, of sound and of vibration."""
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 STEP_SIZE = 12
 """Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
 
 TAPS = 97
-"""Of the low-pass before: 1 ms of delay, 50 dB down from 2.3 kHz on."""
+"""Of the low-pass before decimation: 1 ms of delay, 50 dB down from 2.3 kHz on."""
 
 GRAIN = 1440
-"""Samples, 30 ms, over which the two heads of the pitch shifter take turns: two periods of 70 Hz."""
+"""Samples, 30 ms, over which the two heads of the pitch shifter alternate: two periods of 70 Hz."""
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """How loudness is treated.
+    """Dynamics processing.
 
     Parameters
     ----------
     threshold_dbfs
-        Level in the felt band from which sound passes as it is; what is under it is pushed down.
+        Level in the tactile band above which sound passes unchanged; below it the expander works.
     ratio
         Decibels out for each decibel under the threshold.
     sharpness
-        Exponent on fast over slow level: 0 leaves transients alone.
+        Exponent on fast over slow level; 0: transients unchanged.
     gain_db
-        Of all; beyond full drive a soft limiter bends.
+        Overall gain; a soft limiter (tanh) holds the result under the ceiling.
     """
 
     threshold_dbfs: float = -38.0
@@ -62,39 +59,39 @@ class Passthrough:
     Parameters
     ----------
     shift
-        Factor on every frequency; 1 leaves pitch alone.
+        Factor on every frequency; 1: unchanged.
     dynamics, limits
-        Of loudness; of everything felt.
+        Dynamics processing; bounds of the vibration.
 
     Examples
     --------
     >>> time = np.arange(4800) / 48_000
     >>> vibration = Passthrough().render_whole(0.3 * np.sin(2 * np.pi * 200 * time).astype(np.float32)[:, None])
-    >>> vibration.shape, bool(abs(vibration).max() > 0.5)
+    >>> vibration.shape, bool(abs(vibration).max() > 0.25)
     ((4800,), True)
     """
 
     def __init__(self, *, shift: float = 1.0, dynamics: Dynamics | None = None, limits: Limits | None = None) -> None:
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
-        self._kernel = _low_pass(TAPS, RATE / STEP_SIZE * 0.4)
+        self._kernel = _low_pass(TAPS, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4)
         self.reset()
 
     @property
     def latency(self) -> float:
-        """Seconds: the low-pass, the step to the next value, and half a grain where pitch is shifted."""
+        """Seconds: the low-pass, the step to the next value, and half a grain if pitch is shifted."""
         grain = GRAIN / 2 if self._shift != 1 else 0
-        return (TAPS // 2 + STEP_SIZE + grain) / RATE
+        return (TAPS // 2 + STEP_SIZE + grain) / LIVE_SAMPLE_RATE
 
     def reset(self) -> None:
-        """Be silent and as new."""
-        self._heard: Floats = np.zeros(GRAIN + 1)
+        """Return to silence and the initial state."""
+        self._past: Floats = np.zeros(GRAIN + 1)
         self._count = 0
         self._waiting: Floats = np.zeros(TAPS - 1)
         self._chain = _Chain(self._dynamics, self._limits)
         self._last = 0.0
 
     def push(self, samples: FloatArray) -> FloatArray:
-        """Take sound at 48 kHz, shape ``(samples, channels)``; give the vibration that it completes, in steps of 12."""
+        """Process 48 kHz sound, shape ``(samples, channels)``; returns the vibration it completes, in steps of 12."""
         sound = np.nan_to_num(samples[:, 0].astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
         sound = np.clip(sound, -1.0, 1.0)
         shifted = sound if self._shift == 1 else self._shifted(sound)
@@ -106,14 +103,16 @@ class Passthrough:
         return self._ramps(np.array(values))
 
     def render_whole(self, samples: FloatArray) -> FloatArray:
-        """Render a whole sound from a fresh start; as long as the sound."""
+        """Render a whole sound from the initial state; returns as many samples."""
         self.reset()
         vibration = self.push(samples)
         return np.pad(vibration, (0, len(samples) - len(vibration)))
 
     def _shifted(self, sound: Floats) -> Floats:
-        """Read the past with two heads that fall behind and jump forward in turn, each fading out before it jumps."""
-        line = np.concatenate((self._heard, sound))
+        """Shift the pitch with two delay heads that fall behind and jump forward in turn, each silent when it jumps."""
+        # ``behind`` grows by 1 - shift a sample: each head reads the past at ``shift`` times the speed, with a delay
+        # that wraps at one grain. The squared sines of the two heads, half a grain apart, add up to 1.
+        line = np.concatenate((self._past, sound))
         behind = (1 - self._shift) * (self._count + np.arange(len(sound)))
         place = np.arange(GRAIN + 1, len(line))
         out = np.zeros(len(sound))
@@ -123,25 +122,25 @@ class Passthrough:
             share = delay - whole
             value = (1 - share) * line[place - whole] + share * line[place - whole - 1]
             out += value * np.sin(np.pi * delay / GRAIN) ** 2
-        self._heard = line[len(line) - GRAIN - 1 :]
+        self._past = line[len(line) - GRAIN - 1 :]
         self._count += len(sound)
         return out
 
     def _ramps(self, values: Floats) -> FloatArray:
-        """Go in straight lines from value to value."""
+        """Interpolate linearly from value to value, ``STEP_SIZE`` samples each."""
         if not len(values):
             return np.empty(0, np.float32)
         before = np.concatenate(([self._last], values[:-1]))
         self._last = float(values[-1])
-        share = np.arange(1, STEP_SIZE + 1) / STEP_SIZE
+        share = np.arange(1, STEP_SIZE + 1) / STEP_SIZE  # shape (STEP_SIZE,); broadcast to (values, STEP_SIZE)
         return np.asarray((before[:, None] + (values - before)[:, None] * share).reshape(-1), np.float32)
 
 
 class _Chain:
-    """Band, expander, transients, limiter: one value in, one out, at 4 kHz."""
+    """Band-pass, expander, transient shaper, limiter: one value in, one out, at 4 kHz."""
 
     def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
-        rate = RATE / STEP_SIZE
+        rate = LIVE_SAMPLE_RATE / STEP_SIZE
         self._low, self._high = _Pole(limits.lowest, rate), _Pole(min(limits.highest, 0.2 * rate), rate)
         self._fast, self._slow = _Pole(1 / (2 * math.pi * 2e-3), rate), _Pole(1 / (2 * math.pi * 40e-3), rate)
         self._threshold = 10 ** (dynamics.threshold_dbfs / 20)
@@ -152,7 +151,7 @@ class _Chain:
         band = self._high.step(value - self._low.step(value))
         fast, slow = self._fast.step(abs(band)), self._slow.step(abs(band))
         under = min(1.0, slow / self._threshold) ** (self._dynamics.ratio - 1)
-        # At most 12 dB either way: a tap after silence is a transient without end.
+        # The ratio is held within 12 dB either way: for a tap after silence it would be unbounded.
         sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** self._dynamics.sharpness
         return self._ceiling * math.tanh(band * under * sharp * self._gain)
 
@@ -175,11 +174,11 @@ PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = MappingProxy
         "pitch": lambda limits: Passthrough(shift=1 / 8, dynamics=Dynamics(threshold_dbfs=-45.0), limits=limits),
     }
 )
-"""Every renderer that needs no detector, by the name that ``feel --profile`` takes."""
+"""Renderers of the sound itself, by the name that ``feel --profile`` takes."""
 
 
 def _low_pass(taps: int, corner: float) -> Floats:
     """Design a windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz."""
     place = np.arange(taps) - taps // 2
-    kernel = np.sinc(2 * corner / RATE * place) * np.hanning(taps + 2)[1:-1]
+    kernel = np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(taps + 2)[1:-1]
     return np.asarray(kernel / kernel.sum())

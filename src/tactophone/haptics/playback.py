@@ -1,4 +1,4 @@
-"""Commands to waveform without a device: each takes effect at its own time, to the sample."""
+"""Commands to waveform without a device: each command takes effect at its own time, to the sample."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -10,12 +10,12 @@ from tactophone.types import FloatArray, HapticCommand
 
 
 class Playback:
-    """Renders commands in stream time; the waveform is the same to the bit in whatever portions it is made.
+    """Renders commands in stream time; the waveform is bit-equal in portions of any size.
 
     Parameters
     ----------
     oscillator
-        Renders; its rate is the waveform's.
+        Its rate is that of the waveform.
 
     Examples
     --------
@@ -31,7 +31,7 @@ class Playback:
         self._done = 0
 
     def push(self, commands: Iterable[HapticCommand], *, until: float) -> FloatArray:
-        """Take commands, oldest first; give the waveform up to a time in s, shape ``(samples,)``."""
+        """Take commands, oldest first; returns the waveform up to a time in s, shape ``(samples,)``."""
         self._waiting.extend(commands)
         end = max(self._done, round(until * self._oscillator.sample_rate))
         out = np.empty(end - self._done, np.float32)

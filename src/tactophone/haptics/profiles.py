@@ -1,4 +1,4 @@
-"""Rendering profiles beside the paper's: one that fits the finger, and two for motors that cannot play a sine.
+"""Rendering profiles beside the paper's: one fitted to perception, and two for motors that cannot play a sine.
 
 All go from *smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a true one.
 """
@@ -13,7 +13,7 @@ _PATH = 200
 
 @dataclass(frozen=True, slots=True)
 class PerceptualProfile:
-    """Spaces roughness evenly in just-noticeable steps, of frequency and of level over threshold.
+    """Spaces roughness evenly in just-noticeable steps of frequency and of level over threshold.
 
     Equal ratios of frequency are equal steps (Weber's law), and so are equal differences of level in dB; from high
     and faint (smooth) to low and strong (rough). The paper's 60 to 120 Hz hold 4 steps of frequency, this band 11.
@@ -21,9 +21,9 @@ class PerceptualProfile:
     Parameters
     ----------
     lowest, highest
-        The actuator's measured band, in Hz, as far as a finger tells pitch in it.
+        The actuator's measured band, in Hz, as far as a finger discriminates frequency in it.
     faint_db, strong_db
-        Levels over threshold; 33 dB is all that full drive gives at 40 Hz.
+        Levels over threshold; 33 dB is what full drive reaches at 40 Hz.
     """
 
     lowest: float = 40.0
@@ -33,7 +33,7 @@ class PerceptualProfile:
     name: str = "perceptual"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Give the vibration wished for; its time is the window's end."""
+        """Return the vibration for a prediction; its time is the window's end."""
         share = prediction.roughness
         frequency = self.highest * (self.lowest / self.highest) ** share
         if prediction.touch is Touch.NONE:
@@ -44,7 +44,7 @@ class PerceptualProfile:
 
 @dataclass(frozen=True, slots=True)
 class ErmProfile:
-    """For an eccentric rotating mass, whose speed is its strength: one number moves both.
+    """For an eccentric rotating mass (ERM), whose speed sets frequency and strength together.
 
     Its force grows with the square of its speed; under a starting voltage it does not turn. The figures are those of
     a coin motor such as Precision Microdrives 310-103: about 80 to 220 Hz.
@@ -52,7 +52,7 @@ class ErmProfile:
     Parameters
     ----------
     slowest, fastest
-        Speeds in Hz at which it still turns, and at full drive.
+        Speeds in Hz: the lowest at which it turns, and that at full drive.
     """
 
     slowest: float = 80.0
@@ -60,7 +60,7 @@ class ErmProfile:
     name: str = "erm"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Give the vibration that the motor makes; drive it by ``frequency / fastest``."""
+        """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
         share = 0.0 if prediction.touch is Touch.NONE else prediction.roughness
         frequency = self.slowest + share * (self.fastest - self.slowest)
         amplitude = 0.0 if prediction.touch is Touch.NONE else (frequency / self.fastest) ** 2
@@ -69,12 +69,12 @@ class ErmProfile:
 
 @dataclass(frozen=True, slots=True)
 class LraProfile:
-    """For a linear resonant actuator, which moves at its resonance alone: only its level tells anything.
+    """For a linear resonant actuator (LRA), which moves at its resonance alone: only the level carries roughness.
 
     Parameters
     ----------
     resonance
-        In Hz; 150 to 235 by maker. Off by 10 Hz it gives half the force or less.
+        In Hz; 150 to 235 by manufacturer. At 10 Hz beside it the force is half or less.
     faint_db
         Level of smooth, in dB of full drive.
     """
@@ -84,7 +84,7 @@ class LraProfile:
     name: str = "lra"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Give the vibration wished for; its time is the window's end."""
+        """Return the vibration for a prediction; its time is the window's end."""
         if prediction.touch is Touch.NONE:
             return HapticCommand(0.0, self.resonance, prediction.end)
         level_db = self.faint_db * (1 - prediction.roughness)
@@ -92,7 +92,7 @@ class LraProfile:
 
 
 def discriminable_steps(profile: Profile) -> tuple[float, float]:
-    """Count the steps that a finger tells apart between a profile's smooth and its rough: of frequency, and in all."""
+    """Count the just-noticeable steps between a profile's smooth and rough: of frequency alone, and in all."""
     stimuli = []
     for place in range(_PATH + 1):
         roughness = place / _PATH

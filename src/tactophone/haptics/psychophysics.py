@@ -1,4 +1,4 @@
-"""How strongly a vibration is felt, and how many steps of it a finger can tell apart.
+"""How strong a vibration is to a finger, and how many steps of it a finger can discriminate.
 
 Sensation level is the vibration's level over the detection threshold at its frequency (Verrillo, J. Acoust. Soc. Am.
 35, 1962, 1963: flat to 40 Hz, falling by 12 dB an octave from there to 250 Hz, rising again beyond).
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FULL_DRIVE_DB = 65.0
-"""Sensation level of full drive at 250 Hz: our assumption of a strong voice coil; rough at 60 Hz is then 40 dB."""
+"""Sensation level of full drive at 250 Hz: assumed for a strong voice coil; rough at 60 Hz is then 40 dB."""
 
 PITCH_JND = 0.18
 """Just-noticeable difference of frequency (Pongrac, Multimedia Systems 13, 297, 2008)."""
@@ -33,7 +33,7 @@ def threshold_db(frequency: NDArray[np.float64] | float) -> NDArray[np.float64]:
 
 
 def sensation_db(amplitude: float, frequency: float) -> float:
-    """Level over threshold of a sine; 0 where nothing is felt.
+    """Level over threshold of a sine in dB; 0 below the threshold.
 
     >>> round(sensation_db(1.0, 60.0), 1), round(sensation_db(0.056, 120.0), 1), sensation_db(0.0, 60.0)
     (40.3, 27.3, 0.0)
@@ -44,7 +44,7 @@ def sensation_db(amplitude: float, frequency: float) -> float:
 
 
 def amplitude_for(level_db: float, frequency: float) -> float:
-    """Amplitude that is felt at a level over threshold; at most full drive.
+    """Amplitude of a sine at a level over threshold; at most full drive.
 
     >>> round(amplitude_for(sensation_db(0.3, 90.0), 90.0), 3)
     0.3
@@ -53,7 +53,7 @@ def amplitude_for(level_db: float, frequency: float) -> float:
 
 
 def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Count the just-noticeable steps along a path of vibrations: of frequency alone, and with level.
+    """Count the just-noticeable steps along a path of vibrations: of frequency alone, and of frequency and level.
 
     Parameters
     ----------
@@ -70,6 +70,6 @@ def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
     >>> round(frequency, 1)
     4.2
     """
-    felt = [(math.log(pitch), sensation_db(amplitude, pitch)) for amplitude, pitch in stimuli]
-    moves = np.abs(np.diff(np.array(felt), axis=0)) / (math.log1p(PITCH_JND), LEVEL_JND_DB)
+    path = [(math.log(pitch), sensation_db(amplitude, pitch)) for amplitude, pitch in stimuli]
+    moves = np.abs(np.diff(np.array(path), axis=0)) / (math.log1p(PITCH_JND), LEVEL_JND_DB)
     return float(moves[:, 0].sum()), float(np.hypot(*moves.T).sum())

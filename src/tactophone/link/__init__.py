@@ -1,24 +1,31 @@
-"""Sound over the network: codec, packets, sealed sessions, arrival, playout and statistics.
+"""Sound over the network: codec, packets, encrypted sessions, playout and statistics.
 
-Everything here is values, with the time as an argument; only :mod:`~tactophone.link.udp` touches a socket.
+All modules compute on values, with the time as an argument; only :mod:`~tactophone.link.udp` uses a socket.
 """
 
-from tactophone.link.codec import Codec
+from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
 from tactophone.link.codec_loopback import round_trip
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
-from tactophone.link.identity import Identity, Peers
+from tactophone.link.handshake import Address
+from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
+from tactophone.link.packet import parse_packet
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.playout import Playout
+from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
-from tactophone.link.send_session import SendSession
+from tactophone.link.send_session import Datagrams, SendSession
 from tactophone.link.session import Connected, Disconnected, Event, PacketReceived, Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
 
 __all__ = [
+    "IDENTITY_FOLDER",
+    "NARROW_BAND",
+    "Address",
     "Codec",
     "Connected",
     "DatagramSocket",
+    "Datagrams",
     "DecodedAudio",
     "Depacketizer",
     "Disconnected",
@@ -29,6 +36,7 @@ __all__ = [
     "Packetizer",
     "Peers",
     "Playout",
+    "PlayoutController",
     "PredictionReceived",
     "ReceiveEvent",
     "ReceiveSession",
@@ -38,6 +46,9 @@ __all__ = [
     "Session",
     "StreamStats",
     "UdpSocket",
+    "open_decoder",
+    "open_encoder",
+    "parse_packet",
     "resolve",
     "round_trip",
 ]

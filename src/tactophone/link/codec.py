@@ -1,17 +1,17 @@
-"""Sound to bytes and back, a packet's worth at a time: lossless PCM for a local network, Opus for the rest.
+"""Encoding and decoding of packets: lossless PCM for a local network, Opus for the rest.
 
-Why Opus is set as it is (measured with libopus 1.3.1; ``benchmarks/codec.py`` shows what each setting costs and keeps):
+The settings of Opus and why (measured with libopus 1.3.1; ``benchmarks/codec.py`` prints the cost of each):
 
-- *Restricted low delay*: look-ahead of 2.5 ms in place of 6.5.
+- *Restricted low delay*: look-ahead of 2.5 ms instead of 6.5 ms.
 - *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant
-  bitrate it ruins them at any rate (xiph/opus #251).
-- *Constant bitrate*: a size that varies tells an eavesdropper of sealed packets when the finger touches (RFC 6562).
-- *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz for nothing.
-- *Expected loss of 20 %*: the encoder then leans less on what it sent before, +6 dB at 1 % loss for nothing.
-- *No in-band FEC*: it does not exist at low delay; packets carry earlier ones instead (:mod:`~tactophone.link.packet`).
+  bitrate that distorts both at any bitrate (xiph/opus #251).
+- *Constant bitrate*: varying sizes of encrypted packets reveal when the finger touches (RFC 6562).
+- *The narrowest bandwidth that the model needs*: 3 to 9 dB better below 1 kHz at no cost.
+- *Expected loss of 20 %*: the encoder then depends less on earlier packets, +6 dB at 1 % loss at no cost.
+- *No in-band FEC*: it does not exist at low delay; packets repeat earlier payloads (:mod:`~tactophone.link.packet`).
 
-A payload says by its type and its own first bytes which codec, how many channels and how many samples it holds. So the
-sender chooses, and the receiver has no setting that could disagree.
+Payload type and first bytes give codec, channels and samples of a payload. The sender chooses, and the receiver needs
+no setting that could disagree.
 """
 
 import weakref
@@ -22,17 +22,17 @@ import numpy as np
 
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.packet import CLOCK_RATE, PayloadType
-from tactophone.link.pcm import LARGEST_PCM, PcmDecoder, PcmEncoder
+from tactophone.link.pcm import MAX_PCM_SAMPLES, PcmDecoder, PcmEncoder
 from tactophone.types import FloatArray
 
 OPUS_SIZES = (120, 240, 480, 960)
-"""Samples of a packet that Opus offers at low delay and 48 kHz: 2.5, 5, 10 and 20 ms."""
+"""Packet sizes of Opus at low delay, in samples at 48 kHz: 2.5, 5, 10 and 20 ms."""
 
 LOOKAHEAD = 120
-"""Samples by which Opus' restricted low-delay output lies behind its input (``OPUS_GET_LOOKAHEAD`` says the same)."""
+"""Samples by which the output of restricted low-delay Opus lies behind its input, as ``OPUS_GET_LOOKAHEAD``."""
 
 NARROW_BAND = 4_000.0
-"""The least bandwidth of Opus, in Hz: all that a model at 2 kHz hears, and more."""
+"""The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz uses."""
 
 _BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
 """Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
@@ -43,7 +43,7 @@ _LARGEST_OPUS = 1275 * 2
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """How sound is coded in one session.
+    """The codec of one session.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class Codec:
     packet_size
         Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM.
     bandwidth
-        The highest frequency in Hz that must arrive, which is the model's to say.
+        The highest frequency in Hz to transmit: the model's bandwidth.
     bitrate_bps
         Of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter packets
         and wider bands.
@@ -88,18 +88,18 @@ class Codec:
 
     @property
     def latency(self) -> float:
-        """Seconds from a sample's arrival at the encoder to its packet, at worst, with look-ahead."""
+        """Maximum seconds from a sample's arrival at the encoder to its packet, with look-ahead."""
         return (self.packet_size + self.lookahead) / CLOCK_RATE
 
     @property
     def kind(self) -> PayloadType:
-        """The payload type that this codec writes."""
+        """The RTP payload type."""
         if self.name == "pcm16":
             return PayloadType.L16_MONO if self.channels == 1 else PayloadType.L16_STEREO
         return PayloadType.OPUS if self.channels == 1 else PayloadType.MULTIOPUS
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
-        """Give this codec for another bandwidth; a bitrate that was not chosen by hand follows it."""
+        """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
         chosen = self.bitrate_bps != _default_bitrate(self)
         return replace(self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0)
 
@@ -107,48 +107,43 @@ class Codec:
         if self.name == "opus" and self.packet_size not in OPUS_SIZES:
             sizes = ", ".join(f"{size / 48:g} ms" for size in OPUS_SIZES)
             raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({OPUS_SIZES})")
-        if self.name == "pcm16" and not 1 <= self.packet_size <= LARGEST_PCM:
+        if self.name == "pcm16" and not 1 <= self.packet_size <= MAX_PCM_SAMPLES:
             raise ConfigError(
-                f"PCM packets of {self.packet_size} samples, but 1 to {LARGEST_PCM} fit a datagram; choose fewer"
+                f"PCM packets of {self.packet_size} samples, but 1 to {MAX_PCM_SAMPLES} fit a datagram; choose fewer"
             )
 
 
 class Encoder(Protocol):
-    """Turns exactly one packet's sound into one payload."""
+    """Encodes the sound of one packet as one payload."""
 
     def encode(self, samples: FloatArray) -> bytes:
-        """Code ``samples``, float32 of shape ``(packet_size, channels)``, all finite."""
-        ...
+        """Encode ``samples``, float32 of shape ``(packet_size, channels)``, all finite."""
 
 
 class Decoder(Protocol):
-    """Turns payloads into sound, in order, and fills the holes between them."""
+    """Decodes payloads in order, and conceals the gaps between them."""
 
     @property
     def kind(self) -> PayloadType:
-        """The payload type that it reads."""
-        ...
+        """The payload type that it decodes."""
 
     def size(self, content: bytes) -> int:
-        """Samples in a payload; `PacketError` when it is not one."""
-        ...
+        """Return the samples in a payload; `PacketError` when it is malformed."""
 
     def decode(self, content: bytes) -> FloatArray:
-        """Give the sound of a payload, of shape ``(size, channels)``; `PacketError` when it is not one."""
-        ...
+        """Decode a payload, to shape ``(size, channels)``; `PacketError` when it is malformed."""
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        """Guess ``size`` samples that were lost, before the payload ``following`` where that is here already."""
-        ...
+        """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
 
 
 def open_encoder(codec: Codec) -> Encoder:
-    """Start an encoder."""
+    """Return a new encoder."""
     return PcmEncoder() if codec.name == "pcm16" else _OpusEncoder(codec)
 
 
 def open_decoder(kind: PayloadType) -> Decoder:
-    """Start the decoder that reads a payload type; `PacketError` when it is not sound."""
+    """Return a new decoder for a payload type; `PacketError` when it is not sound."""
     match kind:
         case PayloadType.L16_MONO | PayloadType.L16_STEREO:
             return PcmDecoder(kind, channels=_channels(kind))
@@ -158,7 +153,7 @@ def open_decoder(kind: PayloadType) -> Decoder:
 
 
 def _default_bitrate(codec: Codec) -> int:
-    """Give short packets and wide bands what they cost: 96 kbit/s for two channels of 4 kHz is 30 dB at 5 ms."""
+    """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
     per_channel = 64_000 if codec.packet_size == OPUS_SIZES[0] else 48_000
     return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
 
@@ -187,7 +182,7 @@ class _OpusEncoder:
             self._api.encoder_ctl(self._state, setting, value)
 
     def encode(self, samples: FloatArray) -> bytes:
-        # The binding does not look at the length before libopus reads it: a short array would be read past its end.
+        # The binding does not check the length: libopus would read past the end of a short array.
         if samples.shape != (self._size, self._channels):
             raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
         pcm = np.ascontiguousarray(samples, np.float32).tobytes()
@@ -205,19 +200,19 @@ class _OpusDecoder:
 
     def size(self, content: bytes) -> int:
         if not content:
-            raise PacketError("an empty Opus payload; a sender of ours never makes one")
+            raise PacketError("an empty Opus payload, which the encoder never makes")
         try:
-            # Of several streams, the first one's first byte holds for all (RFC 7845 section 5.1.1 has the layout).
+            # The first byte of the first stream holds for all streams (layout in RFC 7845 section 5.1.1).
             per_part = self._info.packet_get_samples_per_frame(content, CLOCK_RATE)
             return int(per_part * self._info.packet_get_nb_frames(content))
         except self._error as error:
-            raise PacketError(f"an Opus payload that libopus does not read: {error}") from error
+            raise PacketError(f"an Opus payload that libopus cannot parse: {error}") from error
 
     def decode(self, content: bytes) -> FloatArray:
         return self._run(content, self.size(content))
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        # Opus extrapolates and then glides into the next packet by itself, in steps of 2.5 ms and 20 ms at most.
+        # Opus extrapolates, and smooths the transition to the next packet; it takes multiples of 2.5 ms, at most 20 ms.
         whole = -(-size // OPUS_SIZES[0]) * OPUS_SIZES[0]
         steps = [min(OPUS_SIZES[-1], whole - done) for done in range(0, whole, OPUS_SIZES[-1])]
         return np.concatenate([self._run(b"", step) for step in steps])[:size]
@@ -226,12 +221,12 @@ class _OpusDecoder:
         try:
             sound = self._api.decode_float(self._state, content, len(content), size, False, self._channels)
         except self._error as error:
-            raise PacketError(f"an Opus payload that libopus does not decode: {error}") from error
+            raise PacketError(f"an Opus payload that libopus cannot decode: {error}") from error
         return np.frombuffer(sound, np.float32).reshape(-1, self._channels)
 
 
 def _libopus() -> Any:
-    """The binding; imported late, because it needs the system's libopus and PCM does not."""
+    """Import the binding; late, because it needs the system's libopus and PCM does not."""
     try:
         import opuslib_next
         import opuslib_next.api.ctl

@@ -1,8 +1,8 @@
-"""How long packets are under way, seen without a common clock.
+"""Estimating network delay and clock skew without a common clock.
 
-A packet's arrival less its timestamp is its transit plus an unknown constant. The *least* of it over a while is the
-line at its emptiest: what lies above is queueing, and how the least itself creeps is the difference of the two clocks.
-Loss and jitter do not move it, which is why playout and staleness are steered by it and not by the average.
+A packet's arrival time less its timestamp is its transit time plus an unknown constant. The *minimum* over a while is
+the delay of the empty network: what lies above it is queueing, and its slow drift is the difference of the two clocks.
+Loss and jitter do not move the minimum, so playout and staleness are derived from it and not from the average.
 """
 
 import math
@@ -10,50 +10,49 @@ from collections import deque
 from statistics import linear_regression
 
 WINDOW = 0.5
-"""Seconds of a window; the newest two count. A longer way is believed after one to two of them, a shorter at once."""
+"""Seconds of a window; the newest two count. A longer path is followed after one to two windows, a shorter at once."""
 
-_ENOUGH = 10
-"""Packets that a window needs to count, so that a stall and the clump after it do not pass for a longer way."""
-
+_MIN_PACKETS = 10
+"""Packets that complete a window, so that a stall and the burst after it are not taken for a longer path."""
 
 _POINTS = 30
-_SHORTEST = 10.0
-"""Points, one a second, by which the clocks are compared, and seconds that they must span at least."""
+_MIN_SPAN = 10.0
+"""Points, one a second, of the regression of the clocks, and seconds that they must span at least."""
 
 
 class MinDelayFilter:
-    """The least transit of the newest two windows.
+    """The minimum transit time over the newest two windows.
 
     Examples
     --------
-    >>> envelope = MinDelayFilter()
+    >>> delay = MinDelayFilter()
     >>> for transit in (3.2, 3.0, 3.4):
-    ...     envelope.push(transit, now=0.0)
-    >>> envelope.least
+    ...     delay.push(transit, now=0.0)
+    >>> delay.minimum
     3.0
     """
 
     def __init__(self) -> None:
-        self._begun = -math.inf
+        self._window_start = -math.inf
         self._count = 0
         self._current = self._previous = math.inf
 
     @property
-    def least(self) -> float:
+    def minimum(self) -> float:
         """In seconds; infinite before the first packet."""
         return min(self._current, self._previous)
 
     def push(self, transit: float, *, now: float) -> None:
-        """Take the transit of one packet."""
-        if now - self._begun >= WINDOW and (self._count >= _ENOUGH or math.isinf(self._begun)):
+        """Add the transit time of one packet, in s."""
+        if now - self._window_start >= WINDOW and (self._count >= _MIN_PACKETS or math.isinf(self._window_start)):
             self._previous, self._current = self._current, math.inf
-            self._begun, self._count = now, 0
+            self._window_start, self._count = now, 0
         self._current = min(self._current, transit)
         self._count += 1
 
 
 class Skew:
-    """How much faster the other side's clock runs than ours, by the slope of the least transit over half a minute.
+    """How much faster the peer's clock runs than the local one: the slope of the minimum transit time over 30 s.
 
     Examples
     --------
@@ -69,14 +68,14 @@ class Skew:
 
     @property
     def ppm(self) -> float:
-        """Millionths; NaN until ten seconds have passed."""
-        if len(self._points) < 2 or self._points[-1][0] - self._points[0][0] < _SHORTEST:
+        """Parts per million; NaN until ten seconds have passed."""
+        if len(self._points) < 2 or self._points[-1][0] - self._points[0][0] < _MIN_SPAN:
             return math.nan
         times, transits = zip(*self._points, strict=True)
         return -1e6 * linear_regression(times, transits).slope
 
     def push(self, transit: float, *, now: float) -> None:
-        """Take a transit; of each second the least is kept."""
+        """Add a transit time, in s; the minimum of each second is kept."""
         if not self._points or now - self._points[-1][0] >= 1.0:
             self._points.append((now, transit))
         elif transit < self._points[-1][1]:

@@ -1,7 +1,7 @@
 """One DTLS handshake as values (RFC 6347, RFC 5764): datagrams in, datagrams out, session secrets at its end.
 
-OpenSSL works on memory alone here, and its own retransmission timer is left unused because it reads a clock. In its
-place the newest flight is repeated, as it was, until the peer answers it: DTLS drops what it has seen already.
+OpenSSL works on memory buffers only, and its retransmission timer is not used because it reads a clock. Instead the
+newest flight is retransmitted unchanged until the peer answers it: DTLS drops duplicates.
 """
 
 import hashlib
@@ -14,34 +14,34 @@ from typing import TypeAlias
 from OpenSSL import SSL
 
 from tactophone.link.identity import Identity, Peers, fingerprint_of
-from tactophone.link.srtp import KEY_SIZE, LARGEST_SEALED, PROFILE, SALT_SIZE, Secrets
+from tactophone.link.srtp import KEY_SIZE, MAX_DATAGRAM, PROFILE, SALT_SIZE, Secrets
 
 Address: TypeAlias = Hashable
-"""Where a datagram comes from or goes to; only compared here, understood by the socket alone."""
+"""Source or destination of a datagram; only compared here, interpreted by the socket."""
 
-FIRST_REPEAT, SLOWEST_REPEAT = 0.1, 0.4
-"""Seconds until a flight is repeated: at first (over most round trips), and at most after doubling."""
+FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
+"""Seconds until a flight is retransmitted: the first time (above most round-trip times), and at most after doubling."""
 
-LIFETIME = 3.0
-"""Seconds after which a handshake is given up; the caller then begins another."""
+HANDSHAKE_TIMEOUT = 3.0
+"""Seconds after which a handshake fails; the caller then begins another."""
 
 _RECORD_HEADER = 13
 _HELLO_RANDOM = slice(27, 59)
-"""Where a ClientHello has its random, past the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
+"""Position of a ClientHello's random, after the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
 
 _CIPHERS = b"ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305"
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How a handshake ended: with whom, and the secrets shared."""
+    """The result of a handshake: the peer's name and the shared secrets."""
 
     peer: str
     secrets: Secrets
 
 
 class Handshakes:
-    """Starts handshakes, for one identity that trusts some peers."""
+    """Starts handshakes for one identity and its trusted peers."""
 
     def __init__(self, identity: Identity, peers: Peers) -> None:
         self._peers = peers
@@ -49,7 +49,7 @@ class Handshakes:
         self._context = self._make_context(identity)
 
     def call(self, *, now: float) -> "Handshake":
-        """Begin one as the caller."""
+        """Begin a handshake as the caller."""
         connection = self._connection()
         connection.set_connect_state()
         handshake = Handshake(connection, self._peers, calls=True, now=now)
@@ -57,9 +57,9 @@ class Handshakes:
         return handshake
 
     def answer(self, hello: bytes, *, source: Address, now: float) -> "tuple[Handshake | None, list[bytes]]":
-        """Take a ClientHello; give the handshake once the caller has shown that it hears us, and what to send back.
+        """Answer a ClientHello; return the handshake, once the caller has returned its cookie, and the replies.
 
-        Until then nothing is kept (RFC 6347 section 4.2.1), so that forged addresses cost no memory.
+        Until then no state is kept (RFC 6347 section 4.2.1), so that forged addresses cost no memory.
         """
         connection = self._connection()
         connection.set_app_data((source, hello_random(hello)))
@@ -74,7 +74,7 @@ class Handshakes:
 
     def _connection(self) -> SSL.Connection:
         connection = SSL.Connection(self._context, None)
-        connection.set_ciphertext_mtu(LARGEST_SEALED)
+        connection.set_ciphertext_mtu(MAX_DATAGRAM)
         return connection
 
     def _make_context(self, identity: Identity) -> SSL.Context:
@@ -94,7 +94,7 @@ class Handshakes:
         return context
 
     def _is_trusted(self, _: SSL.Connection, certificate: object, error: int, depth: int, ok: int) -> bool:
-        """Let the pinned certificate itself pass, whatever OpenSSL thinks of its issuer; nothing above it counts."""
+        """Accept the pinned certificate itself, whatever its issuer; certificates above it do not count."""
         fingerprint = fingerprint_of(certificate.to_cryptography())  # type: ignore[attr-defined]
         return depth == 0 and self._peers.name_of(fingerprint) is not None
 
@@ -103,47 +103,47 @@ class Handshakes:
 
 
 class Handshake:
-    """One attempt to agree with one peer.
+    """One attempt to connect with one peer.
 
-    ``outgoing`` holds what to send now. ``agreement`` appears when both have proved who they are; ``failure`` when
-    that cannot happen any more.
+    ``outgoing`` returns what to send now. ``agreement`` is set when both ends have authenticated themselves,
+    ``failure`` when the handshake cannot succeed any more.
     """
 
     def __init__(self, connection: SSL.Connection, peers: Peers, *, calls: bool, now: float) -> None:
         self.agreement: Agreement | None = None
         self.failure: str | None = None
         self._connection, self._peers, self._calls = connection, peers, calls
-        self._begun, self._sent, self._patience = now, now, FIRST_REPEAT
+        self._begun, self._sent, self._retransmit_after = now, now, FIRST_RETRANSMISSION
         self._newest_flight: list[bytes] = []
         self._outgoing: list[bytes] = []
 
     def receive(self, datagram: bytes, *, now: float) -> None:
-        """Take a datagram of this handshake."""
+        """Process a datagram of this handshake."""
         if self.failure or _is_plain_alert(datagram):
-            return  # an alert without a seal may be anybody's, so time alone ends a handshake (RFC 6347, 4.1.2.7)
+            return  # anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7)
         self._connection.bio_write(datagram)
         if self.agreement is None:
             self.step(now)
-        elif not _is_sealed(datagram):
-            self._repeat(now)  # the peer still repeats its last flight, so ours was lost
+        elif not _is_encrypted(datagram):
+            self._retransmit(now)  # the peer still retransmits its last flight, so this side's was lost
 
     def poll(self, now: float) -> None:
-        """Repeat what has stayed without answer; give up after `LIFETIME`."""
+        """Retransmit an unanswered flight; fail after `HANDSHAKE_TIMEOUT`."""
         if self.agreement or self.failure:
             return
-        if now - self._begun > LIFETIME:
-            self.failure = f"no answer within {LIFETIME:g} s"
-        elif now - self._sent > self._patience:
-            self._patience = min(2 * self._patience, SLOWEST_REPEAT)
-            self._repeat(now)
+        if now - self._begun > HANDSHAKE_TIMEOUT:
+            self.failure = f"no answer within {HANDSHAKE_TIMEOUT:g} s"
+        elif now - self._sent > self._retransmit_after:
+            self._retransmit_after = min(2 * self._retransmit_after, MAX_RETRANSMISSION)
+            self._retransmit(now)
 
     def outgoing(self) -> list[bytes]:
-        """Hand over the datagrams to send."""
+        """Return the datagrams to send."""
         ready, self._outgoing = self._outgoing, []
         return ready
 
     def step(self, now: float) -> None:
-        """Let OpenSSL go on with what it has."""
+        """Let OpenSSL process its input."""
         try:
             self._connection.do_handshake()
             self.agreement = self._agree()
@@ -152,11 +152,11 @@ class Handshake:
         except SSL.Error as error:
             self.failure = _reason(error)
         if flight := list(_flight(self._connection)):
-            self._newest_flight, self._patience, self._sent = flight, FIRST_REPEAT, now
+            self._newest_flight, self._retransmit_after, self._sent = flight, FIRST_RETRANSMISSION, now
             self._outgoing += flight
 
-    def _repeat(self, now: float) -> None:
-        if self.agreement and now - self._sent < FIRST_REPEAT / 2:
+    def _retransmit(self, now: float) -> None:
+        if self.agreement and now - self._sent < FIRST_RETRANSMISSION / 2:
             return
         self._sent = now
         self._outgoing += self._newest_flight
@@ -166,46 +166,48 @@ class Handshake:
         certificate = connection.get_peer_certificate(as_cryptography=True)
         name = self._peers.name_of(fingerprint_of(certificate)) if certificate else None
         if name is None or connection.get_selected_srtp_profile() != PROFILE:
-            raise SSL.Error([("", "", "the peer is a stranger, or does not seal with AES-256-GCM")])
+            raise SSL.Error([("", "", "the peer is not trusted, or does not support AES-256-GCM")])
         return Agreement(name, self._export())
 
     def _export(self) -> Secrets:
-        """Cut the exported material as RFC 5764 section 4.2 says; the streams' names come from an export of our own."""
+        """Split the exported key material as in RFC 5764 section 4.2; the SSRCs come from a second export."""
         material = self._connection.export_keying_material(b"EXTRACTOR-dtls_srtp", 2 * (KEY_SIZE + SALT_SIZE))
         keys, salts = material[: 2 * KEY_SIZE], material[2 * KEY_SIZE :]
         caller = keys[:KEY_SIZE] + salts[:SALT_SIZE]
         answerer = keys[KEY_SIZE:] + salts[SALT_SIZE:]
-        names = self._connection.export_keying_material(b"EXPORTER-tactophone-ssrc", 8)
-        first, second = int.from_bytes(names[:4]), int.from_bytes(names[4:])
+        ssrcs = self._connection.export_keying_material(b"EXPORTER-tactophone-ssrc", 8)
+        first, second = int.from_bytes(ssrcs[:4]), int.from_bytes(ssrcs[4:])
         if self._calls:
             return Secrets(caller, answerer, local_ssrc=first, remote_ssrc=second)
         return Secrets(answerer, caller, local_ssrc=second, remote_ssrc=first)
 
 
 def is_hello(datagram: bytes) -> bool:
-    """Tell a ClientHello, which begins a handshake, from the rest of one."""
-    return len(datagram) >= _HELLO_RANDOM.stop and datagram[0] == 22 and datagram[13] == 1 and not _is_sealed(datagram)
+    """Whether a datagram is a ClientHello, which begins a handshake."""
+    return (
+        len(datagram) >= _HELLO_RANDOM.stop and datagram[0] == 22 and datagram[13] == 1 and not _is_encrypted(datagram)
+    )
 
 
 def hello_random(hello: bytes) -> bytes:
-    """The caller's random, which stays the same when a ClientHello is repeated."""
+    """Return the caller's random, which is the same in a retransmitted ClientHello."""
     return hello[_HELLO_RANDOM]
 
 
-def _is_sealed(datagram: bytes) -> bool:
-    """Whether the first record is past the change of cipher (its epoch is not 0)."""
+def _is_encrypted(datagram: bytes) -> bool:
+    """Whether the first record is encrypted (its epoch is not 0)."""
     return datagram[3:5] != b"\0\0"
 
 
 def _is_plain_alert(datagram: bytes) -> bool:
-    return datagram[:1] == b"\x15" and not _is_sealed(datagram)
+    return datagram[:1] == b"\x15" and not _is_encrypted(datagram)
 
 
 def _flight(connection: SSL.Connection) -> Iterator[bytes]:
-    """Collect what OpenSSL wrote, as datagrams of whole records; its memory knows no bounds between them."""
+    """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
     datagram = b""
     for record in _records(connection):
-        if datagram and len(datagram) + len(record) > LARGEST_SEALED:
+        if datagram and len(datagram) + len(record) > MAX_DATAGRAM:
             yield datagram
             datagram = b""
         datagram += record

@@ -1,8 +1,8 @@
-"""Who we are and whom we trust: a self-signed certificate, and the pinned fingerprints of our peers.
+"""The local identity and the trusted peers: a self-signed certificate, and the pinned fingerprints of peers.
 
-No authority is involved. Two people compare fingerprints once, as with SSH, and each program then accepts exactly the
-certificates that it was told of (RFC 5763 section 5). The private key never leaves its file, and a file that others
-may read is refused, not mended: by then they may have read it.
+No certificate authority is involved. Two people compare fingerprints once, as with SSH, and each program then accepts
+exactly the pinned certificates (RFC 5763 section 5). The private key never leaves its file. A key file that others may
+read is refused, not repaired: others may have read it already.
 """
 
 import datetime
@@ -21,27 +21,27 @@ from cryptography.x509.oid import NameOID
 
 from tactophone.errors import ConfigError
 
-DEFAULT_FOLDER = Path("~/.config/tactophone")
-"""Where a machine's key and the peers that it trusts are kept, unless somebody says otherwise."""
+IDENTITY_FOLDER = Path("~/.config/tactophone")
+"""Default folder of the key and the trusted peers."""
 
 KEY_FILE = "key.pem"
 CERTIFICATE_FILE = "certificate.pem"
 PEERS_FILE = "peers.txt"
 
 _LIFETIME = datetime.timedelta(days=365 * 30)
-"""Pins, not dates, end a certificate's use; OpenSSL still wants a date."""
+"""A certificate ends with its pin, not by date; OpenSSL requires a date."""
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A private key and its self-signed certificate; its ``repr`` shows the fingerprint alone."""
+    """A private key and its self-signed certificate; ``repr`` shows neither."""
 
     key: ec.EllipticCurvePrivateKey = field(repr=False)
     certificate: x509.Certificate = field(repr=False)
 
     @classmethod
     def create(cls, name: str) -> Self:
-        """Make a fresh identity, in memory only."""
+        """Make a new identity, in memory only."""
         key = ec.generate_private_key(ec.SECP256R1())
         title = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
         now = datetime.datetime.now(datetime.UTC)
@@ -54,15 +54,15 @@ class Identity:
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read an identity that `save` wrote.
+        """Read an identity written by `save`.
 
         Raises
         ------
         ConfigError
-            When there is none, when it is damaged, or when others may read its key.
+            When it is missing or damaged, or when others may read its key.
         """
         key_path = folder / KEY_FILE
-        _refuse_open_doors(key_path, forbidden=0o077)
+        _check_permissions(key_path, forbidden=0o077)
         try:
             key = serialization.load_pem_private_key(key_path.read_bytes(), password=None)
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE_FILE).read_bytes())
@@ -78,16 +78,22 @@ class Identity:
 
     @property
     def name(self) -> str:
-        """As it stands in the certificate."""
+        """Common name in the certificate."""
         return str(self.certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the certificate, as two-digit groups; what two people compare."""
+        """SHA-256 of the certificate, as two-digit groups, for two people to compare."""
         return fingerprint_of(self.certificate)
 
     def save(self, folder: Path) -> None:
-        """Write key (for us alone) and certificate; refuses to replace a key, because peers have pinned it."""
+        """Write key (mode 0600) and certificate.
+
+        Raises
+        ------
+        ConfigError
+            When a key exists: peers may have pinned its certificate.
+        """
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         pem = self.key.private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -96,13 +102,13 @@ class Identity:
             _write_private(folder / KEY_FILE, pem)
         except FileExistsError as error:
             raise ConfigError(
-                f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to begin anew"
+                f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to make a new one"
             ) from error
         (folder / CERTIFICATE_FILE).write_bytes(self.certificate.public_bytes(serialization.Encoding.PEM))
 
 
 class Peers:
-    """Those whom we trust: names by pinned fingerprint, kept in a text file of lines ``FINGERPRINT NAME``."""
+    """Trusted peers: names by pinned fingerprint, stored in a text file of lines ``FINGERPRINT NAME``."""
 
     def __init__(self, names: Mapping[str, str] | None = None) -> None:
         self._names = {parse_fingerprint(pin): name for pin, name in (names or {}).items()}
@@ -114,19 +120,19 @@ class Peers:
         Raises
         ------
         ConfigError
-            When a line is not understood, or when others may write to the file.
+            When a line is malformed, or when others may write to the file.
         """
         path = folder / PEERS_FILE
         if not path.exists():
             return cls()
-        _refuse_open_doors(path, forbidden=0o022)
+        _check_permissions(path, forbidden=0o022)
         lines = [line.split(maxsplit=1) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
-        if wrong := next((line for line in lines if len(line) != 2), None):
-            raise ConfigError(f"{path}: {wrong[0]!r} has no name; a line is `FINGERPRINT NAME`")
+        if malformed := next((line for line in lines if len(line) != 2), None):
+            raise ConfigError(f"{path}: {malformed[0]!r} has no name; a line is `FINGERPRINT NAME`")
         return cls(dict(lines))
 
     def save(self, folder: Path) -> None:
-        """Write the peers to ``folder``, whole or not at all."""
+        """Write the peers to ``folder``, atomically."""
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         text = "".join(f"{pin} {name}\n" for pin, name in self._names.items())
         draft = folder / f".{PEERS_FILE}.{os.getpid()}"
@@ -134,43 +140,43 @@ class Peers:
         draft.replace(folder / PEERS_FILE)
 
     def trusting(self, name: str, fingerprint: str) -> "Peers":
-        """Return these peers with one more, or with another fingerprint for a name."""
+        """Return the peers with one added, or with a new fingerprint for a known name."""
         kept = {pin: other for pin, other in self._names.items() if other != name}
         return Peers({**kept, fingerprint: name})
 
     def without(self, name: str) -> "Peers":
-        """Return these peers but one."""
+        """Return the peers without one."""
         if name not in self._names.values():
             raise ConfigError(f"no peer is named {name!r}; there are: {', '.join(self._names.values()) or 'none'}")
         return Peers({pin: other for pin, other in self._names.items() if other != name})
 
     def name_of(self, fingerprint: str) -> str | None:
-        """Name the holder of a fingerprint, or ``None`` for a stranger; takes as long for each."""
+        """Return the name for a fingerprint, or ``None``; in constant time for each entry."""
         matches = [name for pin, name in self._names.items() if hmac.compare_digest(pin, fingerprint)]
         return matches[0] if matches else None
 
     def items(self) -> list[tuple[str, str]]:
-        """Name and fingerprint of each."""
+        """Return name and fingerprint of each peer."""
         return [(name, pin) for pin, name in self._names.items()]
 
 
 def fingerprint_of(certificate: x509.Certificate) -> str:
-    """Write a certificate's SHA-256 as in RFC 8122: ``4A:AD:B9:...``."""
+    """Format a certificate's SHA-256 as in RFC 8122: ``4A:AD:B9:...``."""
     return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
 
 
 def parse_fingerprint(text: str) -> str:
-    """Read a fingerprint with or without colons, in either case; `ConfigError` when it is none."""
+    """Normalise a fingerprint with or without colons, in either case; `ConfigError` when it is malformed."""
     try:
         digest = bytes.fromhex(text.replace(":", ""))
     except ValueError:
         digest = b""
     if len(digest) != hashes.SHA256.digest_size:
-        raise ConfigError(f"{text!r} is no fingerprint: 32 two-digit groups as `tactophone pair show` prints them")
+        raise ConfigError(f"{text!r} is not a fingerprint: 32 two-digit groups as `tactophone pair show` prints them")
     return digest.hex(":").upper()
 
 
-def _refuse_open_doors(path: Path, *, forbidden: int) -> None:
+def _check_permissions(path: Path, *, forbidden: int) -> None:
     try:
         status = path.stat()
     except OSError as error:
@@ -178,14 +184,14 @@ def _refuse_open_doors(path: Path, *, forbidden: int) -> None:
     if status.st_mode & forbidden:
         mode = stat.filemode(status.st_mode)
         raise ConfigError(
-            f"{path} has mode {mode}, but nobody else may touch it. If nobody has, run `chmod 600 {path}`; "
-            "if somebody may have, delete it and pair anew"
+            f"{path} has mode {mode}, but no other user may access it. Run `chmod 600 {path}`; "
+            "if somebody may have accessed it, delete it and pair again"
         )
     if status.st_uid not in (os.geteuid(), 0):
-        raise ConfigError(f"{path} belongs to user {status.st_uid}, not to us; run `tactophone pair init` as this user")
+        raise ConfigError(f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`")
 
 
 def _write_private(path: Path, content: bytes) -> None:
-    """Create a file that nobody else could read at any moment; `FileExistsError` when it is there."""
+    """Create a file with mode 0600 from the start; `FileExistsError` when it exists."""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(content)

@@ -1,7 +1,7 @@
-"""RTP packets (RFC 3550) and their redundancy (RFC 2198): parsing and serializing stand face to face.
+"""RTP packets (RFC 3550) with redundancy (RFC 2198): parsing and serializing.
 
-A packet may carry, beside its own payload, the one or two that went before it. When it does, its payload type is
-``RED`` and the real types stand inside, so that tools that know RFC 2198 read it without being told anything of us.
+A packet may carry, beside its own payload, the one or two payloads before it. Its payload type is then ``RED`` and the
+actual types are inside, so that any tool that implements RFC 2198 can read it.
 """
 
 import enum
@@ -12,34 +12,34 @@ from dataclasses import dataclass
 from tactophone.errors import PacketError
 
 CLOCK_RATE = 48_000
-"""Ticks a second of every timestamp here, in Hz: RFC 7587 section 4.1 fixes it for Opus, and we keep it for all."""
+"""Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus, and all payloads use it."""
 
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
 _EXTENSION = struct.Struct("!HH")
 _EARLIER = struct.Struct("!I")  # RFC 2198 section 3: F, 7 bits of type, 14 of timestamp offset, 10 of length
 
-LONGEST_OFFSET = (1 << 14) - 1
-"""Samples by which an earlier payload may lie behind its packet (RFC 2198 section 3): 341 ms."""
+MAX_EARLIER_OFFSET = (1 << 14) - 1
+"""Maximum samples by which an earlier payload may lie behind its packet (RFC 2198 section 3): 341 ms."""
 
-LONGEST_EARLIER = (1 << 10) - 1
-"""Bytes that an earlier payload may have (RFC 2198 section 3)."""
+MAX_EARLIER_SIZE = (1 << 10) - 1
+"""Maximum bytes of an earlier payload (RFC 2198 section 3)."""
 
 
 class PayloadType(enum.IntEnum):
-    """What a payload is, in the dynamic range of RFC 3551; the table is fixed, so nothing has to be negotiated."""
+    """RTP payload types, in the dynamic range of RFC 3551; the table is fixed, so nothing is negotiated."""
 
     L16_MONO = 96
     L16_STEREO = 97
     OPUS = 98
     MULTIOPUS = 99
-    BELIEF = 100
+    PREDICTION = 100
     RED = 101
 
 
 @dataclass(frozen=True, slots=True)
 class Payload:
-    """What one packet says of one moment: ``content`` is of ``kind`` and begins at ``timestamp``."""
+    """Encoded sound or a prediction: ``content`` of type ``kind``, which begins at ``timestamp``."""
 
     kind: PayloadType
     timestamp: int
@@ -48,18 +48,18 @@ class Payload:
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One RTP packet, opened or not yet sealed; ``bytes(packet)`` is what :func:`parse` takes.
+    """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of :func:`parse_packet`.
 
     Parameters
     ----------
     sequence
-        Counts packets, modulo 2**16.
+        Packet number, modulo 2**16.
     ssrc
-        Names the stream.
+        Identifier of the stream.
     payload
-        The sound or belief of this packet.
+        The sound or prediction of this packet.
     earlier
-        Payloads of packets before this one, oldest first.
+        Payloads of the packets before this one, oldest first.
     marker
         True on the first packet and after a gap in the sound itself (RFC 3551 section 4.1).
 
@@ -68,7 +68,7 @@ class Packet:
     >>> packet = Packet(7, ssrc=1, payload=Payload(PayloadType.OPUS, 960, b"sound"))
     >>> bytes(packet).hex(" ", -4)
     '80620007 000003c0 00000001 736f756e 64'
-    >>> parse(bytes(packet)) == packet
+    >>> parse_packet(bytes(packet)) == packet
     True
     """
 
@@ -88,13 +88,13 @@ class Packet:
         return head + _write_redundancy(self.payload, self.earlier)
 
 
-def parse(datagram: bytes) -> Packet:
-    """Read an RTP packet.
+def parse_packet(datagram: bytes) -> Packet:
+    """Parse an RTP packet.
 
     Raises
     ------
     PacketError
-        When the bytes are not RTP, or their payload is of no kind that we know.
+        When the bytes are not RTP, or the payload type is unknown.
     """
     if len(datagram) < _HEADER.size:
         raise PacketError(f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut")
@@ -107,7 +107,7 @@ def parse(datagram: bytes) -> Packet:
 
 
 def ahead(value: int, reference: int, *, bits: int) -> int:
-    """How far a wrapping counter lies ahead of another; negative when it lies behind.
+    """Return how far a wrapping counter is ahead of another; negative when it is behind.
 
     Examples
     --------
@@ -118,18 +118,18 @@ def ahead(value: int, reference: int, *, bits: int) -> int:
     return (value - reference + half) % (1 << bits) - half
 
 
-class Timeline:
-    """Turns wrapping timestamps into samples since the first one that it was shown.
+class TimestampUnwrapper:
+    """Turns wrapping timestamps into samples since the first timestamp.
 
     Attributes
     ----------
     origin
-        The first timestamp; 0 before it.
+        The first timestamp; 0 before the first call.
 
     Examples
     --------
-    >>> timeline = Timeline()
-    >>> [timeline.position(timestamp) for timestamp in (2**32 - 100, 140, 20)]
+    >>> unwrapper = TimestampUnwrapper()
+    >>> [unwrapper.position(timestamp) for timestamp in (2**32 - 100, 140, 20)]
     [0, 240, 120]
     """
 
@@ -138,7 +138,7 @@ class Timeline:
         self._newest: int | None = None
 
     def position(self, timestamp: int) -> int:
-        """Samples since the first; negative for what is older."""
+        """Return the samples since the first timestamp; negative for an older one."""
         if self._newest is None:
             self.origin = self._newest = timestamp
         reached = self._newest + ahead(timestamp, self._newest % (1 << 32), bits=32)
@@ -147,7 +147,7 @@ class Timeline:
 
 
 def _body_start(datagram: bytes, first: int) -> int:
-    """Where the payload begins, past the contributing sources and the extension that others may send."""
+    """Return where the payload begins, after contributing sources and extension, which other senders may use."""
     start = _HEADER.size + 4 * (first & 0x0F)
     if first & 0x10:
         if start + _EXTENSION.size > len(datagram):
@@ -159,7 +159,7 @@ def _body_start(datagram: bytes, first: int) -> int:
 
 
 def _body_end(datagram: bytes, first: int) -> int:
-    """Where the payload ends, before the padding that others may send."""
+    """Return where the payload ends, before padding, which other senders may use."""
     if not first & 0x20:
         return len(datagram)
     padding = datagram[-1]
@@ -174,6 +174,7 @@ def _read_payloads(number: int, timestamp: int, body: bytes) -> list[Payload]:
     heads, position = _read_redundancy_heads(body)
     payloads = []
     for kind, offset, stated in heads:
+        # Only the packet's own payload, the last, has no stated length: it takes the rest.
         length = len(body) - position if stated is None else stated
         if position + length > len(body):
             raise PacketError(f"an earlier payload of {length} bytes, but {len(body) - position} are left")
@@ -184,7 +185,7 @@ def _read_payloads(number: int, timestamp: int, body: bytes) -> list[Payload]:
 
 
 def _read_redundancy_heads(body: bytes) -> tuple[list[tuple[PayloadType, int, int | None]], int]:
-    """Kind, offset and length of each payload, and where the first begins; the packet's own has no length."""
+    """Return type, offset and length of each payload, and where the first begins; the packet's own has no length."""
     heads: list[tuple[PayloadType, int, int | None]] = []
     position = 0
     while position < len(body) and body[position] & 0x80:
@@ -208,7 +209,7 @@ def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
 
 
 def _kind(number: int) -> PayloadType:
-    """Name a payload type; RED within RED is refused with the unknown ones."""
+    """Return the payload type; RED within RED is refused like an unknown type."""
     if PayloadType.L16_MONO <= number < PayloadType.RED:
         return PayloadType(number)
-    raise PacketError(f"payload type {number}, but we know {PayloadType.L16_MONO} to {PayloadType.RED}; not our stream")
+    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.RED} are known")

@@ -1,4 +1,4 @@
-"""Sound leaves: blocks of any length become packets of one length, each with as much of the past as the line needs."""
+"""Blocks of any length become packets of one length, each with as much redundancy as the loss requires."""
 
 import secrets
 from collections import Counter, deque
@@ -8,23 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.link.codec import Codec, open_encoder
-from tactophone.link.packet import CLOCK_RATE, LONGEST_EARLIER, LONGEST_OFFSET, Packet, Payload, PayloadType
+from tactophone.link.packet import CLOCK_RATE, MAX_EARLIER_OFFSET, MAX_EARLIER_SIZE, Packet, Payload, PayloadType
 from tactophone.link.rtcp import SenderReport
-from tactophone.link.srtp import LARGEST_SEALED, OVERHEAD
+from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
 from tactophone.types import AudioBlock
 
-_ROOM = LARGEST_SEALED - OVERHEAD - 13
-"""Bytes for payloads in a packet: what the seal, the RTP header and redundancy's last header leave."""
+_PAYLOAD_SPACE = MAX_DATAGRAM - OVERHEAD - 13
+"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and the last header of RFC 2198."""
 
 _EARLIER_HEADER = 4
 
 
 @dataclass(frozen=True, slots=True)
 class RedundancyRule:
-    """How many earlier payloads a packet carries: between ``least`` and ``most``, by the loss that is reported.
+    """How many earlier payloads a packet carries: between ``least`` and ``most``, by the reported loss.
 
-    Any loss asks for one; a loss over ``heavy`` for two, as two in a row are then lost too often. When nothing was
-    lost for ``patience`` reports (ten seconds of them), one is taken off.
+    Any loss requires one; a loss above ``heavy`` requires two, as two packets in a row are then lost too often. After
+    ``patience`` reports without loss (ten seconds of them) the number is reduced by one.
     """
 
     least: int = 0
@@ -38,12 +38,12 @@ class RedundancyRule:
 
 
 class Redundancy:
-    """Follows a `RedundancyRule`; begins with one, and sheds it once the line has shown that it loses nothing.
+    """Applies a `RedundancyRule`; starts with one earlier payload and drops it once the link has proved free of loss.
 
     Examples
     --------
     >>> redundancy = Redundancy(RedundancyRule())
-    >>> redundancy.hear(0.05)
+    >>> redundancy.update(0.05)
     >>> redundancy.depth
     2
     """
@@ -53,8 +53,8 @@ class Redundancy:
         self._clean = 0
         self.depth = self._bounded(1)
 
-    def hear(self, fraction_lost: float) -> None:
-        """Take the loss of the newest report."""
+    def update(self, fraction_lost: float) -> None:
+        """Adapt the depth to the loss in the newest report, 0 to 1."""
         if fraction_lost > 0:
             self._clean = 0
             self.depth = self._bounded(2 if fraction_lost > self._rule.heavy else max(1, self.depth))
@@ -69,12 +69,12 @@ class Redundancy:
 
 
 class Packetizer:
-    """One stream of packets, not yet sealed.
+    """Makes one stream of packets, not yet encrypted.
 
     Attributes
     ----------
     faults
-        ``samples that are no number``: NaN and infinities, sent as silence, because they would poison the codec.
+        ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of the codec.
     """
 
     def __init__(self, codec: Codec, *, ssrc: int, redundancy: Redundancy) -> None:
@@ -82,7 +82,8 @@ class Packetizer:
         self.faults: Counter[str] = Counter()
         self.packets = self.octets = 0
         self._ssrc, self._redundancy = ssrc, redundancy
-        # Below 2**15, as RFC 3711 section 3.3.1 wants it: a lost first packet cannot then confuse the roll-over.
+        # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
+        # roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
         self._offset = secrets.randbits(32)
         self._encoder = open_encoder(codec)
@@ -94,38 +95,39 @@ class Packetizer:
 
     @property
     def origin(self) -> int:
-        """The timestamp on the wire of the source's first sample."""
+        """The RTP timestamp of the source's first sample."""
         return self._offset
 
     @property
     def latency(self) -> float:
-        """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
+        """Seconds that coding adds at most: a packet's duration and the codec's look-ahead."""
         return self.codec.latency
 
     def push(self, block: AudioBlock) -> list[Packet]:
-        """Take sound in; give the packets that it completes, oldest first."""
+        """Take sound; return the packets that it completes, oldest first."""
         self._check(block)
         if block.start != self._next:
+            # The source lost sound: the incomplete packet is dropped, and the marker announces the gap.
             self._filled, self._marker = 0, True
         self._next = block.end
         finite = np.isfinite(block.samples)
         if not finite.all():
-            self.faults["samples that are no number"] += int((~finite).sum())
+            self.faults["non-finite samples"] += int((~finite).sum())
         return list(self._cut(np.where(finite, block.samples, np.float32(0)), block.start))
 
     def recode(self, codec: Codec) -> None:
-        """Go on with another setting of the codec, from the next packet on; channels and packet size stay."""
+        """Use another codec setting from the next packet on; channels and packet size must stay the same."""
         self.codec, self._encoder = codec, open_encoder(codec)
 
     def flush(self) -> list[Packet]:
-        """Give what remains, filled up with silence."""
+        """Return the incomplete packet, padded with silence."""
         if not self._filled or self._next is None:
             return []
-        rest = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
-        return list(self._cut(rest, self._next))
+        padding = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
+        return list(self._cut(padding, self._next))
 
     def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
-        """Make the stream's next packet of a payload whose time is ``position`` samples since the stream began."""
+        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
         payload = Payload(kind, (self._offset + position) % (1 << 32), content)
         packet = Packet(self._sequence, self._ssrc, payload, self._earlier(payload), self._marker)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
@@ -133,7 +135,7 @@ class Packetizer:
         return packet
 
     def report(self, now: float) -> SenderReport:
-        """Say how far the stream is; any clock will do that is also asked when the answer comes."""
+        """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
         timestamp = self._offset + (self._next or 0)
         return SenderReport(self._ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
 
@@ -160,13 +162,13 @@ class Packetizer:
         return packet
 
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
-        """Choose the newest past payloads that fit, oldest first."""
+        """Return the newest past payloads that fit, oldest first."""
         chosen: list[Payload] = []
-        room = _ROOM - len(payload.content)
+        space = _PAYLOAD_SPACE - len(payload.content)
         for past in list(reversed(self._past))[: self._redundancy.depth]:
-            room -= _EARLIER_HEADER + len(past.content)
+            space -= _EARLIER_HEADER + len(past.content)
             behind = (payload.timestamp - past.timestamp) % (1 << 32)
-            if room < 0 or len(past.content) > LONGEST_EARLIER or behind > LONGEST_OFFSET:
+            if space < 0 or len(past.content) > MAX_EARLIER_SIZE or behind > MAX_EARLIER_OFFSET:
                 break
             chosen.insert(0, past)
         return tuple(chosen)

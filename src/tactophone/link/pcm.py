@@ -1,4 +1,4 @@
-"""Lossless sound: 16 bits, most significant byte first, channels interleaved (L16 of RFC 3551 section 4.5.11)."""
+"""Lossless PCM: 16 bits, big-endian, channels interleaved (L16 of RFC 3551 section 4.5.11)."""
 
 import numpy as np
 
@@ -6,23 +6,23 @@ from tactophone.errors import PacketError
 from tactophone.link.packet import PayloadType
 from tactophone.types import FloatArray
 
-LARGEST_PCM = 240
-"""Samples of a packet at most: two channels of it, with 300 bytes to spare, fit an unfragmented datagram of 1280."""
+MAX_PCM_SAMPLES = 240
+"""Maximum samples of a packet: two channels fit an unfragmented datagram of 1280 bytes, with 300 bytes to spare."""
 
 _FULL_SCALE = 32_768.0
 
 
 class PcmEncoder:
-    """Writes samples as they are; sound that was 16-bit comes out bit-equal."""
+    """Encodes samples as 16-bit integers; 16-bit sound is reproduced exactly."""
 
     def encode(self, samples: FloatArray) -> bytes:
-        """Code ``samples``; what lies outside [-1, 1) is clipped."""
-        whole = np.clip(np.rint(samples * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE - 1)
-        return bytes(whole.astype(">i2"))
+        """Encode ``samples``; values outside [-1, 1) are clipped."""
+        integers = np.clip(np.rint(samples * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE - 1)
+        return bytes(integers.astype(">i2"))
 
 
 class PcmDecoder:
-    """Reads samples as they are, and bridges holes from both sides."""
+    """Decodes 16-bit samples, and conceals gaps with the sound on both sides."""
 
     def __init__(self, kind: PayloadType, *, channels: int) -> None:
         self.kind = kind
@@ -30,20 +30,20 @@ class PcmDecoder:
         self._last = np.zeros((0, channels), np.float32)
 
     def size(self, content: bytes) -> int:
-        """Samples in a payload."""
+        """Return the samples in a payload; `PacketError` when it is malformed."""
         width = 2 * self._channels
         if not content or len(content) % width:
             raise PacketError(f"{len(content)} bytes of PCM, but {self._channels} channels take {width} a sample")
         return len(content) // width
 
     def decode(self, content: bytes) -> FloatArray:
-        """Give the sound of a payload."""
+        """Decode a payload."""
         self._last = self._read(content)
         return self._last
 
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        """Guess ``size`` samples that were lost, before the payload ``following`` where that is here."""
-        self._last = bridge(self._last, self._read(following) if following else self._last[:0], size)
+        """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
+        self._last = conceal_gap(self._last, self._read(following) if following else self._last[:0], size)
         return self._last
 
     def _read(self, content: bytes) -> FloatArray:
@@ -51,21 +51,21 @@ class PcmDecoder:
         return np.frombuffer(content, ">i2").reshape(shape).astype(np.float32) / np.float32(_FULL_SCALE)
 
 
-def bridge(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
-    """Fill a hole with the mirrored sound of both its banks, each fading into the other.
+def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
+    """Fill a gap of ``size`` samples with the mirrored sound of both sides, cross-faded.
 
-    Touch sounds like noise, so the fade keeps power, not amplitude, constant: the level that the contact gate sees
-    does not dip. At both banks the sound is continuous, so that a hole makes no click for the detector to hear.
+    Touch sounds like noise, so the cross-fade keeps power, not amplitude, constant: the level at the contact gate does
+    not drop. The sound is continuous at both sides, so a gap makes no click that the detector would classify.
 
     Parameters
     ----------
     before, after
-        Of shape ``(samples, channels)``; repeated back and forth where they are shorter than the hole.
+        Sound on both sides, shape ``(samples, channels)``; repeated back and forth where it is shorter than the gap.
 
     Examples
     --------
     >>> quiet, loud = np.zeros((4, 1), np.float32), np.ones((4, 1), np.float32)
-    >>> bridge(quiet, loud, 3).ravel().round(2)
+    >>> conceal_gap(quiet, loud, 3).ravel().round(2)
     array([0.38, 0.71, 0.92], dtype=float32)
     """
     angle = np.linspace(0, np.pi / 2, size + 2, dtype=np.float32)[1:-1, np.newaxis]
@@ -74,7 +74,7 @@ def bridge(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
 
 
 def mirror(samples: FloatArray, size: int) -> FloatArray:
-    """Pipeline ``size`` samples into ``samples``, and back and forth when it ends; silence when it is empty."""
+    """Return ``size`` samples of ``samples`` forwards and backwards in turn; silence when it is empty."""
     if not len(samples):
         return np.zeros((size, samples.shape[1]), np.float32)
     there_and_back = np.concatenate([samples, samples[::-1]])

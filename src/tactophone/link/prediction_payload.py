@@ -1,13 +1,13 @@
-"""Belief over the wire: one prediction in 16 bytes, for lines that cannot carry sound.
+"""One prediction in 16 bytes, for links too slow for sound.
 
 ===========  =====================  ==============================================
-bytes        what                   as
+bytes        field                  encoding
 ===========  =====================  ==============================================
 0            touch                  0 none, 1 smooth, 2 rough
-1            faults                 1 when sound or answer was garbage, else 0
-2-7          probabilities          three times 16 bits, 65535 is certain
-8-9          roughness              16 bits, 65535 is rough
-10-11        level                  hundredths of dBFS; the least number is -inf
+1            faulty                 1 when sound or model output was invalid, else 0
+2-7          probabilities          three times 16 bits, 65535 is 1
+8-9          roughness              16 bits, 65535 is 1
+10-11        level                  hundredths of dBFS; the lowest number is -inf
 12-15        length of the window   samples at 48 kHz; it ends at the timestamp
 ===========  =====================  ==============================================
 """
@@ -21,34 +21,40 @@ from tactophone.link.packet import CLOCK_RATE
 from tactophone.types import Prediction, Touch
 
 _LAYOUT = struct.Struct("!BBHHHHhI")
-_CERTAIN = 65_535
+_ONE = 65_535
 _SILENT = -32_768
 
 
 def write_prediction(prediction: Prediction) -> bytes:
-    """Pack a prediction; its end belongs into the packet's timestamp. What is no number is packed as a fault."""
+    """Encode a prediction without its end, which is the packet's timestamp; non-finite values become a fault."""
     shares = (*prediction.probabilities, prediction.roughness)
     if not all(map(math.isfinite, shares)) or math.isnan(prediction.level_dbfs):
         return write_prediction(
             replace(prediction, probabilities=(1, 0, 0), roughness=0, level_dbfs=-math.inf, faulty=True)
         )
     length = round((prediction.end - prediction.start) * CLOCK_RATE)
-    level = _level(prediction.level_dbfs)
+    level = round(100 * max(_SILENT / 100, min(prediction.level_dbfs, 327.0)))
     return _LAYOUT.pack(prediction.touch, prediction.faulty, *map(_to_16_bits, shares), level, max(0, length))
 
 
 def read_prediction(content: bytes, *, end: float) -> Prediction:
-    """Unpack a prediction whose window ended at ``end`` seconds; `PacketError` when it is none."""
+    """Decode a prediction whose window ended at ``end`` seconds.
+
+    Raises
+    ------
+    PacketError
+        When the bytes are not a prediction.
+    """
     if len(content) != _LAYOUT.size:
-        raise PacketError(f"a belief of {len(content)} bytes, but it has {_LAYOUT.size}")
+        raise PacketError(f"a prediction of {len(content)} bytes, but it has {_LAYOUT.size}")
     touch, faulty, *shares, roughness, level, length = _LAYOUT.unpack(content)
     if touch not in list(Touch) or not sum(shares):
-        raise PacketError(f"a belief in touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
+        raise PacketError(f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
     none, smooth, rough = (share / sum(shares) for share in shares)
     return Prediction(
         probabilities=(none, smooth, rough),
         touch=Touch(touch),
-        roughness=roughness / _CERTAIN,
+        roughness=roughness / _ONE,
         level_dbfs=-math.inf if level == _SILENT else level / 100,
         start=end - length / CLOCK_RATE,
         end=end,
@@ -57,8 +63,4 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
 
 
 def _to_16_bits(share: float) -> int:
-    return round(_CERTAIN * max(0.0, min(share, 1.0)))
-
-
-def _level(level_dbfs: float) -> int:
-    return round(100 * max(_SILENT / 100, min(level_dbfs, 327.0)))
+    return round(_ONE * max(0.0, min(share, 1.0)))

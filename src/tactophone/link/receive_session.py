@@ -1,4 +1,4 @@
-"""The operator's end of the line, whole: session, stream and reports together, still without socket or clock."""
+"""The operator's end of the link: session, stream and reports together, without socket or clock."""
 
 from collections import Counter, deque
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from tactophone.errors import PacketError
 from tactophone.link.delay_estimator import MinDelayFilter
 from tactophone.link.depacketizer import STALENESS, DecodedAudio, Depacketizer
 from tactophone.link.handshake import Address
-from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, Timeline, parse
+from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
 from tactophone.link.prediction_payload import read_prediction
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
@@ -20,33 +20,37 @@ from tactophone.types import FloatArray, Prediction
 DATAGRAM_OVERHEAD = 28
 """Bytes that IPv4 and UDP add to each datagram."""
 
+_STREAM_COUNTERS = (
+    "packets_received", "packets_late", "packets_duplicated", "packets_reordered", "packets_recovered",
+    "packets_concealed", "packets_skipped", "packets_broken", "samples_received", "samples_concealed",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class PredictionReceived:
-    """A prediction that the robot made, and whether it is too old to be felt."""
+    """A prediction made on the robot, and whether it is too old to be rendered."""
 
     prediction: Prediction
     stale: bool = False
 
 
 ReceiveEvent: TypeAlias = DecodedAudio | PredictionReceived | Connected | Disconnected
-"""What an operator's end gives."""
 
 
 class ReceiveSession:
-    """The operator's end: gives sound or belief, oldest first, and reports on the stream.
+    """Receives sound or predictions, oldest first, and reports on the stream.
 
     Parameters
     ----------
     reorder
-        Packets that may wait for one that is missing: 0 or 1.
+        Packets that may wait for a missing one: 0 or 1.
 
     Attributes
     ----------
     bandwidth
-        The highest frequency in Hz that the model makes use of, for the robot to know; 0: nothing is said of it.
+        The highest frequency in Hz that the model uses, to be requested from the robot; 0: no request.
     playout
-        The clocked buffer of the session at hand; ``None`` until somebody pulls.
+        The clocked buffer of the current session; ``None`` until the first `pull`.
     """
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:
@@ -59,47 +63,52 @@ class ReceiveSession:
         self._begin(Counter(handshakes=0, link_losses=0, packets_broken=0))
 
     @property
+    def peer(self) -> str | None:
+        """Name of the connected robot; ``None`` while there is none."""
+        return self.session.peer
+
+    @property
     def stats(self) -> StreamStats:
-        """Of the stream at hand."""
-        return self._arrival.reception.stats
+        """Of the current stream."""
+        return self._depacketizer.reception.stats
 
     @property
     def counters(self) -> Counter[str]:
         """Totals over all sessions, in telemetry's names; may be read from another thread."""
-        past, arrival = self._books
-        return past + _counted(arrival.reception.stats) + Counter(packets_rejected=self.session.refused)
+        past, depacketizer = self._totals
+        return past + _stream_counters(depacketizer.reception.stats) + Counter(packets_rejected=self.session.refused)
 
     @property
     def gauges(self) -> dict[str, float]:
-        """How the stream is now, in telemetry's names."""
+        """The current state of the stream, in telemetry's names."""
         return {
             "jitter": self.stats.jitter,
-            "clock_skew_ppm": self._arrival.skew.ppm,
+            "clock_skew_ppm": self._depacketizer.skew.ppm,
             "redundancy": float(self._depth),
             "loss_ratio": self._loss,
             "bitrate_bps": self._meter.bitrate_bps,
-            "playout_delay": self.playout.pace.margin if self.playout else 0.0,
+            "playout_delay": self.playout.controller.margin if self.playout else 0.0,
         }
 
     @property
     def origin(self) -> int:
-        """The timestamp on the wire of the first sample given in this session."""
-        return self._beliefs.origin if self._beliefs.begun else self._arrival.origin
+        """The RTP timestamp of the first sample of this session."""
+        return self._predictions.origin if self._predictions.begun else self._depacketizer.origin
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
-        """Take everything that has come by now, and give what can be had of it."""
+        """Process everything that arrived by ``now`` (s); return what it contains, oldest first."""
         events: list[Event] = []
         for datagram, source in datagrams:
             opened = self.session.receive(datagram, source=source, now=now)
             if opened:
                 self._meter.count(len(datagram) + DATAGRAM_OVERHEAD, now=now)
             events += opened
-        return self._sort(events, now)
+        return self._handle(events, now)
 
     def pull(self, size: int, *, now: float) -> FloatArray:
-        """Give the next samples in step with the actuator, shape ``(size, 2)``, for profiles that render sound itself.
+        """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that render the sound itself.
 
-        May be called from the actuator's thread; whatever else is done here belongs to the network's.
+        May be called from the actuator's thread; all other methods belong to the network thread.
         """
         playout = self.playout
         if playout is None or playout.block_size != size:
@@ -107,121 +116,122 @@ class ReceiveSession:
         return playout.pull(now=now)
 
     def poll(self, now: float) -> list[ReceiveEvent]:
-        """Let time pass; call it when nothing came for a packet's length, and twenty times a second at least."""
+        """Let time pass; call it when nothing arrived for a packet's length, and at least twenty times a second."""
         if self.session.peer and now >= self._next_report:
             self._next_report = now + REPORT_INTERVAL
             local, remote = self._ssrcs
-            report = self._arrival.reception.report(ssrc=local, of=remote, now=now)
+            report = self._depacketizer.reception.report(ssrc=local, of=remote, now=now)
             self._loss = report.fraction_lost
             self.session.send(bytes(report))
             if self.bandwidth:
                 self.session.send(bytes(ReceiverRequest(local, self.bandwidth)))
-        return [*self._sort(self.session.poll(now), now), *self._arrival.poll(now)]
+        return [*self._handle(self.session.poll(now), now), *self._depacketizer.poll(now)]
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Hand over the datagrams to send, and where to."""
+        """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
 
     def _begin(self, past: Counter[str]) -> None:
-        # One assignment, so that who counts meanwhile sees the old stream either as present or as past.
-        self._books = past, Depacketizer(reorder=self._reorder)
-        self._past, self._arrival = self._books
+        # One assignment, so that a thread that reads `counters` meanwhile counts the old stream exactly once.
+        self._totals = past, Depacketizer(reorder=self._reorder)
+        self._past, self._depacketizer = self._totals
         self.playout = None
-        self._beliefs = _PredictionStream()
+        self._predictions = _PredictionStream()
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0
 
-    def _sort(self, events: list[Event], now: float) -> list[ReceiveEvent]:
-        """Tell sound from belief and news; what was open together is put in order together."""
-        given: list[ReceiveEvent] = []
+    def _handle(self, events: list[Event], now: float) -> list[ReceiveEvent]:
+        """Turn session events into sound, predictions and connection events."""
+        received: list[ReceiveEvent] = []
+        # Packets of sound are collected, because those that arrived together are put in order together.
         packets: list[Packet] = []
         for event in events:
             if not isinstance(event, PacketReceived):
-                given += self._arrival.push(packets, now=now)
+                received += self._depacketizer.push(packets, now=now)
                 packets = []
-                self._note(event)
-                given.append(event)
+                self._handle_connection(event)
+                received.append(event)
             elif event.report:
-                self._hear(event.packet, now)
+                self._handle_report(event.packet, now)
             elif (packet := self._parse(event.packet)) is not None:
-                if packet.payload.kind == PayloadType.BELIEF:
-                    given += self._believe(packet, now)
+                if packet.payload.kind == PayloadType.PREDICTION:
+                    received += self._handle_prediction(packet, now)
                 else:
                     packets.append(packet)
                     if self.playout:
                         self.playout.push(packet, now=now)
-        return given + self._arrival.push(packets, now=now)
+        return received + self._depacketizer.push(packets, now=now)
 
     def _parse(self, datagram: bytes) -> Packet | None:
         try:
-            packet = parse(datagram)
+            packet = parse_packet(datagram)
         except PacketError:
             self._past["packets_broken"] += 1
             return None
         self._depth = len(packet.earlier)
         return packet
 
-    def _believe(self, packet: Packet, now: float) -> list[PredictionReceived]:
+    def _handle_prediction(self, packet: Packet, now: float) -> list[PredictionReceived]:
         payload = packet.payload
-        if not self._arrival.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
+        if not self._depacketizer.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
             return []
         try:
-            return self._beliefs.push(payload.timestamp, payload.content, now=now)
+            return self._predictions.push(payload.timestamp, payload.content, now=now)
         except PacketError:
             self._past["packets_broken"] += 1
             return []
 
-    def _note(self, event: Connected | Disconnected) -> None:
+    def _handle_connection(self, event: Connected | Disconnected) -> None:
         if isinstance(event, Disconnected):
             self._past["link_losses"] += 1
             return
         self._ssrcs = (event.local_ssrc, event.remote_ssrc)
-        totals = _counted(self.stats)
+        totals = _stream_counters(self.stats)
         totals.update(self._past)
         totals["handshakes"] += 1
         self._begin(totals)
 
-    def _hear(self, packet: bytes, now: float) -> None:
+    def _handle_report(self, packet: bytes, now: float) -> None:
         try:
             report = parse_report(packet)
         except PacketError:
             self._past["packets_broken"] += 1
             return
         if isinstance(report, SenderReport):
-            self._arrival.reception.hear(report, now=now)
+            self._depacketizer.reception.note_sender_report(report, now=now)
 
 
 class _PredictionStream:
-    """Beliefs by their own time: an older one than the newest is of no use to anybody."""
+    """Orders predictions by the end of their windows; one older than the newest is dropped."""
 
     def __init__(self) -> None:
-        self._timeline = Timeline()
+        self._timestamps = TimestampUnwrapper()
         self._newest = -1
-        self._envelope = MinDelayFilter()
+        self._delay = MinDelayFilter()
 
     @property
     def begun(self) -> bool:
-        """Whether any belief has come."""
+        """Whether any prediction was received."""
         return self._newest >= 0
 
     @property
     def origin(self) -> int:
-        """The timestamp on the wire from which beliefs' times are counted."""
-        return self._timeline.origin
+        """The RTP timestamp at time 0."""
+        return self._timestamps.origin
 
     def push(self, timestamp: int, content: bytes, *, now: float) -> list[PredictionReceived]:
-        samples = self._timeline.position(timestamp)
+        samples = self._timestamps.position(timestamp)
         prediction = read_prediction(content, end=samples / CLOCK_RATE)
         if samples <= self._newest:
             return []
         self._newest = samples
         transit = now - prediction.end
-        self._envelope.push(transit, now=now)
-        return [PredictionReceived(prediction, stale=transit - self._envelope.least > STALENESS)]
+        self._delay.push(transit, now=now)
+        return [PredictionReceived(prediction, stale=transit - self._delay.minimum > STALENESS)]
 
 
 class _Meter:
-    """Bits a second over the newest second."""
+    """Bits per second over the newest second."""
 
     def __init__(self) -> None:
         self._sizes: deque[tuple[float, int]] = deque()
@@ -238,11 +248,7 @@ class _Meter:
             self._octets -= self._sizes.popleft()[1]
 
 
-def _counted(stats: StreamStats) -> Counter[str]:
-    """Name what only grows."""
-    names = (
-        "packets_received packets_late packets_duplicated packets_reordered packets_recovered "
-        "packets_concealed packets_skipped packets_broken samples_received samples_concealed"
-    )
-    grown: dict[str, int] = {name: getattr(stats, name) for name in names.split()}
-    return Counter(grown | {"packets_lost": stats.most_lost})
+def _stream_counters(stats: StreamStats) -> Counter[str]:
+    """Return the statistics that only grow, by telemetry's names."""
+    counters: dict[str, int] = {name: getattr(stats, name) for name in _STREAM_COUNTERS}
+    return Counter(counters | {"packets_lost": stats.most_lost})

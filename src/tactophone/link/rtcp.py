@@ -1,7 +1,7 @@
-"""RTCP: what each end tells the other of the stream (RFC 3550 section 6), sealed like everything else.
+"""RTCP reports on the stream (RFC 3550 section 6), encrypted like all packets.
 
-Sent five times a second rather than every five seconds (RFC 4585 allows it), because redundancy follows it and because
-a peer that falls silent is known by it.
+They are sent five times a second, not every five seconds (RFC 4585 permits it), because redundancy is adapted to them
+and because their absence shows that the peer is gone.
 """
 
 import struct
@@ -9,37 +9,38 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
+from tactophone.link.packet import CLOCK_RATE
 
 _SENDER, _RECEIVER, _GOODBYE, _APPLICATION = 200, 201, 203, 204
 _HEAD = struct.Struct("!BBHI")
 _SENT = struct.Struct("!QIII")
 _BLOCK = struct.Struct("!IIIIII")
-_WISH = struct.Struct("!4sI")
+_REQUEST = struct.Struct("!4sI")
 _NAME = b"TACT"
 _VERSION = 2
 
 NTP_ERA = 2_208_988_800
-"""Seconds between NTP's epoch of 1900 and Unix' of 1970 (RFC 868)."""
+"""Seconds between the NTP epoch, 1900, and the Unix epoch, 1970 (RFC 868)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceiverReport:
-    """What one end heard of the other's stream.
+    """Reception statistics of the peer's stream.
 
     Parameters
     ----------
     ssrc, of
-        Who reports, and of whose stream.
+        SSRC of the reporting end, and of the stream that it reports on.
     fraction_lost
-        Of the packets expected since the last report, from 0 to 1, before redundancy mended anything.
+        Of the packets expected since the last report, 0 to 1, before recovery by redundancy.
     lost
         Packets lost since the stream began.
     highest
-        Extended highest sequence number heard.
+        Extended highest sequence number received.
     jitter
         Interarrival jitter in seconds.
     last_report, since
-        When the peer sent its last `SenderReport` (middle 32 bits of its ``ntp``), and seconds since it came.
+        The stamp of the peer's last `SenderReport` (middle 32 bits of its ``ntp``), and seconds since it was received.
     """
 
     ssrc: int
@@ -57,7 +58,7 @@ class ReceiverReport:
             self.of,
             min(lost, 255) << 24 | max(0, min(self.lost, (1 << 23) - 1)),
             self.highest % (1 << 32),
-            round(self.jitter * 48_000),
+            round(self.jitter * CLOCK_RATE),
             self.last_report,
             round(self.since * 65_536) % (1 << 32),
         )
@@ -66,14 +67,14 @@ class ReceiverReport:
 
 @dataclass(frozen=True, slots=True)
 class SenderReport:
-    """When the sender was where in its stream; says as well that it lives while its source is silent.
+    """The sender's position in its stream at a time; also keeps the session alive while the source is silent.
 
     Parameters
     ----------
     ntp
-        Its clock in seconds since 1970; or any other clock, as RFC 3550 section 6.4.1 allows.
+        Seconds since 1970, or of any other clock (RFC 3550 section 6.4.1).
     timestamp
-        Of the sound at that time.
+        RTP timestamp of the sound at that time.
     packets, octets
         Sent since the stream began.
     """
@@ -86,7 +87,7 @@ class SenderReport:
 
     @property
     def stamp(self) -> int:
-        """The middle 32 bits of its NTP time, which the other end returns."""
+        """The middle 32 bits of the NTP time, which the peer returns."""
         return _ntp(self.ntp) >> 16 & 0xFFFFFFFF
 
     def __bytes__(self) -> bytes:
@@ -96,7 +97,7 @@ class SenderReport:
 
 @dataclass(frozen=True, slots=True)
 class Goodbye:
-    """The peer hangs up."""
+    """The peer ends the session."""
 
     ssrc: int
 
@@ -106,20 +107,26 @@ class Goodbye:
 
 @dataclass(frozen=True, slots=True)
 class ReceiverRequest:
-    """The highest frequency in Hz that the operator's model makes use of (an APP packet, RFC 3550 section 6.7)."""
+    """The highest frequency in Hz that the operator's model uses (an APP packet, RFC 3550 section 6.7)."""
 
     ssrc: int
     bandwidth: int
 
     def __bytes__(self) -> bytes:
-        return _head(_APPLICATION, 0, self.ssrc, _WISH.pack(_NAME, self.bandwidth))
+        return _head(_APPLICATION, 0, self.ssrc, _REQUEST.pack(_NAME, self.bandwidth))
 
 
 Report: TypeAlias = ReceiverReport | SenderReport | Goodbye | ReceiverRequest
 
 
 def parse_report(packet: bytes) -> Report:
-    """Read a report; `PacketError` when it is none of ours."""
+    """Parse a report.
+
+    Raises
+    ------
+    PacketError
+        When the bytes are not one of the four reports above.
+    """
     if len(packet) < _HEAD.size:
         raise PacketError(f"{len(packet)} bytes, but a report has at least {_HEAD.size}")
     first, kind, words, ssrc = _HEAD.unpack_from(packet)
@@ -134,13 +141,13 @@ def parse_report(packet: bytes) -> Report:
         case 200 if len(body) == _SENT.size:
             ntp, timestamp, packets, octets = _SENT.unpack(body)
             return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
-        case 204 if len(body) == _WISH.size and body.startswith(_NAME):
-            return ReceiverRequest(ssrc, _WISH.unpack(body)[1])
-    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; ours are 200, 201, 203 and 204")
+        case 204 if len(body) == _REQUEST.size and body.startswith(_NAME):
+            return ReceiverRequest(ssrc, _REQUEST.unpack(body)[1])
+    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; 200, 201, 203 and 204 are known")
 
 
 def round_trip(report: ReceiverReport, *, now: float) -> float | None:
-    """Seconds there and back, by the peer's answer to our `SenderReport` (RFC 3550, 6.4.1); ``None`` before the first.
+    """Return the round-trip time in s, by the answer to a `SenderReport` (RFC 3550, 6.4.1); ``None`` before one.
 
     Examples
     --------
@@ -151,19 +158,19 @@ def round_trip(report: ReceiverReport, *, now: float) -> float | None:
     """
     if not report.last_report:
         return None
-    passed = ((_ntp(now) >> 16 & 0xFFFFFFFF) - report.last_report) % (1 << 32) / 65_536
-    return max(0.0, passed - report.since)
+    elapsed = ((_ntp(now) >> 16 & 0xFFFFFFFF) - report.last_report) % (1 << 32) / 65_536
+    return max(0.0, elapsed - report.since)
 
 
 def is_goodbye(packet: bytes) -> bool:
-    """Whether a report ends the stream."""
+    """Whether a report is a `Goodbye`."""
     return len(packet) > 1 and packet[1] == _GOODBYE
 
 
 def _read_block(ssrc: int, body: bytes) -> ReceiverReport:
     of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
     return ReceiverReport(
-        ssrc, of, (losses >> 24) / 256, losses & 0xFFFFFF, highest, jitter / 48_000, last_report, since / 65_536
+        ssrc, of, (losses >> 24) / 256, losses & 0xFFFFFF, highest, jitter / CLOCK_RATE, last_report, since / 65_536
     )
 
 
@@ -172,5 +179,5 @@ def _head(kind: int, count: int, ssrc: int, body: bytes) -> bytes:
 
 
 def _ntp(time: float) -> int:
-    """Seconds since 1970 as NTP's 32.32 fixed point."""
+    """Return seconds since 1970 as an NTP timestamp (32.32 fixed point)."""
     return int((time + NTP_ERA) * (1 << 32))

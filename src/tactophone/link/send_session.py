@@ -1,4 +1,4 @@
-"""The robot's end of the line, whole: session, stream and reports together, still without socket or clock."""
+"""The robot's end of the link: session, stream and reports together, without socket or clock."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -21,21 +21,21 @@ Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 
 
 class SendSession:
-    """The robot's end: takes sound or belief, and the operator's reports.
+    """Sends sound or predictions, and evaluates the operator's reports.
 
     Parameters
     ----------
     rule
         Of redundancy.
     follow
-        Whether the bandwidth follows what the operator's model makes use of.
+        Whether the bandwidth follows the operator's requests.
 
     Attributes
     ----------
     counters
         In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``sound_faults``.
     round_trip
-        Seconds there and back by the newest report; ``None`` before the first.
+        Round-trip time in s, by the newest report; ``None`` before the first.
     """
 
     def __init__(
@@ -46,45 +46,50 @@ class SendSession:
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
         self.loss = 0.0
-        self._departure: Packetizer | None = None
+        self._packetizer: Packetizer | None = None
         self._next_report = 0.0
 
     @property
+    def peer(self) -> str | None:
+        """Name of the connected operator; ``None`` while there is none."""
+        return self.session.peer
+
+    @property
     def latency(self) -> float:
-        """Seconds that coding adds at worst: a packet's length and the codec's look-ahead."""
+        """Seconds that coding adds at most: a packet's duration and the codec's look-ahead."""
         return self.codec.latency
 
     @property
     def origin(self) -> int | None:
-        """The timestamp on the wire of the source's first sample; ``None`` while nobody is connected."""
-        return self._departure.origin if self._departure else None
+        """The RTP timestamp of the source's first sample; ``None`` while nobody is connected."""
+        return self._packetizer.origin if self._packetizer else None
 
     def push(self, block: AudioBlock) -> None:
-        """Send sound; while nobody is connected it is dropped, as it would be stale by then."""
-        if self._departure:
-            self._send(self._departure.push(block))
-            self.counters["sound_faults"] += bool(self._departure.faults)
-            self._departure.faults.clear()
+        """Send sound; it is dropped while nobody is connected, as it would be stale later."""
+        if self._packetizer:
+            self._send(self._packetizer.push(block))
+            self.counters["sound_faults"] += bool(self._packetizer.faults)
+            self._packetizer.faults.clear()
 
-    def tell(self, prediction: Prediction) -> None:
-        """Send a belief in place of the sound."""
-        if self._departure:
+    def send_prediction(self, prediction: Prediction) -> None:
+        """Send a prediction instead of sound."""
+        if self._packetizer:
             end = round(prediction.end * CLOCK_RATE)
-            self._send([self._departure.wrap(PayloadType.BELIEF, end, write_prediction(prediction))])
+            self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
-        """Take what came from the network."""
-        return self._note([event for datagram, source in datagrams for event in self._open(datagram, source, now)], now)
+        """Process what arrived from the network by ``now`` (s)."""
+        return self._handle([event for data, source in datagrams for event in self._open(data, source, now)], now)
 
     def poll(self, now: float) -> list[Connected | Disconnected]:
-        """Let time pass; call it some twenty times a second."""
-        if self._departure and now >= self._next_report:
+        """Let time pass; call it about twenty times a second."""
+        if self._packetizer and now >= self._next_report:
             self._next_report = now + REPORT_INTERVAL
-            self.session.send(bytes(self._departure.report(now)))
-        return self._note(self.session.poll(now), now)
+            self.session.send(bytes(self._packetizer.report(now)))
+        return self._handle(self.session.poll(now), now)
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Hand over the datagrams to send, and where to."""
+        """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
 
     def _open(self, datagram: bytes, source: Address, now: float) -> list[Event]:
@@ -95,34 +100,31 @@ class SendSession:
         for packet in packets:
             self.session.send(bytes(packet))
 
-    def _note(self, events: list[Event], now: float) -> list[Connected | Disconnected]:
+    def _handle(self, events: list[Event], now: float) -> list[Connected | Disconnected]:
         for event in events:
             match event:
                 case Connected():
-                    self._departure = Packetizer(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
+                    self._packetizer = Packetizer(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
                     self.counters["handshakes"] += 1
                 case Disconnected():
-                    self._departure = None
+                    self._packetizer = None
                     self.counters["link_losses"] += 1
                 case PacketReceived(packet, report=True):
-                    self._hear(packet, now)
+                    self._handle_report(packet, now)
         return [event for event in events if not isinstance(event, PacketReceived)]
 
-    def _hear(self, packet: bytes, now: float) -> None:
+    def _handle_report(self, packet: bytes, now: float) -> None:
         try:
             report = parse_report(packet)
         except PacketError:
             self.counters["packets_broken"] += 1
             return
         if isinstance(report, ReceiverRequest):
-            self._fulfil(report)
+            bandwidth = max(report.bandwidth, NARROW_BAND)
+            if self._follow and self._packetizer and bandwidth != self.codec.bandwidth:
+                self.codec = self.codec.for_bandwidth(bandwidth)
+                self._packetizer.recode(self.codec)
         elif isinstance(report, ReceiverReport):
             self.loss = report.fraction_lost
-            self.redundancy.hear(report.fraction_lost)
+            self.redundancy.update(report.fraction_lost)
             self.round_trip = round_trip(report, now=now)
-
-    def _fulfil(self, wish: ReceiverRequest) -> None:
-        bandwidth = max(wish.bandwidth, NARROW_BAND)
-        if self._follow and self._departure and bandwidth != self.codec.bandwidth:
-            self.codec = self.codec.for_bandwidth(bandwidth)
-            self._departure.recode(self.codec)

@@ -1,4 +1,4 @@
-"""The seal on every packet: SRTP with AES-256-GCM (RFC 3711, RFC 7714), under keys of one session only."""
+"""Encryption and authentication of packets: SRTP with AES-256-GCM (RFC 3711, RFC 7714), keys of one session."""
 
 from dataclasses import dataclass
 
@@ -11,15 +11,15 @@ KEY_SIZE, SALT_SIZE = 32, 12
 """Bytes of master key and salt (RFC 7714 section 12)."""
 
 OVERHEAD = 16
-"""Bytes that the seal adds to a packet: the whole GCM tag."""
+"""Bytes that SRTP adds to a packet: the full GCM tag."""
 
-LARGEST_SEALED = 1_280 - 48
-"""Bytes of a datagram at most: IPv6's smallest guaranteed path (RFC 8200), less its headers and UDP's."""
+MAX_DATAGRAM = 1_280 - 48
+"""Maximum bytes of a datagram: the minimum MTU of IPv6 (RFC 8200) without the headers of IPv6 and UDP."""
 
 
 @dataclass(frozen=True, slots=True)
 class Secrets:
-    """What the two ends agreed upon, seen from one of them: an SRTP master key and salt, and a stream, each way."""
+    """The result of a handshake, seen from one end: SRTP master key and salt, and an SSRC, for each direction."""
 
     outbound: bytes
     inbound: bytes
@@ -31,9 +31,9 @@ class Secrets:
 
 
 class SrtpCrypto:
-    """Seals what leaves and opens what comes; refuses whatever is not from the peer, or comes twice.
+    """Encrypts outgoing packets; authenticates and decrypts incoming ones, and refuses replays.
 
-    Only the peer's one stream is let in: libsrtp would otherwise keep state for every stream that is named to it.
+    Only the peer's one SSRC is accepted: libsrtp would otherwise keep state for every SSRC in a forged packet.
     Belongs to one thread, because libsrtp works in one buffer.
     """
 
@@ -42,14 +42,20 @@ class SrtpCrypto:
         self._out = Session(_policy(secrets.outbound, secrets.local_ssrc))
         self._in = Session(_policy(secrets.inbound, secrets.remote_ssrc))
 
-    def close(self, packet: bytes) -> bytes:
-        """SrtpCrypto an RTP packet or an RTCP report."""
+    def protect(self, packet: bytes) -> bytes:
+        """Encrypt an RTP packet or an RTCP report."""
         if is_report(packet):
             return bytes(self._out.protect_rtcp(packet))
         return bytes(self._out.protect(packet))
 
-    def open(self, datagram: bytes) -> bytes:
-        """Check and open what came; `PacketError` when it was forged, changed, cut, replayed or is too old."""
+    def unprotect(self, datagram: bytes) -> bytes:
+        """Authenticate and decrypt a datagram.
+
+        Raises
+        ------
+        PacketError
+            When it was forged, changed, cut or replayed, or is too old.
+        """
         try:
             if is_report(datagram):
                 return bytes(self._in.unprotect_rtcp(datagram))
@@ -59,7 +65,7 @@ class SrtpCrypto:
 
 
 def is_report(packet: bytes) -> bool:
-    """Tell RTCP from RTP by its second byte (RFC 5761 section 4)."""
+    """Whether a packet is RTCP, not RTP, by its second byte (RFC 5761 section 4)."""
     return len(packet) > 1 and 64 <= packet[1] & 0x7F <= 95
 
 

@@ -1,22 +1,22 @@
-"""How the line does, in the vocabulary of RFC 3550 and of WebRTC's inbound statistics.
+"""Statistics of reception, named as in RFC 3550 and WebRTC's inbound statistics.
 
 ========================  ===================================================================================
 here                      WebRTC (``RTCInboundRtpStreamStats``)
 ========================  ===================================================================================
-``packets_received``      ``packetsReceived``, duplicates left out
-``packets_lost``          ``packetsLost``: expected less received, before any mending
-``most_lost``             none: the most that ``packets_lost`` was; a late packet lowers that, but not a counter
-``packets_late``          ``packetsDiscarded``: came after their place had been filled
+``packets_received``      ``packetsReceived``, without duplicates
+``packets_lost``          ``packetsLost``: expected less received, before any recovery
+``most_lost``             none: the maximum of ``packets_lost``, which a late packet lowers; a counter must not fall
+``packets_late``          ``packetsDiscarded``: received after their place had been filled
 ``packets_duplicated``    none; RFC 3550 counts them as received
-``packets_reordered``     none: came after a younger one
-``packets_recovered``     ``fecPacketsReceived`` that were of use
-``packets_concealed``     none: lost packets whose sound was guessed
-``packets_skipped``       none: came too late to be judged, kept as history
+``packets_reordered``     none: received after a newer one
+``packets_recovered``     ``fecPacketsReceived`` that were used
+``packets_concealed``     none: lost packets whose sound was concealed
+``packets_skipped``       none: too late for a prediction, used as history only
 ``jitter``                ``jitter``, RFC 3550 section 6.4.1
 ``samples_received``      ``totalSamplesReceived``
 ``samples_concealed``     ``concealedSamples``
 ``concealment_events``    ``concealmentEvents``
-``samples_skipped``       none: holes too long to be worth guessing
+``samples_skipped``       none: gaps too long to conceal
 ========================  ===================================================================================
 """
 
@@ -28,7 +28,7 @@ from tactophone.link.rtcp import ReceiverReport, SenderReport
 
 @dataclass(slots=True)
 class StreamStats:
-    """Counters of one stream since it began; see the module for their meaning."""
+    """Counters of one stream since it began; the module explains them."""
 
     packets_received: int = 0
     packets_late: int = 0
@@ -50,7 +50,7 @@ class StreamStats:
 
     @property
     def packets_expected(self) -> int:
-        """From the first to the highest sequence number heard."""
+        """From the first to the highest sequence number received."""
         return 0 if self.first is None else self.highest - self.first + 1
 
     @property
@@ -60,7 +60,7 @@ class StreamStats:
 
 
 class Reception:
-    """Keeps a stream's `StreamStats` and writes the reports of it."""
+    """Updates a stream's `StreamStats` and makes its receiver reports."""
 
     def __init__(self) -> None:
         self.stats = StreamStats()
@@ -70,12 +70,12 @@ class Reception:
         self._last_report = (0, 0.0)
 
     def count(self, sequence: int, timestamp: int, octets: int, *, now: float) -> bool:
-        """Note a packet's arrival; false when it came before (only the newest 2**10 are remembered)."""
+        """Count a packet; return false for a duplicate (among the newest 2**10)."""
         stats, number = self.stats, self._extend(sequence)
         if number in self._seen:
             stats.packets_duplicated += 1
             return False
-        self._remember(number)
+        self._mark_seen(number)
         stats.packets_received += 1
         stats.packets_reordered += number < stats.highest
         stats.octets_received += octets
@@ -84,36 +84,42 @@ class Reception:
         self._update_jitter(timestamp, now)
         return True
 
-    def hear(self, report: SenderReport, *, now: float) -> None:
-        """Note the peer's report, to return it with the time that it lay here."""
+    def count_late(self, position: int, next_position: int) -> bool:
+        """Count a packet that begins before the next sample to be used; return whether it does."""
+        late = position < next_position
+        self.stats.packets_late += late
+        return late
+
+    def note_sender_report(self, report: SenderReport, *, now: float) -> None:
+        """Keep the peer's report, whose stamp and age the next receiver report returns."""
         self._last_report = (report.stamp, now)
 
     def report(self, *, ssrc: int, of: int, now: float) -> ReceiverReport:
-        """Write what was heard since the last report."""
+        """Make the receiver report on stream ``of`` since the last report."""
         stats = self.stats
         expected, received = stats.packets_expected - self._reported[0], stats.packets_received - self._reported[1]
         self._reported = (stats.packets_expected, stats.packets_received)
         fraction = max(0.0, 1 - received / expected) if expected > 0 else 0.0
-        stamp, came = self._last_report
-        since = now - came if stamp else 0.0
+        stamp, received_at = self._last_report
+        since = now - received_at if stamp else 0.0
         return ReceiverReport(ssrc, of, fraction, stats.packets_lost, stats.highest, stats.jitter, stamp, since)
 
     def _extend(self, sequence: int) -> int:
-        """Undo the wrapping of a sequence number (RFC 3550 appendix A.1)."""
+        """Unwrap a sequence number (RFC 3550 appendix A.1)."""
         if self.stats.first is None:
             self.stats.first = self.stats.highest = sequence
         return self.stats.highest + ahead(sequence, self.stats.highest % (1 << 16), bits=16)
 
-    def _remember(self, number: int) -> None:
+    def _mark_seen(self, number: int) -> None:
         self._seen.add(number)
         if len(self._seen) > 1 << 11:
             self._seen = {seen for seen in self._seen if seen > self.stats.highest - (1 << 10)}
 
     def _update_jitter(self, timestamp: int, now: float) -> None:
-        """Smooth the change of transit times by a sixteenth (RFC 3550 appendix A.8)."""
+        """Average the change of transit times with a weight of 1/16 (RFC 3550 appendix A.8)."""
         transit = now - timestamp / CLOCK_RATE
         if self._transit is not None:
-            # The timestamp wraps once a day; the one step that this makes is no jitter.
+            # The timestamp wraps once a day; that step is not jitter.
             change = (abs(transit - self._transit) + 0.5) % ((1 << 32) / CLOCK_RATE) - 0.5
             self.stats.jitter += (change - self.stats.jitter) / 16
         self._transit = transit

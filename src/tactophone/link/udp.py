@@ -1,65 +1,60 @@
-"""The one file of the link that touches a socket."""
+"""The only module of the link that uses a socket."""
 
 import contextlib
 import select
 import socket
 from collections.abc import Iterable
-from types import TracebackType
 from typing import Protocol, Self, TypeAlias
 
 from tactophone.errors import DeviceError
 
 Endpoint: TypeAlias = tuple[str, int]
-"""Host and port, as the socket takes and gives them."""
+"""Host and port, as the socket expects and returns them."""
 
 _LARGEST = 2_048
 _MOST_AT_ONCE = 256
-"""Datagrams fetched in one go: over half a second of 2.5 ms packets, more than is ever worth having."""
+"""Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
 
 _EXPEDITED = 46 << 2
-"""Differentiated services "expedited forwarding" (RFC 3246); Wi-Fi sends such packets as voice."""
+"""DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
 
 
 class DatagramSocket(Protocol):
-    """Sends and fetches datagrams; all that a runtime needs of a network."""
+    """Sends and receives datagrams; all that the runtime needs of a network."""
 
     @property
     def address(self) -> Endpoint:
-        """Where others reach it."""
-        ...
+        """Local host and port."""
 
     def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
-        """Fetch whatever has come, with its origin, oldest first; waits for ``timeout`` seconds when nothing has."""
-        ...
+        """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
 
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
-        """Send each, without ever waiting; returns how many the system did not take."""
-        ...
+        """Send each without waiting; return how many the system refused."""
 
     def close(self) -> None:
         """Free the port."""
-        ...
 
 
 class UdpSocket:
-    """The network, as a context manager.
+    """A UDP socket; a context manager.
 
     Parameters
     ----------
     host, port
-        Where to listen; port 0 lets the system choose one.
+        Local address; port 0 lets the system choose.
 
     Raises
     ------
     DeviceError
-        When the address is not ours, or is taken.
+        When the address is not of this machine, or is in use.
     """
 
     def __init__(self, host: str = "0.0.0.0", port: int = 0) -> None:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        with contextlib.suppress(OSError):  # no harm where a system does not know the mark
+        with contextlib.suppress(OSError):  # works without, where a system does not support it
             self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
         try:
             self._socket.bind((host, port))
@@ -72,23 +67,21 @@ class UdpSocket:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     @property
     def address(self) -> Endpoint:
-        """Where others reach it."""
+        """Local host and port."""
         host, port, *_ = self._socket.getsockname()
         return host, port
 
     def fileno(self) -> int:
-        """For ``select``, beside other things to wait for."""
+        """Return the file descriptor, for ``select``."""
         return self._socket.fileno()
 
     def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
-        """Fetch whatever has come, with its origin, oldest first; waits for ``timeout`` seconds when nothing has."""
+        """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
         if timeout > 0:
             select.select([self._socket], [], [], timeout)
         datagrams: list[tuple[bytes, Endpoint]] = []
@@ -98,12 +91,12 @@ class UdpSocket:
             except BlockingIOError:
                 break
             except OSError:
-                continue  # a past datagram met a closed port; it says nothing of the next
+                continue  # an earlier datagram reached a closed port; the next may succeed
             datagrams.append((datagram, (origin[0], origin[1])))
         return datagrams
 
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
-        """Send each, without ever waiting; returns how many the system did not take."""
+        """Send each without waiting; return how many the system refused."""
         refused = 0
         for datagram, target in datagrams:
             try:
@@ -118,9 +111,9 @@ class UdpSocket:
 
 
 def resolve(host: str, port: int) -> Endpoint:
-    """Look a host's name up; `DeviceError` when nobody knows it."""
+    """Resolve a host name; `DeviceError` when that fails."""
     try:
         *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except OSError as error:
-        raise DeviceError(f"{host!r} is not a host that can be found ({error.strerror}); check link.peer") from error
+        raise DeviceError(f"{host!r} cannot be resolved ({error.strerror}); check link.peer") from error
     return str(address[0]), int(address[1])

@@ -1,8 +1,8 @@
-"""How long the decision takes: from a touch to the first vibration, from an edge to a changed feel.
+"""Decision delay: from contact to the first vibration, and from an edge between surfaces to the changed vibration.
 
-The simulated finger strokes to and fro over a smooth and a rough stone that lie side by side, and taps them now and
-then. Its sound goes through the same walk as live sound does, in virtual time, and the oscillator renders the result:
-what the line and the devices add is measured elsewhere (`tactophone.measurement.latency`) and comes on top.
+The simulated finger strokes to and fro over a smooth and a rough stone side by side, and taps them now and then. Its
+sound goes through the same pipeline as live sound, in virtual time, and the oscillator renders the result. Network and
+devices are measured separately (`tactophone.measurement.latency`) and add to these delays.
 """
 
 from collections.abc import Iterator
@@ -12,46 +12,43 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.endpoints import Pipeline
-from tactophone.haptics import Limits, Oscillator
-from tactophone.haptics.mapping import ROUGH, SMOOTH
-from tactophone.simulation import SimulatedFinger, find, row
-from tactophone.simulation.content.movement import Script
-from tactophone.types import FloatArray, Touch
+from tactophone.haptics import ROUGH_STIMULUS, SMOOTH_STIMULUS, Limits, Oscillator
+from tactophone.pipeline import Pipeline
+from tactophone.simulation import Script, SimulatedFinger, find, row
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
-RATE = 48_000
 BLOCK = 120
 """Samples of a packet of 2.5 ms."""
 
-MIDDLE = sqrt(SMOOTH.frequency * ROUGH.frequency)
-"""Hz at which the feel changes sides, half way by ratio."""
+MIDDLE = sqrt(SMOOTH_STIMULUS.frequency * ROUGH_STIMULUS.frequency)
+"""Hz that separate the smooth from the rough vibration: their geometric mean."""
 
 FIRST = 1e-4
-"""Amplitude from which a sample vibrates, as for clicks."""
+"""Amplitude above which a sample vibrates, as in `impulse_latency`."""
 
 CHANGED_FOR = 0.03
-"""Seconds that a changed feel must last to count: the shortest burst that is felt (Sci. Rep. 2025, 15:5057)."""
+"""Seconds that a changed vibration must last to count: the shortest burst that is felt (Sci. Rep. 2025, 15:5057)."""
 
-LONGEST = 0.6
+MAX_DECISION_DELAY = 0.6
 """Seconds after which a change counts as missed."""
 
 HOP = 0.06
-"""Seconds without contact that are no lift."""
+"""Seconds without contact that are not a lift."""
 
 PITCH = 0.085
-"""Metres from stone to stone: their own width, so that the finger slides from one to the next."""
+"""Metres between the centres of the stones: their width, so that the finger slides from one to the next."""
 
 
 @dataclass(slots=True)
-class Delays:
-    """Seconds from what happened to what was felt of it, and how often nothing was.
+class DecisionDelays:
+    """Seconds from each event to the vibration that it caused, and the number of events that caused none.
 
     Parameters
     ----------
     touch
         From contact to the first sample that vibrates.
     edge
-        From the edge between smooth and rough to the frequency's crossing of `MIDDLE`.
+        From the edge between smooth and rough until the frequency crosses `MIDDLE`.
     """
 
     touch: list[float] = field(default_factory=list)
@@ -61,35 +58,38 @@ class Delays:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Run:
+class _Rendered:
     touch: NDArray[np.int8]
     waveform: FloatArray
     frequency: NDArray[np.float64]
-    """Of the newest command, after each sample's block; NaN while nothing is felt."""
+    """Of the newest command, after each sample's block; NaN while its amplitude is 0."""
 
 
-def measure_decisions(walk: Pipeline, *, passes: int = 20, seed: int = 0) -> Delays:
-    """Stroke, judge and feel, and take the times.
+def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) -> DecisionDelays:
+    """Stroke, detect and render, and measure the delays.
 
     Parameters
     ----------
-    walk
-        For two channels at 48 kHz, as new.
+    pipeline
+        For two channels at 48 kHz, newly opened.
     passes
-        Strokes over the edge; a lift and a new touch come after every fourth.
+        Strokes over the edge; a lift and a new touch follow every fourth.
     """
-    run = _felt(walk, passes, seed)
-    run = replace(run, touch=_without_hops(run.touch))
-    delays = Delays()
-    touching = run.touch != Touch.NONE
+    rendered = _render(pipeline, passes, seed)
+    rendered = replace(rendered, touch=_without_hops(rendered.touch))
+    delays = DecisionDelays()
+    touching = rendered.touch != Touch.NONE
     for onset in _onsets(touching):
-        loud = np.flatnonzero(np.abs(run.waveform[onset : onset + int(LONGEST * RATE)]) > FIRST)
+        loud = np.flatnonzero(
+            np.abs(rendered.waveform[onset : onset + int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE)]) > FIRST
+        )
         if len(loud):
-            delays.touch.append(float(loud[0]) / RATE)
+            delays.touch.append(float(loud[0]) / LIVE_SAMPLE_RATE)
         else:
             delays.missed_touches += 1
-    for edge in np.flatnonzero((run.touch[1:] != run.touch[:-1]) & touching[1:] & touching[:-1]) + 1:
-        delay = _time_to_change(run, int(edge))
+    changes = (rendered.touch[1:] != rendered.touch[:-1]) & touching[1:] & touching[:-1]
+    for edge in np.flatnonzero(changes) + 1:
+        delay = _time_to_change(rendered, int(edge))
         if delay is None:
             delays.missed_edges += 1
         else:
@@ -98,33 +98,35 @@ def measure_decisions(walk: Pipeline, *, passes: int = 20, seed: int = 0) -> Del
 
 
 def _without_hops(touch: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Let a touch last over moments too short to be a lift: over an edge, the finger hops."""
-    bridged = touch.copy()
+    """Fill moments without contact that are too short to be a lift: over an edge, the finger hops."""
+    filled = touch.copy()
     starts = np.flatnonzero(np.diff(touch, prepend=np.int8(-1)))
     ends = np.append(starts[1:], len(touch))
     for start, end in zip(starts, ends, strict=True):
-        if start and touch[start] == Touch.NONE and end - start < HOP * RATE:
-            bridged[start:end] = bridged[start - 1]
-    return bridged
+        if start and touch[start] == Touch.NONE and end - start < HOP * LIVE_SAMPLE_RATE:
+            filled[start:end] = filled[start - 1]
+    return filled
 
 
-def _felt(walk: Pipeline, passes: int, seed: int) -> _Run:
+def _render(pipeline: Pipeline, passes: int, seed: int) -> _Rendered:
     finger, duration = _finger(passes, seed)
     oscillator = Oscillator(Limits())
-    # What a block leads to can be felt from the block's end on: hence a silent block before the first.
+    # The vibration caused by a block starts at the block's end at the earliest: hence a silent block before the first.
     touch, waveform = [], [np.zeros(BLOCK, np.float32)]
     frequency = [np.nan]
-    for _ in range(int(duration * RATE / BLOCK)):
-        tick = walk.push(finger.render(BLOCK))
-        for command in tick.commands:
+    for _ in range(int(duration * LIVE_SAMPLE_RATE / BLOCK)):
+        step = pipeline.push(finger.render(BLOCK))
+        for command in step.commands:
             oscillator.submit(command)
         out = np.empty(BLOCK, np.float32)
         oscillator.render(out)
-        newest = tick.command
         touch.append(finger.truth.touch)
         waveform.append(out)
-        frequency.append(frequency[-1] if newest is None else newest.frequency if newest.amplitude else np.nan)
-    return _Run(np.concatenate(touch), np.concatenate(waveform[:-1]), np.repeat(np.array(frequency[:-1]), BLOCK))
+        newest = frequency[-1]
+        if step.command is not None:
+            newest = step.command.frequency if step.command.amplitude else np.nan
+        frequency.append(newest)
+    return _Rendered(np.concatenate(touch), np.concatenate(waveform[:-1]), np.repeat(np.array(frequency[:-1]), BLOCK))
 
 
 def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
@@ -145,19 +147,20 @@ def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
 
 
 def _onsets(touching: NDArray[np.bool_]) -> Iterator[int]:
-    """Give each beginning of a touch that lasts, after a time without any."""
+    """Yield the first sample of each touch that follows 0.2 s without contact and lasts most of 0.1 s."""
     for onset in np.flatnonzero(touching[1:] & ~touching[:-1]) + 1:
-        before, after = touching[max(0, onset - RATE // 5) : onset], touching[onset : onset + RATE // 10]
+        before = touching[max(0, onset - LIVE_SAMPLE_RATE // 5) : onset]
+        after = touching[onset : onset + LIVE_SAMPLE_RATE // 10]
         if not before.any() and after.mean() > 0.8:
             yield int(onset)
 
 
-def _time_to_change(run: _Run, edge: int) -> float | None:
-    """Seconds until the frequency lies on the new surface's side and stays there."""
-    rough = run.touch[edge] == Touch.ROUGH
-    frequency = run.frequency[edge : edge + int(LONGEST * RATE)]
-    right = (frequency < MIDDLE) if rough else (frequency > MIDDLE)
-    size = int(CHANGED_FOR * RATE)
-    lasting = np.convolve(right, np.ones(size), mode="valid") == size
-    found = np.flatnonzero(lasting)
-    return float(found[0]) / RATE if len(found) else None
+def _time_to_change(rendered: _Rendered, edge: int) -> float | None:
+    """Return the seconds until the frequency is on the new surface's side of `MIDDLE` for `CHANGED_FOR`."""
+    rough = rendered.touch[edge] == Touch.ROUGH
+    frequency = rendered.frequency[edge : edge + int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE)]
+    changed = (frequency < MIDDLE) if rough else (frequency > MIDDLE)
+    size = int(CHANGED_FOR * LIVE_SAMPLE_RATE)
+    # The convolution counts the changed samples in each stretch of `size`.
+    found = np.flatnonzero(np.convolve(changed, np.ones(size), mode="valid") == size)
+    return float(found[0]) / LIVE_SAMPLE_RATE if len(found) else None

@@ -1,7 +1,7 @@
-"""How long a vibration outlives its cause: the link, the robot, the operator's process or the sound server ends.
+"""Time from a failure to silence, where the link, the robot, the operator's process or the sound server fails.
 
-The robot strokes without end, and a JACK client listens at the operator's port. Something is ended, and the time is
-taken until the vibration has sunk to -60 dB.
+The robot sends an endless stroke, and a JACK client records the peaks at the operator's port. Something is stopped, and
+the time is measured until the vibration has fallen to -60 dB.
 """
 
 import itertools
@@ -15,62 +15,63 @@ import numpy as np
 from tactophone.config import Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.measurement.impulse_latency import PEAK, RATE, TONE
-from tactophone.measurement.latency import Graph, Sides, felt_port, running_sides
-from tactophone.types import AlwaysOpen, AudioBlock, FloatArray
+from tactophone.measurement.impulse_latency import PEAK, TONE
+from tactophone.measurement.latency import Graph, Sides, running_sides, vibration_port
+from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 
 BLOCK = 128
-"""Samples a block of the stroke."""
+"""Samples of a block of the stroke."""
 
 SILENT = 1e-3
 """Amplitude that counts as silent: -60 dB of full drive."""
 
 STROKE = 1.0
-"""Seconds of vibration before the end."""
+"""Seconds of vibration before the failure."""
 
 AFTERMATH = 0.6
-"""Seconds listened after the end."""
+"""Seconds recorded after the failure."""
 
 _LONGEST = 60.0
 
 
 class EndlessStroke(AlwaysOpen):
-    """A source that strokes without end."""
+    """A source of an endless tone."""
 
-    sample_rate, channels = RATE, 2
+    sample_rate, channels = LIVE_SAMPLE_RATE, 2
 
     def __init__(self, _: Settings) -> None:
-        self._second = (PEAK * np.sin(2 * np.pi * TONE / RATE * np.arange(RATE + BLOCK))).astype(np.float32)
+        times = np.arange(LIVE_SAMPLE_RATE + BLOCK) / LIVE_SAMPLE_RATE
+        self._second = (PEAK * np.sin(2 * np.pi * TONE * times)).astype(np.float32)
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for start in itertools.count(0, BLOCK):
-            phase = start % RATE  # a second is a whole number of the tone's periods
+            phase = start % LIVE_SAMPLE_RATE  # a second is a whole number of the tone's periods
             tone = self._second[phase : phase + BLOCK]
-            yield AudioBlock(np.stack([tone, tone], axis=1), RATE, start)
+            yield AudioBlock(np.stack([tone, tone], axis=1), LIVE_SAMPLE_RATE, start)
 
 
-class Listener:
-    """Notes when each period came and how strong it was; ``process`` is for a JACK client."""
+class PeakRecorder:
+    """Records the time and the peak amplitude of each period; ``process`` is for a JACK client."""
 
     def __init__(self) -> None:
-        self._rows = np.zeros((int(_LONGEST * RATE / 16), 2))
+        self._rows = np.zeros((int(_LONGEST * LIVE_SAMPLE_RATE / 16), 2))
         self._count = 0
 
     def process(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
-        """Be the JACK callback."""
+        """Record a period, as the JACK callback."""
         if self._count < len(self._rows):
             self._rows[self._count] = time.monotonic(), np.abs(inputs[0]).max()
             self._count += 1
 
     @property
     def peak(self) -> float:
-        """Of the newest period."""
+        """Peak amplitude of the newest period."""
         return float(self._rows[self._count - 1, 1]) if self._count else 0.0
 
-    def outlived(self, moment: float) -> float:
-        """Seconds from a moment to the first period from which on all are silent; infinite if there is none.
+    def time_to_silence(self, moment: float) -> float:
+        """Return the seconds from ``moment`` until all further periods are silent; infinite if they never are.
 
-        Where a sound server stands still for a while, its output is unknown and counts as vibrating.
+        While a sound server stalls, its output is unknown and counts as vibrating.
         """
         rows = self._rows[: self._count]
         loud = np.flatnonzero(rows[:, 1] > SILENT)
@@ -79,45 +80,45 @@ class Listener:
         return float(rows[loud[-1] + 1, 0] - moment)
 
 
-def outlive(settings: Settings, graph: Graph, end: Callable[[Sides], None]) -> float:
-    """Let a stroke be felt, end something, and give the seconds until silence.
+def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Sides], None]) -> float:
+    """Start a stroke, stop something, and return the seconds until silence.
 
     Parameters
     ----------
-    end
-        Ends something of the two sides.
+    stop
+        Stops something of the two sides.
 
     Raises
     ------
     TactophoneError
-        When nothing is felt to begin with.
+        When there is no vibration to begin with.
     """
-    listener = Listener()
-    with running_sides(settings, graph, open_source=EndlessStroke) as sides, listening(listener, graph, sides):
+    recorder = PeakRecorder()
+    with running_sides(settings, graph, open_source=EndlessStroke) as sides, recording(recorder, graph, sides):
         time.sleep(STROKE)
-        _await_vibration(listener)  # again: a busy machine may have let it fade for a moment
+        _await_vibration(recorder)  # again: on a busy machine it may have faded for a moment
         moment = time.monotonic()
-        end(sides)
+        stop(sides)
         time.sleep(AFTERMATH)
-        return listener.outlived(moment)
+        return recorder.time_to_silence(moment)
 
 
 @contextmanager
-def listening(listener: Listener, graph: Graph, sides: Sides) -> Iterator[JackClient]:
-    """Listen, from when the stroke is felt; gives the listening client."""
-    wires = {"felt": felt_port(graph, sides)}
-    client = JackClient("tactophone-listener", listener.process, inputs=wires, outputs={}, server=graph.server)
+def recording(recorder: PeakRecorder, graph: Graph, sides: Sides) -> Iterator[JackClient]:
+    """Record the vibration from when it has started; yields the recording client."""
+    wires = {"vibration": vibration_port(graph, sides)}
+    client = JackClient("tactophone-recorder", recorder.process, inputs=wires, outputs={}, server=graph.server)
     client.open()
     try:
-        _await_vibration(listener)
+        _await_vibration(recorder)
         yield client
     finally:
         client.close()
 
 
-def _await_vibration(listener: Listener) -> None:
+def _await_vibration(recorder: PeakRecorder) -> None:
     for _ in range(500):
-        if listener.peak > SILENT:
+        if recorder.peak > SILENT:
             return
         time.sleep(0.01)
-    raise TactophoneError("nothing was felt within 5 s: try `tactophone latency --dummy` to see what fails")
+    raise TactophoneError("no vibration within 5 s: try `tactophone latency --dummy` to see what fails")

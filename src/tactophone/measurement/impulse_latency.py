@@ -1,7 +1,7 @@
-"""Clicks, the vibration that answers them, and what both tell of the way between: no device, no process.
+"""Analysis of the latency from impulses to vibration, without devices or processes.
 
-Each click is followed twice: by counting samples of one sound clock, and through the marks that both sides leave on
-the machine's clock.
+The latency of each impulse is measured twice: by counting samples of one sound clock, and by the marks that both sides
+record on the system clock.
 """
 
 import time
@@ -12,52 +12,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.telemetry import STAGES
-from tactophone.types import FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
-RATE = 48_000
 BURST = 0.03
-"""Seconds of a click: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
+"""Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
 
 TONE = 300.0
-"""Hz of a click: where the sense of vibration is best, and within every codec's band."""
+"""Hz of an impulse: near the best sensitivity of the skin, and within every codec's band."""
 
 PEAK = 0.8
-"""Of a click; its first sample is already the highest."""
+"""Amplitude of an impulse; its first sample is the highest."""
 
 INTERVALS = (0.2, 0.25)
-"""Seconds between clicks, drawn evenly: the vibration has faded by then, and every phase of the period comes up."""
+"""Range of seconds between impulses, uniform: the vibration has faded by then, and every phase of the period occurs."""
 
 FIRST = 1e-4
-"""Amplitude from which a sample vibrates, 80 dB under full drive; at rest, every sample is exactly zero."""
+"""Amplitude above which a sample vibrates, 80 dB below full drive; at rest, every sample is exactly zero."""
 
 LONGEST = 0.15
-"""Seconds after which a click counts as missed."""
+"""Seconds after which an impulse counts as missed."""
 
 WARM_UP = 1.5
-"""Seconds of sound before the first click, in which estimates settle."""
+"""Seconds of sound before the first impulse, in which estimators converge."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """What was measured, one entry a click, in seconds.
+class ImpulseLatency:
+    """The measured latencies, one entry for each impulse, in seconds.
 
     Parameters
     ----------
-    clicks
-        How many were played; those missed are in no array.
+    impulses
+        Number played; missed impulses are in no array.
     end_to_end
-        By samples counted.
+        By counted samples.
     stages
-        By marks; for each stage of `tactophone.telemetry.STAGES`, of the clicks whose marks were all found.
+        By marks, for each stage of `tactophone.telemetry.STAGES`; only impulses with all marks.
     disagreement
-        Between the mean of those clicks end to end and the mean of their stages' sum.
+        Difference between the mean end-to-end latency of those impulses and the mean sum of their stages.
     period
-        Samples a period of the JACK server.
+        Samples of a period of the JACK server.
     restarts
-        Times that a side had to be begun again meanwhile; clicks after one are missed, as it stays muted.
+        Number of times that a side was restarted; later impulses are missed, as it stays muted.
     """
 
-    clicks: int
+    impulses: int
     end_to_end: NDArray[np.float64]
     stages: dict[str, NDArray[np.float64]]
     disagreement: float
@@ -66,37 +65,37 @@ class Measured:
 
     @property
     def missed(self) -> int:
-        """Clicks that were not felt."""
-        return self.clicks - len(self.end_to_end)
+        """Number of impulses that caused no vibration."""
+        return self.impulses - len(self.end_to_end)
 
 
-class Clicker:
-    """Plays clicks and records the vibration; ``process`` is for a JACK client. Everything is allocated beforehand."""
+class ImpulsePlayer:
+    """Plays impulses and records the vibration; ``process`` is for a JACK client and allocates nothing."""
 
-    def __init__(self, clicks: int, *, seed: int = 0) -> None:
-        gaps = np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, clicks) * RATE
-        self.clicks: NDArray[np.int64] = (WARM_UP * RATE + np.cumsum(gaps)).astype(np.int64)
-        size = int(self.clicks[-1] + INTERVALS[1] * RATE)
-        self.played, self.felt = np.zeros(size, np.float32), np.zeros(size, np.float32)
-        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(BURST * RATE)) / RATE)
-        for click in self.clicks:
-            self.played[click : click + len(burst)] = burst
+    def __init__(self, impulses: int, *, seed: int = 0) -> None:
+        gaps = np.random.default_rng([0xC11C, seed]).uniform(*INTERVALS, impulses) * LIVE_SAMPLE_RATE
+        self.impulses: NDArray[np.int64] = (WARM_UP * LIVE_SAMPLE_RATE + np.cumsum(gaps)).astype(np.int64)
+        size = int(self.impulses[-1] + INTERVALS[1] * LIVE_SAMPLE_RATE)
+        self.played, self.vibration = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        burst = PEAK * np.cos(2 * np.pi * TONE * np.arange(int(BURST * LIVE_SAMPLE_RATE)) / LIVE_SAMPLE_RATE)
+        for impulse in self.impulses:
+            self.played[impulse : impulse + len(burst)] = burst
         self.position = 0
         self._cycles = np.full((size // 16, 2), np.nan)
         self._count = 0
 
     @property
     def done(self) -> bool:
-        """Whether all clicks have been played and their vibration has had its time."""
+        """Whether all impulses were played and the time for their vibration has passed."""
         return self.position >= len(self.played)
 
     @property
     def cycles(self) -> NDArray[np.float64]:
-        """When each period began: its first sample, and the machine's clock in s."""
+        """The start of each period: its first sample, and the system clock in s; shape ``(periods, 2)``."""
         return self._cycles[: self._count]
 
     def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
-        """Be the JACK callback."""
+        """Play and record a period, as the JACK callback."""
         size, position = len(outputs[0]), self.position
         if position + size > len(self.played) or self._count >= len(self._cycles):
             self.position = len(self.played)
@@ -107,54 +106,55 @@ class Clicker:
         self._count += 1
         for output in outputs:
             output[:] = self.played[position : position + size]
-        self.felt[position : position + size] = inputs[0]
+        self.vibration[position : position + size] = inputs[0]
         self.position = position + size
 
     def onsets(self) -> Iterator[tuple[int, int]]:
-        """Give each click that was felt, with the first sample that vibrates after it."""
-        for click in self.clicks:
-            found = np.flatnonzero(np.abs(self.felt[click : click + int(LONGEST * RATE)]) > FIRST)
-            if len(found) and not np.abs(self.felt[click - 480 : click]).max() > FIRST:
-                yield int(click), int(click + found[0])
+        """Yield each impulse that caused vibration, and the first sample that vibrates after it."""
+        for impulse in self.impulses:
+            after = self.vibration[impulse : impulse + int(LONGEST * LIVE_SAMPLE_RATE)]
+            found = np.flatnonzero(np.abs(after) > FIRST)
+            if len(found) and not np.abs(self.vibration[impulse - 480 : impulse]).max() > FIRST:
+                yield int(impulse), int(impulse + found[0])
 
     def clock(self, sample: int) -> float:
-        """The machine's clock at a sample: its period's beginning, and as far as it lies within."""
+        """Return the system clock (s) at a sample, counted from the start of its period."""
         start, begun = self.cycles[np.searchsorted(self.cycles[:, 0], sample, side="right") - 1]
-        return float(begun + (sample - start) / RATE)
+        return float(begun + (sample - start) / LIVE_SAMPLE_RATE)
 
 
-def analyse(clicker: Clicker, marks: dict[str, NDArray[np.void]], *, period: int) -> Measured:
-    """Follow each click's packet through the marks."""
-    felt = list(clicker.onsets())
-    found = [_moments(clicker, marks, click, onset) for click, onset in felt]
-    followed = np.array(
-        [(onset - click) / RATE for (click, onset), moments in zip(felt, found, strict=True) if moments]
-    )
+def analyse(player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], *, period: int) -> ImpulseLatency:
+    """Follow the packet of each impulse through the marks."""
+    onsets = list(player.onsets())
+    found = [_moments(player, marks, impulse, onset) for impulse, onset in onsets]
+    complete = [pair for pair, moments in zip(onsets, found, strict=True) if moments]
+    followed = np.array([(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in complete])
+    # Rows are impulses; the differences of nine successive moments are the durations of the eight stages.
     table = np.diff(np.array([moments for moments in found if moments]).reshape(-1, len(STAGES) + 1), axis=1)
-    return Measured(
-        clicks=len(clicker.clicks),
-        end_to_end=np.array([(onset - click) / RATE for click, onset in felt]),
+    return ImpulseLatency(
+        impulses=len(player.impulses),
+        end_to_end=np.array([(onset - impulse) / LIVE_SAMPLE_RATE for impulse, onset in onsets]),
         stages={stage: table[:, index] for index, stage in enumerate(STAGES)},
         disagreement=float(abs(table.sum(axis=1).mean() - followed.mean())) if len(followed) else float("nan"),
         period=period,
     )
 
 
-def _moments(clicker: Clicker, marks: dict[str, NDArray[np.void]], click: int, onset: int) -> list[float] | None:
-    """Give the nine moments between which the eight stages lie; ``None`` when a mark of them is missing."""
-    began = clicker.cycles[np.searchsorted(clicker.cycles[:, 0], click, side="right") - 1, 1]
-    captured = _first_after(marks["captured"], began)
-    # The operator's callback of the same period ran before the clicker's, so its mark is the last one before it.
-    played = clicker.cycles[np.searchsorted(clicker.cycles[:, 0], onset, side="right") - 1, 1]
+def _moments(player: ImpulsePlayer, marks: dict[str, NDArray[np.void]], impulse: int, onset: int) -> list[float] | None:
+    """Return the nine moments that bound the eight stages; ``None`` when a mark is missing."""
+    period_start = player.cycles[np.searchsorted(player.cycles[:, 0], impulse, side="right") - 1, 1]
+    captured = _first_after(marks["captured"], period_start)
+    # The operator's callback of the same period ran before the player's, so its mark is the last one before it.
+    played = player.cycles[np.searchsorted(player.cycles[:, 0], onset, side="right") - 1, 1]
     rendered = _last_before(marks["rendered"], played)
     if captured is None or rendered is None:
         return None
     end = int(rendered["position"])
-    times = [_time_at(marks[name], end) for name in ("sent", "received", "released", "decoded", "judged")]
+    times = [_time_at(marks[name], end) for name in ("sent", "received", "released", "decoded", "detected")]
     found = [moment for moment in times if moment is not None]
     if len(found) < len(times):
         return None
-    return [clicker.clock(click), float(captured["time"]), *found, float(rendered["time"]), clicker.clock(onset)]
+    return [player.clock(impulse), float(captured["time"]), *found, float(rendered["time"]), player.clock(onset)]
 
 
 def _first_after(marks: NDArray[np.void], moment: float) -> np.void | None:
@@ -168,7 +168,7 @@ def _last_before(marks: NDArray[np.void], moment: float) -> np.void | None:
 
 
 def _time_at(marks: NDArray[np.void], end: int) -> float | None:
-    """When sound up to a timestamp had come: at the first mark at it or less than half a second beyond."""
+    """Return the time of the first mark at an RTP timestamp or less than half a second after it."""
     beyond = (marks["position"] - end) % (1 << 32)
-    found = np.flatnonzero(beyond < RATE // 2)
+    found = np.flatnonzero(beyond < LIVE_SAMPLE_RATE // 2)
     return float(marks["time"][found[0]]) if len(found) else None

@@ -1,9 +1,9 @@
-"""How long from a click at the microphones to the first vibration, and where the time goes.
+"""Latency of the running system from an impulse at the microphones to the first vibration, stage by stage.
 
-A client of the same JACK graph plays clicks into the robot's ports (or into a loudspeaker before its microphones) and
-records what the operator's port gives (or a sensor on the actuator). Two independent measures come of it, taken with
-different clocks, which must agree (:mod:`tactophone.measurement.impulse_latency`): *end to end*, by counting samples, and *the
-budget*, by following the very packet that made the finger vibrate.
+A client of the same JACK graph plays impulses into the robot's ports (or into a loudspeaker in front of its
+microphones) and records the operator's port (or a sensor on the actuator). Two independent measurements with different
+clocks must agree (:mod:`tactophone.measurement.impulse_latency`): *end to end*, by counting samples, and *the budget*,
+by the marks of the packet that caused the vibration.
 """
 
 import secrets
@@ -21,28 +21,26 @@ from numpy.typing import NDArray
 from tactophone.config import Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.measurement.impulse_latency import Clicker, Measured, analyse
-from tactophone.runtime import Supervisor, run_operator, run_robot
-from tactophone.runtime.pairing import on_one_machine
-from tactophone.runtime.wiring import OpenSource, open_device
+from tactophone.measurement.impulse_latency import ImpulseLatency, ImpulsePlayer, analyse
+from tactophone.runtime import OpenSource, Supervisor, open_device, pair_on_one_machine, run_operator, run_robot
 from tactophone.telemetry import MARKS, Watcher
 
 COLLECT_EVERY = 1.0
-"""Seconds between two looks at the marks, of which ten seconds' worth are kept."""
+"""Seconds between two reads of the marks; telemetry keeps those of ten seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """Where the clicks go and where the vibration comes from; empty names mean the sides' own JACK ports."""
+    """The JACK ports of impulses and vibration; empty names mean the sides' own ports."""
 
     server: str = ""
-    click_to: str = ""
-    felt_from: str = ""
+    impulse_port: str = ""
+    vibration_port: str = ""
 
     @property
-    def through_air(self) -> bool:
-        """Whether the way leads over hardware outside the graph."""
-        return bool(self.click_to)
+    def external(self) -> bool:
+        """Whether the path leads over hardware outside the graph."""
+        return bool(self.impulse_port)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +55,11 @@ def measure(
     settings: Settings,
     graph: Graph,
     *,
-    clicks: int = 100,
+    impulses: int = 100,
     seed: int = 0,
     progress: Callable[[float], None] = lambda share: None,
-) -> Measured:
-    """Run both sides on this machine, click, and measure.
+) -> ImpulseLatency:
+    """Run both sides on this machine, play impulses, and measure.
 
     Raises
     ------
@@ -69,57 +67,58 @@ def measure(
         When a side does not start, or the two do not connect.
     """
     with running_sides(settings, graph) as sides:
-        clicker = Clicker(clicks, seed=seed)
+        player = ImpulsePlayer(impulses, seed=seed)
         robot = sides.robot.name
-        clicks_to = {"contact": f"{robot}:contact", "air": f"{robot}:air"}
-        if graph.through_air:
-            clicks_to = {"click": graph.click_to}
-        felt = {"felt": felt_port(graph, sides)}
-        client = JackClient("tactophone-clicker", clicker.process, inputs=felt, outputs=clicks_to, server=graph.server)
+        outputs = {"contact": f"{robot}:contact", "air": f"{robot}:air"}
+        if graph.external:
+            outputs = {"impulse": graph.impulse_port}
+        inputs = {"vibration": vibration_port(graph, sides)}
+        client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
         client.open()
         try:
-            marks = _collect(clicker, Watcher(sides.robot.name), Watcher(sides.operator.name), progress)
+            marks = _collect(player, Watcher(sides.robot.name), Watcher(sides.operator.name), progress)
             period = client.period
         finally:
             client.close()
         restarts = sides.robot.restarts + sides.operator.restarts
-    return replace(analyse(clicker, marks, period=period), restarts=restarts)
+    return replace(analyse(player, marks, period=period), restarts=restarts)
 
 
 def _collect(
-    clicker: Clicker, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
+    player: ImpulsePlayer, robot: Watcher, operator: Watcher, progress: Callable[[float], None]
 ) -> dict[str, NDArray[np.void]]:
-    """Wait until the clicker is done, and gather marks before they are written over."""
+    """Wait until the player is done, and collect the marks before they are overwritten."""
     kept: dict[str, list[NDArray[np.void]]] = {name: [] for name in MARKS}
-    while not clicker.done:
+    while not player.done:
         time.sleep(COLLECT_EVERY)
-        progress(clicker.position / len(clicker.played))
+        progress(player.position / len(player.played))
         for name, found in kept.items():
             found.append((robot if name in ("captured", "sent") else operator).marks(name))
     return {name: _joined(found) for name, found in kept.items()}
 
 
 def _joined(parts: list[NDArray[np.void]]) -> NDArray[np.void]:
-    whole = np.unique(np.concatenate(parts))  # the same mark is often seen twice; two packets at one moment stay two
+    whole = np.unique(np.concatenate(parts))  # removes marks that two reads returned; two packets at one moment differ
     return whole[np.argsort(whole["time"], kind="stable")]
 
 
 @contextmanager
 def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
-    """Run both sides, each in its process, from when they are connected; the robot hears ``open_source``."""
+    """Run both sides, each in its process, and yield once they are connected; the robot captures ``open_source``."""
     capture, output, process = settings.capture, settings.output, settings.process
-    if not graph.through_air:
+    if not graph.external:
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
     settings = replace(
         settings,
-        judge=replace(settings.judge, watch=False),
+        detector=replace(settings.detector, check_microphones=False),
         capture=replace(capture, source="jack"),
         output=replace(output, actuator="jack"),
         process=replace(process, jack_server=graph.server or process.jack_server),
     )
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-")))
-        robot, operator = on_one_machine(settings, folder, name=f"{process.name or 'latency'}-{secrets.token_hex(3)}")
+        name = f"{process.name or 'latency'}-{secrets.token_hex(3)}"
+        robot, operator = pair_on_one_machine(settings, folder, name=name)
         receive = partial(run_operator, robot=robot.process.name)
         send = partial(run_robot, open_source=open_source)
         receiving = stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
@@ -128,9 +127,9 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
         yield Sides(sending, receiving)
 
 
-def felt_port(graph: Graph, sides: Sides) -> str:
-    """Give the JACK port at which the vibration can be heard."""
-    return graph.felt_from or f"{sides.operator.name}:vibration"
+def vibration_port(graph: Graph, sides: Sides) -> str:
+    """Return the JACK port of the vibration."""
+    return graph.vibration_port or f"{sides.operator.name}:vibration"
 
 
 def _await_connection(operator: str) -> None:

@@ -1,7 +1,4 @@
-"""Pictures; the one here is in the manner of the paper's Figs. 7 and 8: what was heard, believed, felt, and true.
-
-Colours are those of Okabe and Ito (2008), which people with any colour vision tell apart.
-"""
+"""The figure of a run: sound, prediction, vibration and labels over time, as in the paper's Figs. 7 and 8."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,18 +7,13 @@ from typing import Any
 import numpy as np
 
 from tactophone.dataset import Segment
-from tactophone.errors import TactophoneError
 from tactophone.offline.peaks import PeakEnvelope
-from tactophone.telemetry.prediction_log import read_timeline
+from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
+from tactophone.telemetry import read_timeline
 from tactophone.types import Touch
 
-BLUE, ORANGE, GREEN, VERMILION, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#8C8C8C"
-PURPLE = "#CC79A7"
-"""Okabe and Ito's, and a grey for what is absent."""
-
-TOUCH_COLOURS = {Touch.NONE: "#E4E4E4", Touch.SMOOTH: "#56B4E9", Touch.ROUGH: VERMILION}
-
 _WIDTH, _DPI = 11.0, 130
+_NO_CONTACT_COLOUR = "#C9C9C9"
 
 
 def draw_recording(
@@ -33,20 +25,20 @@ def draw_recording(
     title: str = "",
     truth: Sequence[Segment] = (),
 ) -> None:
-    """Draw a recording as it was heard and felt, and write it as PNG.
+    """Draw a run and write it as PNG.
 
     Parameters
     ----------
     path
-        The picture to write.
+        The figure to write.
     timeline
-        The CSV file of the same run.
+        The CSV file of the run.
     microphones, vibration
-        As the run gathered them.
+        Peak envelopes of the run's sound and vibration.
     title
-        Above the picture.
+        Of the figure.
     truth
-        What is known of the recording; a strip is drawn where there is something.
+        Labelled segments; drawn as a strip if there are any.
 
     Raises
     ------
@@ -56,47 +48,24 @@ def draw_recording(
     pyplot = load_pyplot()
     lines = read_timeline(timeline)
     _, low, _ = microphones.columns()
-    heights = [1.0] * low.shape[1] + [1.0, 1.0, 0.16] + ([0.16] if truth else [])
+    channels = low.shape[1]
+    heights = [1.0] * channels + [1.0, 1.0, 0.16] + ([0.16] if truth else [])
     figure, axes = pyplot.subplots(
         len(heights), 1, sharex=True, layout="constrained",
         figsize=(_WIDTH, 1.25 + 1.1 * sum(heights)), height_ratios=heights,
     )  # fmt: skip
-    _draw_microphones(axes[: low.shape[1]], microphones)
-    confidence, felt, belief = axes[low.shape[1] : low.shape[1] + 3]
-    _draw_confidence(confidence, lines)
-    _draw_vibration(felt, vibration, lines)
-    _draw_strip(belief, "felt as", _runs(lines))
+    _draw_microphones(axes[:channels], microphones)
+    _draw_roughness(axes[channels], lines)
+    _draw_vibration(axes[channels + 1], vibration, lines)
+    _draw_strip(axes[channels + 2], "prediction", _spans(lines))
     if truth:
-        _draw_strip(axes[-1], "truth", [(one.start, one.end, one.label) for one in truth])
+        _draw_strip(axes[-1], "label", [(segment.start, segment.end, segment.label) for segment in truth])
     time, _, _ = vibration.columns()
     axes[-1].set(xlabel="time (s)", xlim=(0, float(time[-1]) if len(time) else 1.0))
     axes[0].set_title(title, loc="left", fontsize=10)
-    _legend(figure)
+    _add_legend(figure)
     figure.savefig(path, dpi=_DPI)
     pyplot.close(figure)
-
-
-def load_pyplot() -> Any:
-    """Import matplotlib's pyplot, styled as all our pictures are; `TactophoneError` if it is not installed."""
-    try:
-        import matplotlib as mpl  # slow to import, and only pictures need it
-    except ImportError as error:
-        raise TactophoneError("pictures need matplotlib: pip install 'tactophone[plot]'") from error
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    pyplot.rcParams.update(
-        {
-            "font.size": 9,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.labelcolor": "#333333",
-            "axes.edgecolor": "#999999",
-            "xtick.color": "#555555",
-            "ytick.color": "#555555",
-        }
-    )
-    return pyplot
 
 
 def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
@@ -104,19 +73,19 @@ def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
     names = ("contact", "air") if len(axes) == 2 else ("microphone",)
     for channel, (axis, name) in enumerate(zip(axes, names, strict=True)):
         axis.fill_between(time, low[:, channel], high[:, channel], color=BLUE, linewidth=0.4)
-        # Each to its own scale, at least -40 dBFS: the air microphone is some 20 dB quieter than the contact one.
+        # Each on its own scale, at least -40 dBFS: the air microphone is some 20 dB quieter than the contact one.
         reach = max(0.01, float(np.abs([low[:, channel], high[:, channel]]).max()) * 1.05)
         axis.set(ylim=(-reach, reach), ylabel=f"{name}\n(full scale)")
 
 
-def _draw_confidence(axis: Any, lines: dict[str, Any]) -> None:
-    touching = lines["contact"] > 0
+def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
+    in_contact = lines["contact"] > 0
     share = np.divide(
         lines["rough"], lines["smooth"] + lines["rough"],
         out=np.full_like(lines["rough"], np.nan), where=lines["smooth"] + lines["rough"] > 0,
     )  # fmt: skip
-    axis.step(lines["time"], share, where="post", color="#C9C9C9", linewidth=0.7)
-    axis.step(lines["time"], np.where(touching, share, np.nan), where="post", color=VERMILION, linewidth=1.1)
+    axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7)
+    axis.step(lines["time"], np.where(in_contact, share, np.nan), where="post", color=VERMILION, linewidth=1.1)
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
 
@@ -126,9 +95,9 @@ def _draw_vibration(axis: Any, envelope: PeakEnvelope, lines: dict[str, Any]) ->
     axis.fill_between(time, low[:, 0], high[:, 0], color=GREEN, linewidth=0.4)
     axis.set(ylim=(-1.05, 1.05), yticks=(-1, 0, 1), ylabel="vibration\n(full drive)")
     pitch = axis.twinx()
-    felt = np.where(lines["amplitude"] > 0, lines["frequency"], np.nan)
-    pitch.step(lines["time"], felt, where="post", color=ORANGE, linewidth=1.2)
-    pitch.set(ylim=(0, 150 if not np.nanmax(felt, initial=0) > 140 else None))
+    frequency = np.where(lines["amplitude"] > 0, lines["frequency"], np.nan)
+    pitch.step(lines["time"], frequency, where="post", color=ORANGE, linewidth=1.2)
+    pitch.set(ylim=(0, None if np.nanmax(frequency, initial=0) > 140 else 150))
     pitch.set_ylabel("frequency (Hz)", color="#A06E00")
     pitch.spines["right"].set_visible(True)
 
@@ -144,8 +113,8 @@ def _draw_strip(axis: Any, name: str, spans: Sequence[tuple[float, float, Touch 
     axis.tick_params(bottom=False)
 
 
-def _runs(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
-    """Join lines of the same touch to spans."""
+def _spans(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
+    """Join consecutive lines of equal touch to spans of start, end and touch."""
     time, touch = lines["time"], lines["touch"]
     if not len(time):
         return []
@@ -155,7 +124,7 @@ def _runs(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
     return [(float(time[at]), float(end), Touch(int(touch[at]))) for at, end in zip(starts, ends, strict=True)]
 
 
-def _legend(figure: Any) -> None:
+def _add_legend(figure: Any) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -163,7 +132,7 @@ def _legend(figure: Any) -> None:
     handles = [
         *strips,
         Line2D([], [], color=VERMILION, label="roughness in contact"),
-        Line2D([], [], color="#C9C9C9", label="... out of contact"),
-        Line2D([], [], color=ORANGE, label="frequency felt"),
+        Line2D([], [], color=_NO_CONTACT_COLOUR, label="... without contact"),
+        Line2D([], [], color=ORANGE, label="vibration frequency"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)

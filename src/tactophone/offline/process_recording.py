@@ -1,4 +1,7 @@
-"""Feels a recording, or any source that ends: from sound to vibration and timeline on disk, with memory kept flat."""
+"""A recording, or any source that ends, through the pipeline to a vibration and a timeline on disk.
+
+The sound is processed block by block, so that memory does not grow with its length.
+"""
 
 import time
 from collections import Counter
@@ -6,7 +9,6 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -14,51 +16,48 @@ import soundfile
 
 from tactophone.haptics import Oscillator, Passthrough, Playback
 from tactophone.offline.peaks import PeakEnvelope
-from tactophone.perception.features.resample import Resampler
+from tactophone.perception import Resampler
 from tactophone.pipeline import Pipeline
-from tactophone.telemetry.prediction_log import TimelineWriter
-from tactophone.types import AudioBlock, FloatArray, PipelineStep, Source, Touch
-
-HAPTIC_RATE = 48_000
-"""Hz of the vibration's file."""
+from tactophone.telemetry import TimelineWriter
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep, Source, Touch
 
 TAIL = 0.1
-"""Seconds of vibration after the sound's end: the dead-man's fade, to its last sample."""
+"""Seconds of vibration after the end of the sound: the fade that follows the last command, to its last sample."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outputs:
-    """Where the results of one recording go; those that are ``None`` are not written."""
+class OutputFiles:
+    """Where the results of a recording are written; the JSON timeline only if it has a path."""
 
     waveform: Path
     timeline: Path
     timeline_json: Path | None = None
 
     @classmethod
-    def beside(cls, folder: Path, stem: str, *, json: bool = False) -> Self:
-        """Name the files ``stem.haptic.wav``, ``stem.timeline.csv`` and ``stem.timeline.json`` in a folder."""
+    def in_folder(cls, folder: Path, stem: str, *, json: bool = False) -> Self:
+        """Name the files ``stem.haptic.wav``, ``stem.timeline.csv`` and ``stem.timeline.json``."""
         timeline_json = folder / f"{stem}.timeline.json" if json else None
         return cls(folder / f"{stem}.haptic.wav", folder / f"{stem}.timeline.csv", timeline_json)
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
-    """What came of a recording.
+class RunSummary:
+    """Totals of a processed recording.
 
     Parameters
     ----------
     duration
         Of the sound, in s.
     updates
-        Beliefs in all.
+        Number of predictions.
     contact, rough
-        Share of all updates in contact, and of those in contact called rough; NaN where there are none.
+        Share of all predictions in contact, and of those in contact that are rough; NaN where there are none.
     loudest_dbfs
-        Greatest level of the contact channel that any window had.
+        Greatest level of the contact channel in any window.
     elapsed
-        Seconds that it took.
+        Computing time, in s.
     faults
-        By cause.
+        Count of each cause of silence.
     """
 
     duration: float
@@ -71,134 +70,139 @@ class Summary:
 
     @property
     def speed(self) -> float:
-        """How many times faster than the sound itself."""
+        """How many times faster than real time."""
         return self.duration / self.elapsed if self.elapsed else float("inf")
 
 
 class OfflineRenderer:
-    """Writes what a walk gives, step by step; a context manager.
+    """Runs the pipeline over a recording and writes its output step by step; a context manager.
 
     Parameters
     ----------
     outputs
-        The files; what is there is written over.
-    walk
-        Already made for the sound to come; its limits bound the waveform too.
-    channels
-        Of the sound to come.
-    sample_rate
-        Of the sound to come, in Hz.
-    sounding
-        Renders the sound itself, in place of the walk's commands.
+        Files to write; existing files are overwritten.
+    pipeline
+        Opened for this sound; its limits bound the waveform too.
+    channels, sample_rate
+        Of the sound; the rate in Hz.
+    passthrough
+        Renders the sound itself, in place of the pipeline's commands.
 
     Attributes
     ----------
     microphones, vibration
-        Envelopes of the two waveforms, for a picture.
+        Peak envelopes of sound and vibration, for a figure.
     """
 
     def __init__(
-        self, outputs: Outputs, walk: Pipeline, *, channels: int, sample_rate: int, sounding: Passthrough | None = None
+        self,
+        outputs: OutputFiles,
+        pipeline: Pipeline,
+        *,
+        channels: int,
+        sample_rate: int,
+        passthrough: Passthrough | None = None,
     ) -> None:
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
-        self.vibration = PeakEnvelope(1, sample_rate=HAPTIC_RATE)
-        self._outputs, self._walk, self._sample_rate = outputs, walk, sample_rate
-        self._oscillator = Oscillator(walk.limits, sample_rate=HAPTIC_RATE)
+        self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
+        self._outputs, self._pipeline, self._sample_rate = outputs, pipeline, sample_rate
+        self._oscillator = Oscillator(pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
         self._playback = Playback(self._oscillator)
-        self._sounding = sounding
-        self._resampler = Resampler(sample_rate, HAPTIC_RATE, channels=channels)
-        self._touches: Counter[Touch] = Counter()
+        self._passthrough = passthrough
+        self._resampler = Resampler(sample_rate, LIVE_SAMPLE_RATE, channels=channels)
+        self._counts: Counter[Touch] = Counter()
         self._loudest_dbfs = -np.inf
         self._last: AudioBlock | None = None
         self._resources = ExitStack()
 
     def __enter__(self) -> Self:
-        out = self._outputs
-        self._timeline = self._resources.enter_context(TimelineWriter(out.timeline, json_path=out.timeline_json))
+        outputs = self._outputs
+        self._timeline = self._resources.enter_context(
+            TimelineWriter(outputs.timeline, json_path=outputs.timeline_json)
+        )
         self._waveform = self._resources.enter_context(
-            soundfile.SoundFile(out.waveform, "w", samplerate=HAPTIC_RATE, channels=1, subtype="PCM_24")
+            soundfile.SoundFile(outputs.waveform, "w", samplerate=LIVE_SAMPLE_RATE, channels=1, subtype="PCM_24")
         )
         self._began = time.perf_counter()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._resources.close()
 
     def push(self, block: AudioBlock) -> PipelineStep:
-        """Pipeline a block, write what came of it, and give it on."""
-        tick = self._walk.push(block)
+        """Process a block and write its results; returns the step."""
+        step = self._pipeline.push(block)
         self.microphones.push(block.samples)
-        self._write(tick, until=block.end / self._sample_rate)
+        self._write(step, until=block.end / self._sample_rate)
         self._last = block
-        return tick
+        return step
 
-    def finish(self) -> Summary:
-        """Write what the end of the sound completes, and sum up."""
+    def finish(self) -> RunSummary:
+        """Write what the end of the sound completes, and return the totals."""
         duration = self._last.end / self._sample_rate if self._last else 0.0
-        faults = dict(self._walk.faults + self._oscillator.faults)  # the fade at the end is none
+        # Counted before the tail: the fade at the end is the oscillator's timeout, but not a fault.
+        faults = dict(self._pipeline.faults + self._oscillator.faults)
         if self._last:
-            self._write(self._walk.flush(self._last), until=duration + TAIL)
-        updates = sum(self._touches.values())
-        contact = updates - self._touches[Touch.NONE]
-        return Summary(
+            self._write(self._pipeline.flush(self._last), until=duration + TAIL)
+        updates = sum(self._counts.values())
+        contact = updates - self._counts[Touch.NONE]
+        return RunSummary(
             duration=duration,
             updates=updates,
             contact=contact / updates if updates else float("nan"),
-            rough=self._touches[Touch.ROUGH] / contact if contact else float("nan"),
+            rough=self._counts[Touch.ROUGH] / contact if contact else float("nan"),
             loudest_dbfs=float(self._loudest_dbfs),
             elapsed=time.perf_counter() - self._began,
             faults=faults,
         )
 
-    def _write(self, tick: PipelineStep, *, until: float) -> None:
-        wave = self._render(tick, until=until)
+    def _write(self, step: PipelineStep, *, until: float) -> None:
+        wave = self._render(step, until=until)
         self._waveform.write(wave)
         self.vibration.push(wave[:, None])
-        self._timeline.write(tick)
-        for prediction in tick.predictions:
-            self._touches[prediction.touch] += 1
+        self._timeline.write(step)
+        for prediction in step.predictions:
+            self._counts[prediction.touch] += 1
             self._loudest_dbfs = max(self._loudest_dbfs, prediction.level_dbfs)
 
-    def _render(self, tick: PipelineStep, *, until: float) -> FloatArray:
-        if self._sounding is None:
-            return self._playback.push(tick.commands, until=until)
-        return self._sounding.push(self._resampler.push(tick.block.samples))
+    def _render(self, step: PipelineStep, *, until: float) -> FloatArray:
+        if self._passthrough is None:
+            return self._playback.push(step.commands, until=until)
+        return self._passthrough.push(self._resampler.push(step.block.samples))
 
 
-def feel(
+def process_recording(
     source: Source,
-    walk: Pipeline,
-    outputs: Outputs,
+    pipeline: Pipeline,
+    outputs: OutputFiles,
     *,
-    sounding: Passthrough | None = None,
-    watch: Callable[[PipelineStep], None] = lambda tick: None,
-) -> tuple[Summary, OfflineRenderer]:
-    """Feel a source to its end.
+    passthrough: Passthrough | None = None,
+    on_step: Callable[[PipelineStep], None] = lambda step: None,
+) -> tuple[RunSummary, OfflineRenderer]:
+    """Process a source to its end.
 
     Parameters
     ----------
     source
         Not entered yet.
-    walk
-        Made for that source's rate and channels; it is reset first.
+    pipeline
+        Opened for that source's rate and channels; it is reset first.
     outputs
-        The files to write.
-    sounding
-        Renders the sound itself, in place of the walk's commands.
-    watch
-        Called with each step, for a progress bar or a page.
+        Files to write.
+    passthrough
+        Renders the sound itself, in place of the pipeline's commands.
+    on_step
+        Called with each step, for example by a progress bar.
 
     Returns
     -------
-    The summary, and the feeling with the envelopes of what was heard and felt.
+    The totals, and the renderer with the peak envelopes of sound and vibration.
     """
-    walk.reset()
-    feeling = OfflineRenderer(
-        outputs, walk, channels=source.channels, sample_rate=source.sample_rate, sounding=sounding
+    pipeline.reset()
+    renderer = OfflineRenderer(
+        outputs, pipeline, channels=source.channels, sample_rate=source.sample_rate, passthrough=passthrough
     )
-    with source, feeling:
+    with source, renderer:
         for block in source:
-            watch(feeling.push(block))
-        return feeling.finish(), feeling
+            on_step(renderer.push(block))
+        return renderer.finish(), renderer

@@ -1,5 +1,6 @@
-"""What was felt, held against what was true: the few numbers that a demonstration ends with."""
+"""Scores of a run against its labels: the few numbers that a demonstration prints."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,46 +10,47 @@ from numpy.typing import NDArray
 from tactophone.dataset import Segment
 from tactophone.types import Touch
 
-FELT = 0.02
-"""Amplitude from which a vibration counts as felt, -34 dB: well under the paper's smooth, at -25 dBFS."""
+PERCEPTIBLE = 0.02
+"""Amplitude from which a vibration can be felt, -34 dB: well under the paper's smooth, at -25 dBFS."""
 
 
 @dataclass(frozen=True, slots=True)
-class Numbers:
-    """How the telephone did.
+class RunScores:
+    """Scores of a run.
 
     Parameters
     ----------
     smooth_right, rough_right
-        Share of beliefs that were right while such a stone was touched.
+        Share of correct predictions while a smooth, or rough, stone was touched.
     false_bumps
-        How often smooth was felt as rough, counted as stretches.
-    touch_to_felt
-        Seconds from each touch to the vibration, median.
+        Number of times that smooth was rendered as rough.
+    touch_to_vibration
+        Median time in s from the start of a contact to a vibration that can be felt.
     lift_to_silence
-        Seconds from each end of touch to the command for silence, median.
+        Median time in s from the end of a contact to the command for silence.
     """
 
     smooth_right: float
     rough_right: float
     false_bumps: int
-    touch_to_felt: float
+    touch_to_vibration: float
     lift_to_silence: float
 
 
-def measure(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> Numbers:
-    """Hold what was felt against what was true."""
+def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:
+    """Score a run's timeline against its labelled segments; a score without data is NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
-    inside = {label: _inside(time, truth, label) for label in (Touch.SMOOTH, Touch.ROUGH)}
-    bumps = inside[Touch.SMOOTH] & (touch == Touch.ROUGH)
-    touched = [one.start for one, before in zip(truth[1:], truth, strict=False) if one.contact and not before.contact]
-    left = [one.start for one, before in zip(truth[1:], truth, strict=False) if before.contact and not one.contact]
-    return Numbers(
-        smooth_right=_share(touch[inside[Touch.SMOOTH]] == Touch.SMOOTH),
-        rough_right=_share(touch[inside[Touch.ROUGH]] == Touch.ROUGH),
+    smooth, rough = (_inside(time, truth, label) for label in (Touch.SMOOTH, Touch.ROUGH))
+    bumps = smooth & (touch == Touch.ROUGH)
+    pairs = list(itertools.pairwise(truth))
+    touched = [after.start for before, after in pairs if after.contact and not before.contact]
+    lifted = [after.start for before, after in pairs if before.contact and not after.contact]
+    return RunScores(
+        smooth_right=_share(touch[smooth] == Touch.SMOOTH),
+        rough_right=_share(touch[rough] == Touch.ROUGH),
         false_bumps=int((np.diff(bumps.astype(int)) > 0).sum()),
-        touch_to_felt=_delay(time, amplitude >= FELT, touched),
-        lift_to_silence=_delay(time, amplitude == 0, left),
+        touch_to_vibration=_delay(time, amplitude >= PERCEPTIBLE, touched),
+        lift_to_silence=_delay(time, amplitude == 0, lifted),
     )
 
 
@@ -57,15 +59,16 @@ def _share(right: NDArray[np.bool_]) -> float:
 
 
 def _inside(time: NDArray[Any], truth: tuple[Segment, ...], label: Touch) -> NDArray[np.bool_]:
+    """Return which times lie in segments of a label."""
     inside = np.zeros(len(time), bool)
-    for one in truth:
-        if one.label is label:
-            inside |= (time >= one.start) & (time < one.end)
+    for segment in truth:
+        if segment.label is label:
+            inside |= (time >= segment.start) & (time < segment.end)
     return inside
 
 
-def _delay(time: NDArray[Any], when: NDArray[np.bool_], events: list[float]) -> float:
-    """Median time in s from an event to the first line that fulfils something."""
-    found = [time[when & (time >= event)] for event in events]
+def _delay(time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]) -> float:
+    """Return the median time in s from each event to the first line that meets the condition."""
+    found = [time[condition & (time >= event)] for event in events]
     delays = [float(after[0] - event) for after, event in zip(found, events, strict=True) if len(after)]
     return float(np.median(delays)) if delays else float("nan")

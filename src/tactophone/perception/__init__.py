@@ -1,43 +1,107 @@
-"""Sound to belief: resample, window, judge, decide."""
+"""Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
 
 from tactophone.perception.contact import Contact, ContactGate
+from tactophone.perception.debounce import ContactDebounce
 from tactophone.perception.decision import Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features.extractors import SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import Gate, Model, ModelCard, read_model
+from tactophone.perception.features.bands import BAND_COUNT, BAND_VALUES, CREST_INDEX, BandFeatures
+from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL
+from tactophone.perception.features.handcrafted import CUES, cues
+from tactophone.perception.features.loudness import LoudnessRule, banded_dbfs
+from tactophone.perception.features.resample import Resampler
+from tactophone.perception.features.spectrum import magnitudes
+from tactophone.perception.features.texture import (
+    MIN_VARIANCE,
+    SILENT_POWER,
+    ChangeMetric,
+    Moments,
+    RunningStatistics,
+    texture_features,
+)
+from tactophone.perception.model_file import (
+    CARD_KEY,
+    FEATURES,
+    LOG_PROBABILITIES,
+    Gate,
+    Model,
+    ModelCard,
+    read_model,
+)
 from tactophone.perception.model_registry import (
-    KINDS,
     default_model,
-    detector_for,
+    fallback_model,
     model_path,
     open_detector,
-    open_window_detector,
     shipped_models,
 )
-from tactophone.perception.sensor_health.fallback import AnyTouchDetector, FallbackDetector, guard
+from tactophone.perception.sensor_health.calibration_file import Calibration
+from tactophone.perception.sensor_health.calibration_measurement import (
+    CalibrationResult,
+    CalibrationSounds,
+    measure_calibration,
+)
+from tactophone.perception.sensor_health.fallback import (
+    FALLBACK_MESSAGES,
+    AnyTouchDetector,
+    FallbackDetector,
+    with_fallback,
+)
+from tactophone.perception.sensor_health.faults import MICROPHONES, FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.perception.sensor_health.signal_statistics import ChannelStatistics, SignalStatistics
 from tactophone.perception.touch_detector import TouchDetector
 
 __all__ = [
-    "KINDS",
+    "BAND_COUNT",
+    "BAND_VALUES",
+    "CARD_KEY",
+    "CREST_INDEX",
+    "CUES",
+    "EXTRACTORS",
+    "FALLBACK_MESSAGES",
+    "FEATURES",
+    "LOG_PROBABILITIES",
+    "MICROPHONES",
+    "MIN_VARIANCE",
+    "SILENT_POWER",
     "SUPPORTS_MISSING_CHANNEL",
     "AnyTouchDetector",
+    "BandFeatures",
+    "Calibration",
+    "CalibrationResult",
+    "CalibrationSounds",
+    "ChangeMetric",
+    "ChannelStatistics",
     "Contact",
+    "ContactDebounce",
     "ContactGate",
     "Decision",
     "DecisionRule",
     "FallbackDetector",
+    "FaultDetector",
+    "FaultKind",
     "Gate",
+    "LoudnessRule",
     "Model",
     "ModelCard",
+    "Moments",
+    "Reference",
+    "Resampler",
+    "RunningStatistics",
+    "SensorFault",
+    "SignalStatistics",
     "TouchDetector",
     "WindowDetector",
+    "banded_dbfs",
+    "cues",
     "default_model",
-    "detector_for",
-    "guard",
+    "fallback_model",
+    "magnitudes",
+    "measure_calibration",
     "model_path",
     "open_detector",
-    "open_window_detector",
     "read_model",
     "rough_share",
     "shipped_models",
+    "texture_features",
+    "with_fallback",
 ]

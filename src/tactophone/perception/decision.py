@@ -1,4 +1,4 @@
-"""From probabilities and a level to what is believed: the contact gate, the threshold and its hysteresis."""
+"""From probabilities and contact to a touch: the threshold, its hysteresis and its confirmation."""
 
 import math
 from dataclasses import dataclass
@@ -10,19 +10,24 @@ Probabilities = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class DecisionRule:
-    """When to believe *rough*; the defaults are the paper's: the likelier of smooth and rough, at once.
+    """When a prediction is *rough*; the defaults are the paper's: the likelier of smooth and rough, at once.
 
     Parameters
     ----------
     rough_on
-        Share of rough in rough and smooth, above 0 and below 1, from which a smooth belief turns rough.
+        Rough share (see :func:`rough_share`), over 0 and under 1, from which the decision turns from smooth to rough.
     rough_off
-        Share under which a rough belief turns smooth again; at most ``rough_on``.
+        Rough share under which it turns back to smooth; at most ``rough_on``.
     confirm
-        How many updates in a row must reach ``rough_on`` before the belief turns rough.
+        Consecutive predictions that must reach ``rough_on`` before the decision turns rough.
     abstain_from
-        Probability of *none* from which a touch, though there is contact, is unlike any that the model knows: it is
-        felt as plain contact, smooth. Over 1 for models, like the paper's, whose *none* is trained but not asked.
+        Probability of *none* from which a touch is unlike any in training: it is rendered as plain contact, smooth.
+        Over 1 for models, like the paper's, whose *none* is trained but not used.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
     """
 
     rough_on: float = 0.5
@@ -32,41 +37,44 @@ class DecisionRule:
 
     def __post_init__(self) -> None:
         if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
-            raise ValueError(f"{self}: wanted 0 < rough_off <= rough_on < 1 and confirm >= 1")
+            raise ValueError(f"{self}: must have 0 < rough_off <= rough_on < 1 and confirm >= 1")
 
 
 class Decision:
-    """Turns each update's probabilities into a touch and a roughness, remembering the last belief."""
+    """Turns the probabilities of each prediction into a touch and a roughness; keeps the last decision."""
 
     def __init__(self, rule: DecisionRule) -> None:
         self._rule = rule
         self.reset()
 
     def reset(self) -> None:
-        """Become as new: nothing is believed rough."""
+        """Return to the initial state: not rough."""
         self._rough = False
         self._streak = 0
 
     def decide(self, probabilities: Probabilities, *, contact: bool) -> tuple[Touch, float]:
-        """Give the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
+        """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
 
-        *No contact* overrides the network, whose own *none* is trained but not asked (paper, section III).
+        Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
         """
         unknown = probabilities[Touch.NONE] >= self._rule.abstain_from
         share = 0.0 if unknown else rough_share(probabilities)
+        # Hysteresis: the threshold in force depends on the last decision.
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
         self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
         self._rough = contact and share >= threshold and (self._rough or self._streak >= self._rule.confirm)
         if not contact:
             return Touch.NONE, 0.0
+        # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where they are.
+        roughness = 0.5 * share / threshold if share < threshold else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
         if self._rough:
-            return Touch.ROUGH, _around(share, threshold)
-        # A share over the threshold that is not confirmed yet must not be felt as rough either.
-        return Touch.SMOOTH, min(_around(share, threshold), math.nextafter(0.5, 0))
+            return Touch.ROUGH, roughness
+        # A share over the threshold that is not confirmed yet must not be rendered as rough either.
+        return Touch.SMOOTH, min(roughness, math.nextafter(0.5, 0))
 
 
 def rough_share(probabilities: Probabilities) -> float:
-    """Probability of rough given that it is rough or smooth.
+    """Return the probability of rough given that it is rough or smooth.
 
     Examples
     --------
@@ -75,10 +83,3 @@ def rough_share(probabilities: Probabilities) -> float:
     """
     _, smooth, rough = probabilities
     return rough / (smooth + rough) if smooth + rough > 0 else 0.5
-
-
-def _around(share: float, threshold: float) -> float:
-    """Stretch a share piecewise so that the threshold lies at 0.5, and 0 and 1 stay where they are."""
-    if share < threshold:
-        return 0.5 * share / threshold
-    return 0.5 + 0.5 * (share - threshold) / (1 - threshold)

@@ -1,8 +1,7 @@
-"""Every detector: resample, window, extract features, ask the network, gate and decide, in that order.
+"""The window detector: resample, window, extract features, run the network, compare the level, decide.
 
-At every sound buffer the paper looks at the last 256 ms of both microphones (section III). So does this, or in other
-steps if the model says so, and gives one prediction each time, the same to the bit whatever the blocks in which the
-sound arrives.
+At every sound buffer the paper classifies the last 256 ms of both microphones (section III). So does this, or at
+another hop if the model's card says so, with one prediction each; predictions are bit-equal at any block size.
 """
 
 from collections import Counter
@@ -11,35 +10,40 @@ import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import Decision, Probabilities
-from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_of
+from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_meter
 from tactophone.perception.features.resample import LOWEST_RATE, Resampler
 from tactophone.perception.features.windows import Windower
-from tactophone.perception.inference.engine import open_engine
+from tactophone.perception.inference import Engine
 from tactophone.perception.model_file import Model, ModelCard
-from tactophone.perception.sensor_health.invalid_samples import GarbageFilter
+from tactophone.perception.sensor_health.invalid_samples import InvalidSampleFilter
 from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray, Prediction
 
-NOTHING_SURE: Probabilities = (1.0, 0.0, 0.0)
+CERTAINLY_NONE: Probabilities = (1.0, 0.0, 0.0)
 
 
 class WindowDetector:
-    """Judges a stream of sound, window by window, with a model of any kind.
+    """Classifies a stream of sound, window by window, with a model of any kind.
 
     Parameters
     ----------
     model
-        With one channel it judges the contact microphone, channel 0, unless its card says air. Some kinds have learnt
-        to do without the air channel; to them, one channel less counts as digital silence.
+        With one channel it uses the contact microphone, channel 0, unless its card says air. Some kinds are trained to
+        do without the air channel; for them, one channel less counts as digital silence.
     sample_rate
         Of the sound to come, in Hz.
 
     Attributes
     ----------
     faults
-        How often predictions were withheld: ``sound`` (garbage in the window), ``model`` (the answer was no
-        probabilities).
+        Predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was not a
+        probability distribution).
     threshold_dbfs
         Level from which there is contact; the model's own, until another is assigned.
+
+    Raises
+    ------
+    ModelError
+        If the rate is too low, or this version cannot run the model.
     """
 
     def __init__(self, model: Model, *, sample_rate: int) -> None:
@@ -51,16 +55,15 @@ class WindowDetector:
         self.faults: Counter[str] = Counter()
         self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._sample_rate = sample_rate
-        self._hears_air = model.card.alone == "air"
         self._decision = Decision(model.card.decision)
-        self._extractor = _extractor(model.card)
-        self._engine = open_engine(model)
-        self._level_of = level_of(self._extractor, model.card.gate.rule)
+        self._extractor = _open_extractor(model.card)
+        self._engine = Engine(model.session)
+        self._level_of = level_meter(self._extractor, model.card.gate.rule)
         self.reset()
 
     @property
     def name(self) -> str:
-        """The model's own name."""
+        """The model's name."""
         return self.card.name
 
     @property
@@ -70,91 +73,93 @@ class WindowDetector:
 
     @property
     def bandwidth(self) -> float:
-        """The highest frequency, in Hz, that the model makes use of: half its rate."""
+        """The highest frequency, in Hz, that the model uses: half its rate."""
         return self.card.sample_rate / 2
 
     @property
     def latency(self) -> float:
-        """Seconds from a window's end until it can be judged: half the low-pass.
+        """Seconds from a window's end until it can be classified: half the length of the low-pass.
 
         Less a sample: the window ends *after* its last sample, which is known once the low-pass has all around it.
         """
         return self._resampler.latency + 1 / self._sample_rate - 1 / self.card.sample_rate
 
     def reset(self) -> None:
-        """Become as new; the fault counts stay."""
+        """Return to the initial state; the fault counts stay."""
         card = self.card
-        self._garbage = GarbageFilter()
+        self._invalid_samples = InvalidSampleFilter()
         self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
         self._decision.reset()
         self._extractor.reset()
 
     def push(self, block: AudioBlock) -> list[Prediction]:
-        """Take sound in; give the predictions that it completes.
+        """Take sound; return the predictions that it completes.
 
         Raises
         ------
         ModelError
-            If the block has fewer channels than the model wants, or not the rate that was announced.
+            If the block has fewer channels than the model needs, or not the announced rate.
         """
-        self._check(block)
-        resampled = self._resampler.push(self._fit(self._garbage.clean(block).samples))
-        return [self._judge(end, window) for end, window in self._windower.push(resampled)]
-
-    def flush(self) -> list[Prediction]:
-        """Give the predictions that only the end of the stream completes."""
-        return [self._judge(end, window) for end, window in self._windower.push(self._resampler.flush())]
-
-    def _check(self, block: AudioBlock) -> None:
         if block.sample_rate != self._sample_rate:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
             )
         if block.channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
             raise ModelError(
-                f"sound with {block.channels} channel, but the model {self.card.name} wants {self.card.channels} "
+                f"sound with {block.channels} channel, but the model {self.card.name} needs {self.card.channels} "
                 "(contact and air); choose a one-channel model"
             )
+        samples = self._select_channels(self._invalid_samples.clean(block).samples)
+        return self._predict_all(self._resampler.push(samples))
 
-    def _fit(self, samples: FloatArray) -> FloatArray:
+    def flush(self) -> list[Prediction]:
+        """Return the predictions that only the end of the stream completes."""
+        return self._predict_all(self._resampler.flush())
+
+    def _select_channels(self, samples: FloatArray) -> FloatArray:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
             return np.pad(samples, ((0, 0), (0, missing)))
-        first = AIR if self._hears_air and missing else CONTACT
+        first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def _judge(self, end: int, window: FloatArray) -> Prediction:
+    def _predict_all(self, resampled: FloatArray) -> list[Prediction]:
+        return [self._predict(end, window) for end, window in self._windower.push(resampled)]
+
+    def _predict(self, end: int, window: FloatArray) -> Prediction:
         level_dbfs = self._level_of(window)
         loud = level_dbfs >= self.threshold_dbfs
-        probabilities = self._engine.ask(self._extractor.push(window, contact=loud))
+        probabilities = self._engine.run(self._extractor.push(window, contact=loud))
         faulty = self._is_faulty(end, probabilities)
         if faulty:
-            probabilities = NOTHING_SURE
-        contact = loud and not faulty
-        touch, roughness = self._decision.decide(probabilities, contact=contact)
+            probabilities = CERTAINLY_NONE
+        touch, roughness = self._decision.decide(probabilities, contact=loud and not faulty)
         start = (end - self.card.window_size) / self.card.sample_rate
         return Prediction(
             probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
         )
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
-        if self._garbage.any_between(*self._heard(end)):
+        # The input samples that contribute to the window that ends before sample `end` at the model's rate.
+        ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
+        first, last = int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach
+        if self._invalid_samples.any_between(first, last + 1):
             self.faults["sound"] += 1
             return True
-        # NaN fails both comparisons; exp(log-softmax) in float32 sums to 1 within 1e-5.
+        # Both comparisons with NaN are false; exp(log-softmax) in float32 sums to 1 within 1e-5.
         if not (abs(sum(probabilities) - 1) < 1e-3 and min(probabilities) >= 0):
             self.faults["model"] += 1
             return True
         return False
 
-    def _heard(self, end: int) -> tuple[int, int]:
-        """The input samples that had a part in the window that ends before sample ``end`` at the model's rate."""
-        ratio, reach = self._sample_rate / self.card.sample_rate, self._resampler.reach
-        return int((end - self.card.window_size) * ratio) - reach, int((end - 1) * ratio) + reach + 1
 
-
-def _extractor(card: ModelCard) -> Extractor:
+def _open_extractor(card: ModelCard) -> Extractor:
+    if card.kind not in EXTRACTORS:
+        raise ModelError(
+            f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(EXTRACTORS)}; "
+            "update Tactophone"
+        )
     try:
         return EXTRACTORS[card.kind](card)
     except (KeyError, ValueError) as error:

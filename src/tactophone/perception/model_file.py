@@ -1,7 +1,7 @@
-"""Model files: one ONNX file with everything that the live side needs, and nothing beside it.
+"""Model files: one ONNX file with everything that the live side needs.
 
-What the network is trained for (rate, window, hop, channels, gate) travels inside the file as a *card*, so the live
-commands have no flag that could disagree. docs/model-files.md describes the format.
+What the network is trained for (rate, window, hop, channels, gate) is stored in the file as a *card*, so that no flag
+of the live commands can disagree. docs/reference/model-files.md describes the format.
 """
 
 import json
@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
-
-import onnxruntime
+from typing import TYPE_CHECKING, Any
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.features.loudness import LOUDNESS, LoudnessRule
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 FORMAT_VERSION = 1
 CARD_KEY = "tactophone.card"
@@ -23,20 +24,25 @@ FEATURES = "features"
 LOG_PROBABILITIES = "log_probabilities"
 CLASSES = ("none", "smooth", "rough")
 
-_PICKLE = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
+_PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 _ZIP = b"PK\x03\x04"
 
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """When the contact microphone is loud enough to be touching something.
+    """The level of the contact microphone from which there is contact.
 
     Parameters
     ----------
-    rule
-        ``rms`` as the paper has it, ``mean_absolute`` as its authors' code does, ``banded`` deaf to hum.
     threshold_dbfs
         Level from which there is contact; "slightly over the noise floor" (paper, section III).
+    rule
+        How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors' code, ``banded`` without hum.
+
+    Raises
+    ------
+    ValueError
+        If the rule is unknown or the threshold out of range.
     """
 
     threshold_dbfs: float
@@ -44,33 +50,33 @@ class Gate:
 
     def __post_init__(self) -> None:
         if self.rule not in LOUDNESS or not -200 <= self.threshold_dbfs <= 0:
-            raise ValueError(f"{self}: wanted a rule of {', '.join(LOUDNESS)} and a threshold of -200 to 0 dBFS")
+            raise ValueError(f"{self}: the rule must be one of {', '.join(LOUDNESS)}, the threshold -200 to 0 dBFS")
 
 
 @dataclass(frozen=True, slots=True)
 class ModelCard:
-    """All that is known of a model.
+    """Description of a model.
 
     Parameters
     ----------
     name
-        For people; the file's name may differ.
+        Shown to people; the file's name may differ.
     kind
-        Which detector runs it, a key of :data:`tactophone.perception.KINDS`.
+        Of its features, a key of :data:`tactophone.perception.EXTRACTORS`.
     sample_rate, window_size, hop
         Hz; samples; samples, as a fraction.
     channels
-        2 (contact, air) or 1: see ``alone``.
+        2 (contact, air) or 1: see ``microphone``.
     gate, decision
         How contact and roughness are decided.
     settings
-        What a ``kind`` needs besides.
+        Further parameters of a ``kind``.
     training
-        Names and hashes of the sound it was trained on, the recipe, the seed.
+        Names and hashes of its training sound, the recipe, the seed.
     scores
-        What it reached on held-out surfaces, with conditions.
+        Scores on held-out surfaces, with conditions.
     licence
-        Of the weights, and what the training sound's licences ask for.
+        Of the weights, and what the licences of the training sound require.
     """
 
     name: str
@@ -87,18 +93,18 @@ class ModelCard:
     licence: str = ""
 
     @property
-    def alone(self) -> str:
-        """The microphone that a model of one channel hears where there are two: contact, or what its settings say."""
-        return str(self.settings.get("alone", "contact"))
+    def microphone(self) -> str:
+        """The microphone that a model of one channel uses where there are two: ``contact`` or ``air``."""
+        return str(self.settings.get("microphone", "contact"))
 
     def to_json(self) -> str:
-        """Write the card down as it stands inside a model file."""
+        """Return the card as it is stored inside a model file."""
         entries = asdict(self) | {"hop": str(self.hop), "classes": CLASSES, "format": FORMAT_VERSION}
         return json.dumps(entries, indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> "ModelCard":
-        """Read a card back.
+        """Read a card.
 
         Raises
         ------
@@ -107,9 +113,9 @@ class ModelCard:
         """
         entries = json.loads(text)
         if (version := entries.pop("format")) != FORMAT_VERSION:
-            raise ValueError(f"format {version}, but this Tactophone reads format {FORMAT_VERSION}")
+            raise ValueError(f"format {version}, but this version reads format {FORMAT_VERSION}")
         if (classes := entries.pop("classes")) != list(CLASSES):
-            raise ValueError(f"classes {classes}, wanted {list(CLASSES)}")
+            raise ValueError(f"classes {classes}, but they must be {list(CLASSES)}")
         entries["hop"] = Fraction(entries["hop"])
         entries["gate"] = Gate(**entries["gate"])
         entries["decision"] = DecisionRule(**entries["decision"])
@@ -118,42 +124,39 @@ class ModelCard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model file that was read: its card, its network ready to run on one thread, and the file's bytes."""
+    """A model file that was read: its card, and its network ready to run on one thread."""
 
     card: ModelCard
-    session: onnxruntime.InferenceSession
-    content: bytes
+    session: "onnxruntime.InferenceSession"
 
 
 def read_model(path: Path) -> Model:
-    """Read a model file; nothing in it is ever unpickled or run as code.
+    """Read a model file; nothing in it is unpickled or run as code.
 
     Raises
     ------
     ModelError
-        If there is no such file, or it is not a model of ours that is whole.
+        If the file is missing or damaged, or is not a Tactophone model.
     """
     try:
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror}); give the path of a model file") from None
-    _refuse_foreign(path, content[:4])
-    try:
-        session = onnxruntime.InferenceSession(content, _options(), providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
-        raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
-    return Model(_card(path, session), session, content)
-
-
-def _refuse_foreign(path: Path, head: bytes) -> None:
-    if head.startswith(_PICKLE) or head.startswith(_ZIP):
+    if content.startswith((*_PICKLES, _ZIP)):
         raise ModelError(
             f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
             "authors' published models with `tactophone model import`"
         )
+    import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
+
+    try:
+        session = onnxruntime.InferenceSession(content, _options(), providers=["CPUExecutionProvider"])
+    except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
+        raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
+    return Model(_card(path, session), session)
 
 
-def _card(path: Path, session: onnxruntime.InferenceSession) -> ModelCard:
+def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
         raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
@@ -163,8 +166,10 @@ def _card(path: Path, session: onnxruntime.InferenceSession) -> ModelCard:
         raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); export it again") from None
 
 
-def _options() -> onnxruntime.SessionOptions:
-    """One thread, no spinning: the network takes a fraction of a millisecond, and others need the processor."""
+def _options() -> "onnxruntime.SessionOptions":
+    """One thread, no spinning: the network takes a fraction of a millisecond, and other threads need the processor."""
+    import onnxruntime
+
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")

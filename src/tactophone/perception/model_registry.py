@@ -1,6 +1,5 @@
-"""Opens a detector by name or path: the models that ship inside the package, and files of the user's own."""
+"""Opens a detector by name or path: the models inside the package, and files of the user's own."""
 
-from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
 
@@ -8,27 +7,23 @@ from tactophone.errors import ModelError
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.debounce import ContactDebounce
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import Model, read_model
+from tactophone.perception.features.extractors import SUPPORTS_MISSING_CHANNEL
+from tactophone.perception.model_file import read_model
 from tactophone.perception.touch_detector import TouchDetector
-from tactophone.types import Detector
 
-KINDS: dict[str, Callable[..., Detector]] = dict.fromkeys(EXTRACTORS, WindowDetector)
-"""Which detector runs a model of which kind; each is called with the model and ``sample_rate=``."""
-
-SHIPPED = {1: "paper-mono", 2: "paper"}
+DEFAULTS = {1: "paper-mono", 2: "paper"}
 """The model for sound of so many channels, where none is named."""
 
 _FOLDER = Path(str(files("tactophone.perception"))) / "models"
 
 
 def shipped_models() -> list[str]:
-    """Names of the models inside the package."""
+    """Return the names of the models inside the package."""
     return sorted(path.stem for path in _FOLDER.glob("*.onnx"))
 
 
 def model_path(name: str) -> Path:
-    """Where a model lies, by the name of a shipped one or its own path.
+    """Return the path of a model: the name of a shipped one, or a path already.
 
     Raises
     ------
@@ -43,34 +38,33 @@ def model_path(name: str) -> Path:
 
 
 def default_model(channels: int) -> str:
-    """Name of the shipped model for sound of so many channels."""
-    return SHIPPED[min(channels, 2)]
+    """Return the name of the shipped model for sound of so many channels."""
+    return DEFAULTS[min(channels, 2)]
 
 
-def spare_model(name: str) -> str | None:
-    """Name of the model that goes on for another by the contact microphone alone: itself, if it has learnt to.
+def fallback_model(name: str) -> str | None:
+    """Return the model that replaces another where only the contact microphone works; itself, if it can.
 
-    None does for kinds that need both microphones and hear contact by another rule than the paper's.
+    There is none for kinds that need both microphones and measure contact by another rule than the paper's.
     """
-    card = read_model(model_path(name)).card
-    if card.kind in SUPPORTS_MISSING_CHANNEL:
+    kind = read_model(model_path(name)).card.kind
+    if kind in SUPPORTS_MISSING_CHANNEL:
         return name
-    return SHIPPED[1] if card.kind == "paper" else None
-
-
-def open_window_detector(name: str, *, sample_rate: int) -> Detector:
-    """Open a shipped model or a model file, for sound of a rate.
-
-    Raises
-    ------
-    ModelError
-        If there is no such model, or this version cannot run it.
-    """
-    return detector_for(read_model(model_path(name)), sample_rate=sample_rate)
+    return DEFAULTS[1] if kind == "paper" else None
 
 
 def open_detector(name: str, *, sample_rate: int, fast_contact: bool = True) -> TouchDetector:
-    """Open a model with a contact gate of the same threshold beside it; without one if contact shall not be fast.
+    """Open a shipped model or a model file, for sound of a rate.
+
+    Parameters
+    ----------
+    name
+        As :func:`model_path` takes it.
+    sample_rate
+        In Hz.
+    fast_contact
+        Whether contact is detected within milliseconds, by a contact gate with the model's threshold; otherwise by the
+        level of whole windows, as in the paper.
 
     Raises
     ------
@@ -78,20 +72,10 @@ def open_detector(name: str, *, sample_rate: int, fast_contact: bool = True) -> 
         If there is no such model, or this version cannot run it.
     """
     model = read_model(model_path(name))
-    detector, gate = detector_for(model, sample_rate=sample_rate), model.card.gate
+    detector, gate = WindowDetector(model, sample_rate=sample_rate), model.card.gate
     if not fast_contact:
         return TouchDetector(detector)
-    # A banded level tells contact within a short window by itself, and reads far lower than the gate's whole band.
+    # A banded level detects contact within a short window by itself, and is far lower than the gate's unfiltered level.
     if gate.rule == "banded":
-        return TouchDetector(detector, steady=ContactDebounce())
+        return TouchDetector(detector, debounce=ContactDebounce())
     return TouchDetector(detector, ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule))
-
-
-def detector_for(model: Model, *, sample_rate: int) -> Detector:
-    """Make the detector that a model's kind asks for."""
-    if model.card.kind not in KINDS:
-        raise ModelError(
-            f"model {model.card.name} is of kind {model.card.kind}, but this version runs {', '.join(KINDS)}; "
-            "update Tactophone"
-        )
-    return KINDS[model.card.kind](model, sample_rate=sample_rate)

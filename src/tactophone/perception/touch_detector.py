@@ -1,4 +1,4 @@
-"""Sound to belief, at every window and whenever contact begins or ends: the detector and the contact gate as one."""
+"""Contact gate and window detector together: predictions at every window and whenever contact begins or ends."""
 
 import math
 from dataclasses import replace
@@ -7,56 +7,56 @@ from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.debounce import ContactDebounce
 from tactophone.types import AudioBlock, Detector, Prediction, Touch
 
-BEAT = 0.02
-"""Longest time, in s, without a belief: where windows come more rarely, the newest is told again."""
+MAX_INTERVAL = 0.02
+"""Longest time, in s, without a prediction: where windows come more rarely, the newest one is repeated."""
 
 WINDOW_MARGIN_DB = 6.0
-"""How far under the threshold a window may lie and still be told, once it is full of contact: it looks back over eight
-times the sound that the gate does, so that single impacts, loud enough for the gate, count for less in it."""
+"""How far under the threshold the level of a window full of contact may lie for its prediction still to be used: a
+window covers eight times the sound that the gate does, so that single impacts, loud enough for the gate, count less."""
 
 FULL_OF_CONTACT = 0.128
-"""Seconds of touch, half a window, from which a window is told whatever its level. Before that it must be as loud as
-contact is: else it would be the noise in it that is judged."""
+"""Seconds of contact, half a window, from which a window's prediction is used whatever its level. Before that the
+window must be as loud as contact: else the noise in it would be classified."""
 
 LONGEST_GAP = 0.25
-"""Seconds of lost sound, about a window, over which what was heard before still counts."""
+"""Seconds of lost sound, about a window, across which windows are still joined."""
 
-_NOTHING_HEARD = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
+_NO_PREDICTION = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0.0, end=0.0)
 
 
 class TouchDetector:
-    """Sound to belief, at every window and whenever contact begins or ends.
+    """Returns a prediction at every window and whenever contact begins or ends.
 
-    With a contact gate, contact is the gate's word: a touch is believed at once, as plain contact (smooth, which a
-    false bump is worse than) until the detector's window is full enough of it to tell; a touch that ended is
-    believed no longer, though the window still holds it. Without one, contact is the window's, as in the paper, or
-    that of steady windows.
+    With a contact gate, the gate decides on contact. The start of a touch is reported at once, as smooth (a false bump
+    is worse than a missed one), until the window is full enough of contact to be classified. The end of a touch is
+    reported at once, though the window still contains it. Without a gate, contact is that of the window, as in the
+    paper, or that of debounced windows.
 
     Parameters
     ----------
     detector, gate
-        For sound of the same rate; both are fed by this judge alone.
-    steady
-        What windows are held to where there is no gate.
+        For sound of the same rate; both are fed by this object alone.
+    debounce
+        Applied to the window detector's contact where there is no gate.
 
     Notes
     -----
-    Beliefs are the same to the bit in whatever blocks the sound comes. Lost sound (a jump of a block's ``start``) is
-    closed up: windows join what was before it and what is after, and times follow the stream.
+    Predictions are bit-equal at any block size. Lost sound (a jump of a block's ``start``) is closed up: windows join
+    what was before it and what is after, and times follow the stream.
     """
 
     def __init__(
-        self, detector: Detector, gate: ContactGate | None = None, *, steady: ContactDebounce | None = None
+        self, detector: Detector, gate: ContactGate | None = None, *, debounce: ContactDebounce | None = None
     ) -> None:
-        self.detector, self._gate, self._steady = detector, gate, steady
+        self.detector, self._gate, self._debounce = detector, gate, debounce
         self.latency = detector.latency
-        """Seconds from the end of a belief's window to the moment of the belief."""
+        """Seconds from the end of a prediction's window to the moment of the prediction."""
         self.threshold_dbfs = detector.threshold_dbfs
         self._begin(0)
 
     @property
     def threshold_dbfs(self) -> float:
-        """Level of contact; may be set at any time."""
+        """Level of contact; may be assigned at any time."""
         return self._threshold_dbfs
 
     @threshold_dbfs.setter
@@ -67,33 +67,35 @@ class TouchDetector:
             self._gate.threshold_dbfs = level_dbfs
 
     def push(self, block: AudioBlock) -> list[Prediction]:
-        """Take sound in; give the beliefs that it leads to, oldest first."""
+        """Take sound; return the predictions that it completes, oldest first."""
         self._follow(block)
         predictions = self.detector.push(block)
-        contacts = self._gate.push(block) if self._gate else []
-        return self._merge(predictions, contacts, block.sample_rate)
+        if self._gate is None:
+            return [self._revise(self._shifted(prediction)) for prediction in predictions]
+        return self._merge(predictions, self._gate.push(block), block.sample_rate)
 
     def flush(self) -> list[Prediction]:
-        """Give what the end of the stream still completes."""
-        return [self._believe(self._shifted(prediction)) for prediction in self.detector.flush()]
+        """Return the predictions that only the end of the stream completes."""
+        return [self._revise(self._shifted(prediction)) for prediction in self.detector.flush()]
 
     def reset(self) -> None:
-        """Become as new; fault counts stay."""
+        """Return to the initial state; fault counts stay."""
         self.detector.reset()
         if self._gate:
             self._gate.reset()
-        if self._steady:
-            self._steady.reset()
+        if self._debounce:
+            self._debounce.reset()
         self._begin(0)
 
     def _begin(self, start: int) -> None:
         self._first = self._next = start
         self._shift = 0.0
-        self._belief = _NOTHING_HEARD
+        self._newest = _NO_PREDICTION
         self._touching, self._since = self._gate is None, 0.0
-        self._told = -math.inf
+        self._reported_until = -math.inf
 
     def _follow(self, block: AudioBlock) -> None:
+        """Account for lost sound: detector and gate count samples received, predictions carry stream time."""
         lost = block.start - self._next
         if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
             self.reset()
@@ -105,39 +107,40 @@ class TouchDetector:
 
     def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
         """Put windows and changes of contact in the order in which they became known, to the sample."""
-        events: list[tuple[int, Contact | Prediction]] = [(round(one.time * rate), one) for one in contacts]
+        events: list[tuple[int, Contact | Prediction]] = [(round(contact.time * rate), contact) for contact in contacts]
         # A thousandth of a sample covers the rounding of times; at odd rates windows end between two samples.
-        events += [(math.floor((one.end + self.latency) * rate + 1e-3), one) for one in predictions]
+        events += [(math.floor((window.end + self.latency) * rate + 1e-3), window) for window in predictions]
         events.sort(key=lambda event: event[0])
-        told = (self._hear(one) if isinstance(one, Contact) else self._believe(self._shifted(one)) for _, one in events)
-        return [belief for belief in told if belief]
+        revised = (
+            self._apply_contact(event) if isinstance(event, Contact) else self._revise(self._shifted(event))
+            for _, event in events
+        )
+        return [prediction for prediction in revised if prediction]
 
-    def _hear(self, contact: Contact) -> Prediction | None:
+    def _apply_contact(self, contact: Contact) -> Prediction | None:
         changed = contact.touching is not self._touching
         if changed:
             self._touching, self._since = contact.touching, contact.time + self._shift
         end = contact.time + self._shift - self.latency
-        if not changed and end - self._told < BEAT:
+        if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
-        # Told between two windows: the newest belief, revised by contact, its bounds moved up to this moment.
-        return self._believe(replace(self._belief, start=self._belief.start + end - self._belief.end, end=end))
+        # Between two windows: the newest window's prediction, revised by contact, its bounds moved up to this moment.
+        return self._revise(replace(self._newest, start=self._newest.start + end - self._newest.end, end=end))
 
-    def _believe(self, prediction: Prediction) -> Prediction:
-        self._belief, self._told = prediction, prediction.end
+    def _revise(self, prediction: Prediction) -> Prediction:
+        self._newest, self._reported_until = prediction, prediction.end
         if self._gate is None:
-            return self._steadied(prediction)
+            debounce = self._debounce
+            if not debounce or debounce.update(prediction, threshold_dbfs=self._threshold_dbfs):
+                return prediction
+            return _overruled(prediction, Touch.NONE)
         if not self._touching or prediction.faulty:
             return _overruled(prediction, Touch.NONE)
-        if prediction.touch is Touch.NONE or not self._tells(prediction):
+        if prediction.touch is Touch.NONE or not self._is_usable(prediction):
             return _overruled(prediction, Touch.SMOOTH)
         return prediction
 
-    def _steadied(self, prediction: Prediction) -> Prediction:
-        if not self._steady or self._steady.hear(prediction, threshold_dbfs=self._threshold_dbfs):
-            return prediction
-        return _overruled(prediction, Touch.NONE)
-
-    def _tells(self, prediction: Prediction) -> bool:
+    def _is_usable(self, prediction: Prediction) -> bool:
         lasted = prediction.end + self.latency - self._since
         return prediction.level_dbfs >= self._threshold_dbfs or lasted >= FULL_OF_CONTACT
 
@@ -148,7 +151,7 @@ class TouchDetector:
 
 
 def _overruled(prediction: Prediction, touch: Touch) -> Prediction:
-    # Written out, as `replace` looks at every field by name, which an update feels.
+    # Written out, as `replace` looks up every field by name, which costs measurable time in each update.
     return Prediction(
         prediction.probabilities, touch, 0.0, prediction.level_dbfs, prediction.start, prediction.end, prediction.faulty
     )

@@ -1,1 +1,16 @@
-"""The guided recorder: the paper's protocol, a writer that loses nothing, and a check of each take."""
+"""The guided recorder: the paper's protocol, a writer that survives kills and full disks, and a check of each take."""
+
+from tactophone.recording.protocol import PROTOCOL, Key, Stage, TakePlan
+from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone.recording.safe_writer import recover
+
+__all__ = [
+    "PROTOCOL",
+    "Key",
+    "RecordedObject",
+    "Recorder",
+    "SessionPlan",
+    "Stage",
+    "TakePlan",
+    "recover",
+]

@@ -1,10 +1,10 @@
 """The paper's recording protocol as a state machine: keys and sound in, the sound of a take out; no terminal, no file.
 
-Time is counted in samples of the sound itself, so that simulated sound runs through it as fast as it comes.
+Time is counted in samples of the sound, so that simulated sound is processed as fast as it is computed.
 
 ::
 
-    READY --go--> COUNTDOWN --> RECORDING --> JUDGED --go--> READY (next take) ... DONE
+    READY --go--> COUNTDOWN --> RECORDING --> REVIEW --go--> READY (next take) ... DONE
                                  |    ^         |
                                  go   go        +--retake--> READY (same take)
                                  v    |
@@ -22,33 +22,33 @@ DURATION = 30.0
 """Seconds of a take (paper, section III)."""
 
 COUNTDOWN = 3.0
-"""Seconds between the key and the take: the hand has to get back to the finger."""
+"""Seconds between the key press and the take: time to move the hand back to the finger."""
 
 
 @dataclass(frozen=True, slots=True)
 class TakePlan:
-    """One of the protocol's takes: how to stroke, and how hard."""
+    """A take of the protocol: the stroke and its pressure."""
 
     stroke: str
     pressure: str = ""
 
     @property
     def name(self) -> str:
-        """As the paper's authors name the file; their word for strong is *loud*.
+        """The file name that the paper's authors use; they write *loud* for strong.
 
         >>> TakePlan("long", "strong").name, TakePlan("wiggle").name
         ('long_loud', 'wiggle')
         """
         if not self.pressure:
             return self.stroke
-        words = {paper: authors for authors, paper in PRESSURES.items()}
-        return f"{self.stroke}_{words[self.pressure]}"
+        authors_name = {paper: authors for authors, paper in PRESSURES.items()}
+        return f"{self.stroke}_{authors_name[self.pressure]}"
 
     @property
     def instruction(self) -> str:
-        """What to do, in words."""
+        """Instruction shown to the person who records."""
         if not self.pressure:
-            return "wiggle to and fro without a pause, at whatever pressure feels natural"
+            return "wiggle to and fro without a pause, at any pressure"
         lengths = {"long": "long strokes, from end to end", "short": "short strokes, a centimetre or two"}
         return f"{lengths[self.stroke]}, {self.pressure} pressure; lift off now and then"
 
@@ -61,18 +61,18 @@ PROTOCOL = (
 
 
 class Stage(enum.StrEnum):
-    """Where the session stands."""
+    """State of the session."""
 
     READY = "ready"
     COUNTDOWN = "countdown"
     RECORDING = "recording"
     PAUSED = "paused"
-    JUDGED = "judged"
+    REVIEW = "review"
     DONE = "done"
 
 
 class Key(enum.StrEnum):
-    """What the user can ask for."""
+    """What the user can do."""
 
     GO = "go"
     RETAKE = "retake"
@@ -87,7 +87,7 @@ _ON_GO = {
 
 
 class Protocol:
-    """Walks through takes.
+    """Steps through the takes.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Protocol:
     sample_rate
         Of the sound to come, in Hz.
     done
-        Names of takes that need not be made any more.
+        Names of takes that are skipped.
     duration, countdown
         Of a take, and before it, in s.
 
@@ -129,12 +129,12 @@ class Protocol:
 
     @property
     def take(self) -> TakePlan:
-        """The take at hand; the last one when all are done."""
+        """The current take; the last take when all are done."""
         return self.takes[min(self._place, len(self.takes) - 1)]
 
     @property
     def number(self) -> int:
-        """Of the take at hand, from 1."""
+        """Number of the current take, from 1."""
         return self._place + 1
 
     @property
@@ -143,12 +143,12 @@ class Protocol:
         return self._left / self._rate
 
     def press(self, key: Key) -> None:
-        """Do what a key asks where it makes sense, and nothing elsewhere."""
+        """Apply a key; a key without meaning in the current stage is ignored."""
         if key is Key.QUIT:
             self._enter(Stage.DONE)
-        elif key is Key.RETAKE and self.stage in (Stage.RECORDING, Stage.PAUSED, Stage.JUDGED):
+        elif key is Key.RETAKE and self.stage in (Stage.RECORDING, Stage.PAUSED, Stage.REVIEW):
             self._enter(Stage.READY)
-        elif key is Key.GO and self.stage is Stage.JUDGED:
+        elif key is Key.GO and self.stage is Stage.REVIEW:
             self._place += 1
             self._enter(Stage.READY if self._place < len(self.takes) else Stage.DONE)
         elif key is Key.GO and self.stage in _ON_GO:
@@ -157,7 +157,7 @@ class Protocol:
             self._enter(_ON_GO[self.stage])
 
     def push(self, block: AudioBlock) -> AudioBlock:
-        """Let time pass; give the part of the sound, perhaps empty, that belongs to the take at hand."""
+        """Advance time by a block; return the part of it, perhaps empty, that belongs to the current take."""
         skipped = 0
         if self.stage is Stage.COUNTDOWN:
             skipped = min(self._left, block.size)
@@ -167,7 +167,7 @@ class Protocol:
         taken = min(self._left, block.size - skipped) if self.stage is Stage.RECORDING else 0
         self._left -= taken
         if self.stage is Stage.RECORDING and self._left == 0:
-            self._enter(Stage.JUDGED)
+            self._enter(Stage.REVIEW)
         samples = block.samples[skipped : skipped + taken]
         return AudioBlock(samples, block.sample_rate, block.start + skipped, block.concealed)
 

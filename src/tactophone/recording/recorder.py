@@ -1,29 +1,29 @@
-"""The guided recorder: protocol, file and verdict together; still no terminal."""
+"""The guided recorder: protocol, file and take quality together; no terminal."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.values import Dataset, Recording
-from tactophone.perception.sensor_health.faults import Reference
+from tactophone.dataset import Dataset, Recording
+from tactophone.perception import Reference
 from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Protocol, Stage, TakePlan
-from tactophone.recording.safe_writer import TakeFile
-from tactophone.recording.take_quality import TakeLevels, TakeMeter, Verdict, judge
+from tactophone.recording.safe_writer import TakeWriter
+from tactophone.recording.take_quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.types import AudioBlock, Touch
 
 
 @dataclass(frozen=True, slots=True)
-class Subject:
-    """What is recorded: names the folder and fills in the manifest.
+class RecordedObject:
+    """The recorded object: its name gives the folder, its other fields go to the manifest.
 
     Parameters
     ----------
     name, surface, material
-        The object; what it is a piece of (splits keep one surface on one side); what it is made of.
+        The object; its surface, if several objects share it (splits keep a surface on one side); its material.
     label
-        A person's word.
+        A person's label.
     scenario
-        How it is held: ``held``, ``table``, ``box``, or any word.
+        How it is held: ``held``, ``table``, ``box``, or any other name.
     session
         The day or sitting.
     """
@@ -36,8 +36,8 @@ class Subject:
     session: str = ""
 
     def recording(self, root: Path, take: TakePlan, channels: int) -> Recording:
-        """Say what the manifest shall say of a take."""
-        told = {"object": self.name, "material": self.material, "stroke": take.stroke, "pressure": take.pressure}
+        """Return the manifest's entry of a take."""
+        properties = {"object": self.name, "material": self.material, "stroke": take.stroke, "pressure": take.pressure}
         return Recording(
             root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac",
             self.surface or self.name,
@@ -46,12 +46,12 @@ class Subject:
             take=take.name,
             scenario=self.scenario,
             session=self.session,
-            properties=MappingProxyType({key: value for key, value in told.items() if value}),
+            properties=MappingProxyType({key: value for key, value in properties.items() if value}),
         )
 
 
 def slug(name: str) -> str:
-    """Make a file name of any name.
+    """Convert any name to a file name.
 
     >>> slug("Lava stone, black/2")
     'lava-stone-black-2'
@@ -61,8 +61,8 @@ def slug(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """How a session goes: where to, with which set-up, which takes, and their duration and countdown in s."""
+class SessionPlan:
+    """Output folder, calibrated reference, takes, and the takes' duration and countdown in s."""
 
     root: Path
     reference: Reference = field(default_factory=Reference)
@@ -72,22 +72,24 @@ class Plan:
 
 
 class Recorder:
-    """Records an object's takes: feed it sound and keys, and show what its attributes say.
+    """Records an object's takes: push sound, press keys, and show the attributes.
 
     Attributes
     ----------
     protocol
-        Where the session stands.
-    verdict, heard
+        State of the session.
+    quality, levels
         Of the last take; ``None`` before the first.
-    made
-        The recordings finished so far.
+    recordings
+        Finished so far.
     """
 
-    def __init__(self, subject: Subject, plan: Plan, known: Dataset | None, *, sample_rate: int, channels: int) -> None:
-        self._subject, self._plan = subject, plan
+    def __init__(
+        self, target: RecordedObject, plan: SessionPlan, known: Dataset | None, *, sample_rate: int, channels: int
+    ) -> None:
+        self._target, self._plan = target, plan
         self._rate, self._channels = sample_rate, channels
-        self._levels = _levels(subject, known)
+        self._levels = _levels(target, known)
         self.protocol = Protocol(
             plan.takes,
             sample_rate=sample_rate,
@@ -95,74 +97,76 @@ class Recorder:
             duration=plan.duration,
             countdown=plan.countdown,
         )
-        self.verdict: Verdict | None = None
-        self.heard: TakeLevels | None = None
-        self.made: list[Recording] = []
-        self._file: TakeFile | None = None
+        self.quality: TakeQuality | None = None
+        self.levels: TakeLevels | None = None
+        self.recordings: list[Recording] = []
+        self._file: TakeWriter | None = None
         self._meter = TakeMeter(sample_rate, plan.reference)
 
     def press(self, key: Key) -> None:
-        """Do what a key asks; a take that is quit or retaken before its end is kept or discarded.
+        """Apply a key; quitting keeps an unfinished take, retaking discards it.
 
         Raises
         ------
         DatasetError
-            If the disk is full; nothing recorded is lost.
+            If the disk is full; no recorded sound is lost.
         """
         before = self.protocol.stage
         self.protocol.press(key)
         if self._file and key is Key.RETAKE and self.protocol.stage is Stage.READY:
             self._file.discard()
             self._file = None
-        if key is Key.RETAKE and before is Stage.JUDGED and self.protocol.stage is Stage.READY:
+        if key is Key.RETAKE and before is Stage.REVIEW and self.protocol.stage is Stage.READY:
             self._levels.pop(self.protocol.take.name, None)
         if self._file and self.protocol.stage is Stage.DONE:
             self._finish()
 
     def push(self, block: AudioBlock) -> None:
-        """Let time pass, and record what belongs to the take.
+        """Advance time by a block, and record the part that belongs to the take.
 
         Raises
         ------
         DatasetError
-            If the disk is full; nothing recorded is lost.
+            If the disk is full; no recorded sound is lost.
         """
         sound = self.protocol.push(block)
         if not sound.size:
             return
         if self._file is None:
-            recording = self._subject.recording(self._plan.root, self.protocol.take, self._channels)
-            self._file = TakeFile.begin(self._plan.root, recording, sample_rate=self._rate)
+            recording = self._target.recording(self._plan.root, self.protocol.take, self._channels)
+            self._file = TakeWriter.begin(self._plan.root, recording, sample_rate=self._rate)
             self._meter = TakeMeter(self._rate, self._plan.reference)
         self._file.write(sound)
         self._meter.push(sound)
-        if self.protocol.stage is Stage.JUDGED:
+        if self.protocol.stage is Stage.REVIEW:
             self._finish()
 
     def close(self) -> None:
-        """End the session; a take in the making is kept as far as it has come."""
+        """End the session; an unfinished take is kept up to here."""
         self.press(Key.QUIT)
 
     def _finish(self) -> None:
         if self._file is None:
             return
         take = self.protocol.take
-        self.heard = self._meter.heard
-        self.verdict = judge(take, self.heard, self._levels, duration=self._plan.duration)
-        self._levels[take.name] = self.heard.level_dbfs
-        told = {"level_dbfs": f"{self.heard.level_dbfs:.2f}", "verdict": str(self.verdict)}
+        self.levels = self._meter.levels
+        self.quality = assess_take(take, self.levels, self._levels, duration=self._plan.duration)
+        self._levels[take.name] = self.levels.level_dbfs
+        properties = {"level_dbfs": f"{self.levels.level_dbfs:.2f}", "quality": str(self.quality)}
         if self.protocol.pauses:
-            told["pauses"] = " ".join(f"{pause:g}" for pause in self.protocol.pauses)
+            properties["pauses"] = " ".join(f"{pause:g}" for pause in self.protocol.pauses)
+        # Cleared first: a full disk raises in finish(), and close() must not finish the same take twice.
         file, self._file = self._file, None
-        self.made.append(file.finish(**told))
+        self.recordings.append(file.finish(**properties))
 
 
-def _levels(subject: Subject, known: Dataset | None) -> dict[str, float]:
-    """Level of each take that was made of this object before, and need not be made again."""
+def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
+    """Return the level, in dBFS, of each good take of this object that exists already."""
     if known is None:
         return {}
     return {
-        one.take: float(one.known("level_dbfs") or "-inf")
-        for one in known.recordings
-        if one.known("object") == subject.name and one.scenario == subject.scenario and one.known("verdict") == "good"
+        recording.take: float(recording.known("level_dbfs") or "-inf")
+        for recording in known.recordings
+        if (recording.known("object"), recording.scenario) == (target.name, target.scenario)
+        and recording.known("quality") == "good"
     }

@@ -1,36 +1,34 @@
-"""Writes a take so that neither a kill nor a full disk loses more than the last second.
+"""A writer that loses at most the last second of a take to a kill or a full disk.
 
 A FLAC file whose writer was killed has no length in its header, and readers refuse it (measured with libsndfile 1.2).
 A WAV file written without a buffer can be read to its last block. So sound goes into ``TAKE.part.wav`` first, is copied
-into a FLAC when the take ends, and the part goes when the FLAC is whole and the manifest names it. What is cut off, in
-whatever step, :func:`recover` finishes later: ``TAKE.part.json`` says what the manifest should.
+into a FLAC when the take ends, and the part is deleted when the FLAC is complete and in the manifest. A take cut off in
+any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds its entry for the manifest.
 """
 
 import dataclasses
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self
+from typing import Any, Self
 
 import soundfile
 
-from tactophone.dataset.metadata import FILE_NAME, read_metadata, write_metadata
-from tactophone.dataset.values import WORDS, Recording
+from tactophone.dataset import FILE_NAME, LABEL_NAMES, Recording, read_metadata, write_metadata
+from tactophone.dataset.converters import copy_as_flac, flush_to_disk
 from tactophone.errors import DatasetError
 from tactophone.types import AudioBlock
 
 PART = ".part.wav"
-STORY = ".part.json"
-READ_SIZE = 1 << 16
+ENTRY = ".part.json"
 
 SYNC_EVERY = 0.5
-"""Seconds after which sound is sure to be on the disk, even if the power fails."""
+"""Seconds after which sound is flushed to the disk, so that it survives a power failure."""
 
 
-class TakeFile:
-    """A take being written: :meth:`begin`, then :meth:`write`, then :meth:`finish` or :meth:`discard`."""
+class TakeWriter:
+    """Writes a take: :meth:`begin`, then :meth:`write`, then :meth:`finish` or :meth:`discard`."""
 
     def __init__(self, root: Path, recording: Recording, file: soundfile.SoundFile) -> None:
         self.recording = recording
@@ -40,7 +38,7 @@ class TakeFile:
 
     @classmethod
     def begin(cls, root: Path, recording: Recording, *, sample_rate: int) -> Self:
-        """Open the part file and write down what the manifest will say.
+        """Open the part file, and write the manifest entry beside it.
 
         Raises
         ------
@@ -50,7 +48,7 @@ class TakeFile:
         path = recording.path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.with_suffix(STORY).write_text(_tell(recording), encoding="utf-8")
+            path.with_suffix(ENTRY).write_text(_entry_json(recording), encoding="utf-8")
             file = soundfile.SoundFile(path.with_suffix(PART), "w", sample_rate, len(recording.channels), "PCM_24")
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
@@ -70,14 +68,14 @@ class TakeFile:
             self._file.write(block.samples)
             self._unsynced += block.size
             if self._unsynced >= SYNC_EVERY * block.sample_rate:
-                _sync(self.recording.path.with_suffix(PART))
+                flush_to_disk(self.recording.path.with_suffix(PART))
                 self._unsynced = 0
         except (OSError, soundfile.LibsndfileError) as error:
-            raise DatasetError(self._lost(str(error))) from None
+            raise DatasetError(self._disk_error(error)) from None
         self.size += block.size
 
     def finish(self, **properties: str) -> Recording:
-        """Make the FLAC and its line in the manifest, with further properties.
+        """Write the FLAC and its line in the manifest, with further properties.
 
         Raises
         ------
@@ -85,100 +83,84 @@ class TakeFile:
             If the disk is full; the sound stays in the part file.
         """
         self._file.close()
-        told = {**self.recording.properties, **properties}
-        recording = dataclasses.replace(self.recording, properties=MappingProxyType(told))
+        merged = MappingProxyType({**self.recording.properties, **properties})
+        recording = dataclasses.replace(self.recording, properties=merged)
         try:
-            recording.path.with_suffix(STORY).write_text(_tell(recording), encoding="utf-8")
+            recording.path.with_suffix(ENTRY).write_text(_entry_json(recording), encoding="utf-8")
             return _finish(self._root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
-            raise DatasetError(self._lost(str(error))) from None
+            raise DatasetError(self._disk_error(error)) from None
 
     def discard(self) -> None:
-        """Forget this take; an earlier one of the same name stays."""
+        """Delete this take; an earlier take of the same name stays."""
         self._file.close()
-        for suffix in (PART, STORY):
+        for suffix in (PART, ENTRY):
             self.recording.path.with_suffix(suffix).unlink(missing_ok=True)
 
-    def _lost(self, reason: str) -> str:
+    def _disk_error(self, error: Exception) -> str:
         part = self.recording.path.with_suffix(PART)
-        return f"{part}: cannot go on ({reason}); what was recorded is kept. Free some space and run the command again"
+        return f"{part}: cannot go on ({error}); what was recorded is kept. Free some space and run the command again"
 
 
 def recover(root: Path) -> Iterator[Recording]:
-    """Finish every take below a folder that was cut off, as far as it had come; gives each.
+    """Finish every take in a folder that was cut off, and yield it.
 
     Raises
     ------
     DatasetError
-        If one cannot be finished, for want of space.
+        If the disk is too full to finish a take.
     """
-    for story in sorted(root.rglob(f"*{STORY}")):
-        recording = _read_story(story)
+    for entry in sorted(root.rglob(f"*{ENTRY}")):
+        recording = _read_entry(entry)
         if recording is None:
             continue
         try:
             yield _finish(root, _cut_off(recording))
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
-                f"{story.parent}: cannot finish {recording.path.name} ({error}); free some space"
+                f"{entry.parent}: cannot finish {recording.path.name} ({error}); free some space"
             ) from None
 
 
 def _cut_off(recording: Recording) -> Recording:
-    """Say that a take ended early, unless it was judged and only its copying was cut off."""
+    """Note that a take ended early, unless its quality is known and only its copying was cut off."""
     part = recording.path.with_suffix(PART)
-    if "verdict" in recording.properties or not part.is_file():
+    if "quality" in recording.properties or not part.is_file():
         return recording
-    told = {**recording.properties, "verdict": f"cut off after {soundfile.info(part).duration:.1f} s"}
-    return dataclasses.replace(recording, properties=MappingProxyType(told))
+    quality = f"cut off after {soundfile.info(part).duration:.1f} s"
+    properties = MappingProxyType({**recording.properties, "quality": quality})
+    return dataclasses.replace(recording, properties=properties)
 
 
 def _finish(root: Path, recording: Recording) -> Recording:
-    part, whole = recording.path.with_suffix(PART), recording.path.with_suffix(".part.flac")
+    part = recording.path.with_suffix(PART)
     if part.is_file() and soundfile.info(part).frames:
-        with soundfile.SoundFile(part) as wav:
-            with soundfile.SoundFile(whole, "w", wav.samplerate, wav.channels, "PCM_24") as flac:
-                for samples in wav.blocks(READ_SIZE, dtype="int32"):
-                    flac.write(samples)
-            if soundfile.info(whole).frames != len(wav):
-                raise OSError("the copy is shorter than the take")
-        _sync(whole)
-        os.replace(whole, recording.path)
+        copy_as_flac(part, recording.path)
     if recording.path.is_file():
-        _enlist(root, recording)
+        # Its line replaces that of an earlier take of the same file.
+        known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
+        path = recording.path.resolve()
+        write_metadata(root, (*(other for other in known if other.path.resolve() != path), recording))
     part.unlink(missing_ok=True)
-    recording.path.with_suffix(STORY).unlink(missing_ok=True)
+    recording.path.with_suffix(ENTRY).unlink(missing_ok=True)
     return recording
 
 
-def _enlist(root: Path, recording: Recording) -> None:
-    """Put the recording into the manifest, in the place of an earlier one of the same file."""
-    known = read_metadata(root).recordings if (root / FILE_NAME).is_file() else ()
-    kept = [one for one in known if one.path.resolve() != recording.path.resolve()]
-    write_metadata(root, (*kept, recording))
+def _entry_json(recording: Recording) -> str:
+    fields: dict[str, Any] = {
+        name: recording.known(name) for name in ("surface", "label", "take", "scenario", "session")
+    }
+    fields |= {"file": recording.path.name, "channels": recording.channels, "properties": dict(recording.properties)}
+    return json.dumps(fields)
 
 
-def _tell(recording: Recording) -> str:
-    entries = {name: recording.known(name) for name in ("surface", "label", "take", "scenario", "session")}
-    story = {"file": recording.path.name, "channels": recording.channels, "properties": dict(recording.properties)}
-    return json.dumps({**entries, **story})
-
-
-def _read_story(story: Path) -> Recording | None:
-    """Read what :func:`_tell` wrote; a story that was itself cut off tells of a take without sound, and goes."""
+def _read_entry(entry: Path) -> Recording | None:
+    """Read what :func:`_entry_json` wrote; an incomplete entry has no sound yet, and is deleted."""
     try:
-        told = json.loads(story.read_text(encoding="utf-8"))
-        path, label = story.parent / told.pop("file"), WORDS[told.pop("label")]
-        channels, properties = tuple(told.pop("channels")), MappingProxyType(told.pop("properties"))
+        fields = json.loads(entry.read_text(encoding="utf-8"))
+        path, label = entry.parent / fields.pop("file"), LABEL_NAMES[fields.pop("label")]
+        channels, properties = tuple(fields.pop("channels")), MappingProxyType(fields.pop("properties"))
     except (ValueError, KeyError, TypeError):
-        story.unlink(missing_ok=True)
+        entry.unlink(missing_ok=True)
         return None
-    return Recording(path, label=label, channels=channels, properties=properties, **told)
-
-
-def _sync(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    return Recording(path, label=label, channels=channels, properties=properties, **fields)

@@ -1,30 +1,44 @@
-"""An instant verdict on a take: enough contact, nothing clipped, no fault, and a pressure unlike the last one's."""
+"""The quality of a take, known at its end: contact, clipping, sensor faults, and pressure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from tactophone.perception.sensor_health.faults import FaultWatch, Kind, Reference, SensorFault
-from tactophone.perception.sensor_health.signal_statistics import ChannelStatistics, SignalStatistics
+from tactophone.perception import ChannelStatistics, FaultDetector, FaultKind, Reference, SensorFault, SignalStatistics
 from tactophone.recording.protocol import PROTOCOL, TakePlan
 from tactophone.types import CONTACT, AudioBlock
 
-LEAST_CONTACT = 0.1
-"""Share of a take: light touches of smooth things are heard for a fifth of the time in the paper's own set-up."""
+MIN_CONTACT = 0.1
+"""Share of a take: on the paper's set-up, light strokes on smooth objects exceed the threshold for a fifth of it."""
 
 CLIPPED_SHARE = 5e-3
 """More than single peaks of hard strokes."""
-PRESSURE_STEP_DB = 1.5
-"""By which one pressure must be louder than the one under it: twice what two takes of one pressure differ by."""
 
-LOUD = 75
-"""Percentile of a take's levels that stands for its pressure: pauses are under it."""
+PRESSURE_STEP_DB = 1.5
+"""By which a pressure must be louder than the next lighter: twice what two takes of equal pressure differ by."""
+
+LEVEL_PERCENTILE = 75
+"""Percentile of a take's levels that represents its pressure: pauses are below it."""
 
 
 @dataclass(frozen=True, slots=True)
 class TakeLevels:
-    """A take in numbers: shares of time in contact and of samples clipped, the loud parts' level, faults named."""
+    """Measurements of a take.
+
+    Parameters
+    ----------
+    duration
+        In s.
+    contact
+        Share of the time in contact.
+    clipped
+        Share of clipped samples, of the worse channel.
+    level_dbfs
+        75th percentile of the contact channel's level.
+    faults
+        Sensor faults found.
+    """
 
     duration: float
     contact: float
@@ -34,8 +48,8 @@ class TakeLevels:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
-    """What is wrong with a take; nothing, if it is good."""
+class TakeQuality:
+    """What is wrong with a take; no complaints if it is good."""
 
     complaints: tuple[str, ...]
 
@@ -49,68 +63,67 @@ class Verdict:
 
 
 class TakeMeter:
-    """Listens to a take as it is recorded."""
+    """Measures a take while it is recorded."""
 
     def __init__(self, sample_rate: int, reference: Reference) -> None:
         self._rate, self._threshold_dbfs = sample_rate, reference.threshold_dbfs
-        self._signs = SignalStatistics(sample_rate)
-        self._watch = FaultWatch(sample_rate, reference)
-        self._vitals: list[ChannelStatistics] = []
-        self._faults: dict[SensorFault, None] = {}
+        self._statistics = SignalStatistics(sample_rate)
+        self._watch = FaultDetector(sample_rate, reference)
+        self._history: list[ChannelStatistics] = []
+        self._faults: dict[SensorFault, None] = {}  # a dict keeps the order in which they appeared
         self._size = 0
 
     def push(self, block: AudioBlock) -> None:
-        """Take sound in."""
+        """Add sound."""
         self._size += block.size
-        self._vitals += self._signs.push(block)
+        self._history += self._statistics.push(block)
         self._watch.push(block)
         self._faults |= dict.fromkeys(self._watch.faults)
 
     @property
-    def heard(self) -> TakeLevels:
-        """The take so far."""
-        if not self._vitals:
-            return TakeLevels(self._size / self._rate, 0.0, 0.0, -np.inf)
-        levels = np.array([one.level_dbfs[CONTACT] for one in self._vitals])
+    def levels(self) -> TakeLevels:
+        """Measurements of the take so far."""
+        duration = self._size / self._rate
+        if not self._history:
+            return TakeLevels(duration, 0.0, 0.0, -np.inf)
+        levels = np.array([statistics.level_dbfs[CONTACT] for statistics in self._history])
         return TakeLevels(
-            self._size / self._rate,
+            duration,
             float(np.mean(levels >= self._threshold_dbfs)),
-            float(np.mean([max(one.clipped) for one in self._vitals])),
-            float(np.percentile(levels, LOUD)),
+            float(np.mean([max(statistics.clipped) for statistics in self._history])),
+            float(np.percentile(levels, LEVEL_PERCENTILE)),
             tuple(self._faults),
         )
 
 
-def judge(take: TakePlan, heard: TakeLevels, others: Mapping[str, float], *, duration: float) -> Verdict:
-    """Judge a take.
+def assess_take(
+    take: TakePlan, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float
+) -> TakeQuality:
+    """Report what is wrong with a take.
 
     Parameters
     ----------
-    take, heard
-        The take, and what was heard in it.
-    others
-        Level in dBFS of the takes already made of this object, by name.
+    take, levels
+        The planned take, and its measurements.
+    other_levels
+        Level in dBFS of each other take of this object, by the take's name.
     duration
-        Seconds that were wanted.
+        Planned length, in s.
     """
-    # One bang clips and is over; how much of the take is clipped is asked below.
-    found = [str(fault) for fault in heard.faults if fault.kind is not Kind.CLIPPED]
-    if heard.duration < 0.99 * duration:
-        found.append(f"ends after {heard.duration:.1f} of {duration:g} s")
-    if heard.contact < LEAST_CONTACT:
-        found.append(f"touches for {heard.contact:.0%} of the time only: stroke without long pauses, or press harder")
-    if heard.clipped > CLIPPED_SHARE:
-        found.append(f"{heard.clipped:.1%} is clipped: turn the gain down, calibrate again and begin anew")
-    lighter = _lighter(take)
-    if lighter and lighter.name in others:
-        step_db = heard.level_dbfs - others[lighter.name]
+    # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
+    complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
+    if levels.duration < 0.99 * duration:
+        complaints.append(f"ends after {levels.duration:.1f} of {duration:g} s")
+    if levels.contact < MIN_CONTACT:
+        complaints.append(f"contact for only {levels.contact:.0%} of the time: pause less, or press harder")
+    if levels.clipped > CLIPPED_SHARE:
+        complaints.append(f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over")
+    # The take of the same stroke with the next lighter pressure, if there is one.
+    same_stroke = [plan for plan in PROTOCOL if plan.stroke == take.stroke]
+    place = same_stroke.index(take)
+    lighter = same_stroke[place - 1] if place else None
+    if lighter and lighter.name in other_levels:
+        step_db = levels.level_dbfs - other_levels[lighter.name]
         if step_db < PRESSURE_STEP_DB:
-            found.append(f"sounds no more pressed than {lighter.pressure} ({step_db:+.1f} dB): press harder")
-    return Verdict(tuple(found))
-
-
-def _lighter(take: TakePlan) -> TakePlan | None:
-    """The take of the same stroke with the next lighter pressure."""
-    same = [one for one in PROTOCOL if one.stroke == take.stroke]
-    place = same.index(take)
-    return same[place - 1] if place else None
+            complaints.append(f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): press harder")
+    return TakeQuality(tuple(complaints))

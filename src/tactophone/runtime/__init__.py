@@ -1,8 +1,22 @@
-"""Time: threads, processes, clock and devices wired to the stages; start, watch over and stop them."""
+"""Threads, processes, clocks and devices of the live system: the only room that reads the time."""
 
 from tactophone.runtime.operator import Operator, run_operator
 from tactophone.runtime.output_gate import OutputGate
+from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.robot import Robot, run_robot
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor
+from tactophone.runtime.wiring import OpenSource, open_device, open_pipeline_for
 
-__all__ = ["Operator", "OutputGate", "ProcessInfo", "Robot", "Supervisor", "run_operator", "run_robot"]
+__all__ = [
+    "OpenSource",
+    "Operator",
+    "OutputGate",
+    "ProcessInfo",
+    "Robot",
+    "Supervisor",
+    "open_device",
+    "open_pipeline_for",
+    "pair_on_one_machine",
+    "run_operator",
+    "run_robot",
+]

@@ -1,11 +1,11 @@
-"""Where the time goes: from the marks that both sides leave, how long sound spends in each stage.
+"""The latency budget of a live run: how long sound spends in each stage, from the marks of both sides.
 
-A mark says when sound up to some RTP timestamp came to some moment. The clock is the machine's own, so the robot's
-and the operator's marks fit together only where both run on one machine. Between two machines, the stages of each
-side are known to that side, and the network's part is half the round trip that the robot measures.
+A mark holds the time at which sound up to an RTP timestamp reached a stage. The clock is the machine's own, so the
+marks of robot and operator can be combined only where both run on one machine. Between two machines each side computes
+its own stages, and the network's part is half the round trip that the robot measures.
 
-What a live run can know of *capture* and *encode* is the mean wait of a sample for its period and its packet to be
-full: half of each. `tactophone latency` measures those too, with clicks.
+For *capture* and *encode*, a live run computes the mean wait of a sample until its period and its packet are full: half
+of each. `tactophone latency` measures those stages too, with impulses.
 """
 
 import contextlib
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from tactophone.errors import TactophoneError
 from tactophone.link import Codec
 from tactophone.telemetry import Watcher
+from tactophone.types import LIVE_SAMPLE_RATE
 
-CLOCK_RATE = 48_000
 _WRAP = 1 << 32
 
 Marks = dict[str, NDArray[np.void]]
 
 
 class LocalPeer:
-    """The robot's run, looked at from the operator's process, where both are on one machine.
+    """The robot's run, watched from the operator's process, where both are on one machine.
 
     Parameters
     ----------
@@ -37,31 +37,31 @@ class LocalPeer:
         self._name = name
         self.watcher: Watcher | None = None
 
-    def look(self) -> None:
-        """Find the run, or the new one if that of before has ended."""
+    def refresh(self) -> None:
+        """Find the run, or its successor if it has ended."""
         if self._name and (self.watcher is None or not self.watcher.snapshot().alive):
             with contextlib.suppress(TactophoneError):
                 self.watcher = Watcher(self._name)
 
     def truth(self) -> int:
-        """What the finger truly touches now; -1 where nobody knows."""
-        tick = self.watcher.newest_tick() if self.watcher else None
-        return int(tick["truth"][0]) if tick is not None else -1
+        """The true `Touch` now; -1 where it is not known."""
+        step = self.watcher.newest_step() if self.watcher else None
+        return int(step["truth"][0]) if step is not None else -1
 
 
-def robots_part(robot: Watcher, codec: Codec) -> dict[str, float]:
-    """Seconds in *capture* and *encode*, as far as the robot knows them."""
+def robot_stages(robot: Watcher, codec: Codec) -> dict[str, float]:
+    """Seconds in *capture* and *encode*; empty before there are two marks."""
     captured, sent = robot.marks("captured"), robot.marks("sent")
     size = min(len(captured), len(sent))
     if size < 2:
         return {}
-    block = float(np.median(np.diff(captured["position"]) % _WRAP)) / CLOCK_RATE
+    block = float(np.median(np.diff(captured["position"]) % _WRAP)) / LIVE_SAMPLE_RATE
     computing = float(np.median(sent["time"][-size:] - captured["time"][-size:]))
-    waiting = (codec.packet_size / 2 + codec.lookahead) / CLOCK_RATE
+    waiting = (codec.packet_size / 2 + codec.lookahead) / LIVE_SAMPLE_RATE
     return {"capture": block / 2, "encode": waiting + computing}
 
 
-def operators_part(
+def operator_stages(
     operator: Watcher, robot: Watcher | None, device_latency: float, *, sound_delay: float = 0.0
 ) -> dict[str, float]:
     """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too.
@@ -69,24 +69,24 @@ def operators_part(
     Parameters
     ----------
     operator, robot
-        Whose marks are followed; the robot's where it runs on this machine.
+        Whose marks are used; the robot's where it runs on this machine.
     device_latency
         Of the actuator's device.
     sound_delay
-        Where the sound itself is felt: how long it waits in the clocked buffer and in its renderer; it is not judged.
+        For profiles that render the sound itself: its delay in the clocked buffer and in the renderer.
     """
-    # Only stretches that led to a command are followed: the others have no effect to wait for.
-    names = ("rendered", "received", "released", "decoded", "judged")
+    # Only blocks that led to a command are followed: the others have no effect on the vibration.
+    names = ("rendered", "received", "released", "decoded", "detected")
     times = follow({name: operator.marks(name) for name in names})
     stages = {
         "playout": _median(times, "received", "released"),
         "decode": _median(times, "released", "decoded"),
-        "judge": _median(times, "decoded", "judged"),
-        "render": _median(times, "judged", "rendered"),
+        "detect": _median(times, "decoded", "detected"),
+        "render": _median(times, "detected", "rendered"),
         "device": device_latency,
     }
     if sound_delay:
-        stages |= {"playout": sound_delay, "decode": 0.0, "judge": 0.0, "render": 0.0}
+        stages |= {"playout": sound_delay, "decode": 0.0, "detect": 0.0, "render": 0.0}
     if robot is not None:
         both = follow({"received": operator.marks("received"), "sent": robot.marks("sent")})
         stages["network"] = _median(both, "sent", "received")
@@ -96,18 +96,18 @@ def operators_part(
 
 
 def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
-    """Follow each stretch of sound through its moments.
+    """Match the marks of each block of sound through the stages.
 
     Parameters
     ----------
     marks
-        By moment. The first moment's stretches are those followed; at every other moment, a stretch is there when a
-        mark at its end or beyond is.
+        By stage. The blocks of the first stage are followed; a block has reached another stage when a mark at its end
+        or beyond has.
 
     Returns
     -------
     dict
-        For each moment the times (s), one for each stretch that has come through all of them.
+        For each stage the times (s), one for each block that has reached them all.
     """
     first = next(iter(marks))
     if any(not len(found) for found in marks.values()):
@@ -116,6 +116,7 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     ends = _unwrapped(marks[first], reference)
     times, known = {}, np.ones(len(ends), bool)
     for name, found in marks.items():
+        # Packets may overtake each other: a stage has reached a position once it has reached a later one.
         positions = np.maximum.accumulate(_unwrapped(found, reference))
         index = np.searchsorted(positions, ends)
         known &= (index < len(found)) & (positions[0] < ends + 1)
@@ -124,7 +125,7 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
 
 
 def _unwrapped(marks: NDArray[np.void], reference: int) -> NDArray[np.int64]:
-    """Positions relative to one of them, over the wrap of the RTP timestamp."""
+    """Positions relative to one of them, across the wrap of the RTP timestamp."""
     relative: NDArray[np.int64] = (marks["position"] - reference + _WRAP // 2) % _WRAP - _WRAP // 2
     return relative
 

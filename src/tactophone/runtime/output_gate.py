@@ -1,7 +1,7 @@
-"""Whether the finger may feel anything, and how strongly: the truth that no page and no network can pass.
+"""Whether and how strongly anything may vibrate: the local machine decides, and no page or network can overrule it.
 
-Muting latches. It ends in one way only: somebody arms, at the machine or through the mailbox that only this user's
-processes reach. A ceiling can be lowered by anyone who may ask, and raised by nobody over the machine's own setting.
+Muting latches. It ends in one way only: a person arms, at the machine or through the mailbox that only this user's
+processes can write. Anyone who may send requests can lower the ceiling; nobody can raise it above the machine's own.
 """
 
 import math
@@ -9,10 +9,10 @@ from collections.abc import Iterable
 
 from tactophone.telemetry import Request
 
-EMERGENCY_STOP = "emergency stop: look what is wrong, then arm"
-MUTED = "muted by hand: arm to feel again"
-STARTED_MUTED = "started muted: arm to feel"
-RESTARTED = "restarted after a fault: look what was wrong, then arm"
+EMERGENCY_STOP = "emergency stop: find the cause, then arm"
+MUTED = "muted by request: arm to vibrate again"
+STARTED_MUTED = "started muted: arm to vibrate"
+RESTARTED = "restarted after a fault: find the cause, then arm"
 
 
 class OutputGate:
@@ -23,16 +23,16 @@ class OutputGate:
     ceiling
         The machine's own, 0-1 of full drive.
     output_level
-        Volume under the ceiling, 0-1.
+        Volume below the ceiling, 0-1.
     muted_because
-        Why it begins muted; empty to begin armed.
+        Why it starts muted; empty to start armed.
 
     Examples
     --------
-    >>> guard = OutputGate(ceiling=0.5)
-    >>> guard.obey([Request("ceiling", 0.9), Request("stop")])
+    >>> gate = OutputGate(ceiling=0.5)
+    >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
     ['ceiling']
-    >>> guard.ceiling, guard.armed
+    >>> gate.ceiling, gate.armed
     (0.5, False)
     """
 
@@ -44,7 +44,7 @@ class OutputGate:
 
     @property
     def armed(self) -> bool:
-        """Whether anything may be felt."""
+        """Whether anything may vibrate."""
         return not self.muted_because
 
     def stop(self) -> None:
@@ -52,10 +52,10 @@ class OutputGate:
         self.stops += self.muted_because != EMERGENCY_STOP
         self.muted_because = EMERGENCY_STOP
 
-    def obey(self, requests: Iterable[Request]) -> list[str]:
-        """Grant what may be granted; return the actions refused.
+    def apply(self, requests: Iterable[Request]) -> list[str]:
+        """Grant what may be granted; returns the actions refused.
 
-        Who asks to stop and who asks to arm in the same moment gets a stop.
+        Of a stop and an arming that arrive together, the stop wins.
         """
         ordered = sorted(requests, key=lambda request: request.action != "arm")
         return [request.action for request in ordered if not self._grant(request)]
@@ -76,8 +76,8 @@ class OutputGate:
                 return False
         return True
 
-    def amplitude(self, wished: float) -> float:
-        """Bound an amplitude as it is now allowed; what is no number becomes nothing."""
-        if self.muted_because or not math.isfinite(wished):
+    def bound(self, amplitude: float) -> float:
+        """Return an amplitude as it is now allowed, with the output level applied; 0 for one that is not finite."""
+        if self.muted_because or not math.isfinite(amplitude):
             return 0.0
-        return min(max(wished, 0.0) * self.output_level, self.ceiling)
+        return min(max(amplitude, 0.0) * self.output_level, self.ceiling)

@@ -1,4 +1,4 @@
-"""Robot and operator on one machine: two fresh identities that know each other, for as long as a run lasts."""
+"""Robot and operator on one machine: two fresh identities, paired for one run."""
 
 import socket
 from dataclasses import replace
@@ -8,10 +8,10 @@ from tactophone.config import Link, Settings
 from tactophone.link import Identity, Peers
 
 
-def on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
-    """Give the robot's and the operator's settings: paired in ``folder``, meeting at a free port of the loopback.
+def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
+    """Return the robot's and the operator's settings: keys in ``folder``, and a free port of the loopback.
 
-    The operator's run is called ``name``, the robot's ``name-robot``.
+    The operator's run is named ``name``, the robot's ``name-robot``.
     """
     robot, operator = Identity.create("robot"), Identity.create("operator")
     robot.save(folder / "robot")

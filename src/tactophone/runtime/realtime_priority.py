@@ -1,8 +1,8 @@
-"""Ask the system for punctuality; where it refuses, say so once and go on.
+"""Real-time priority and other measures against late sound; where the system refuses one, a warning says so once.
 
-Measured (docs/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO 0.15 ms. A
-full garbage collection takes 42 ms after the imports and 2 us once they are frozen. Locking memory made no
-difference, and is off unless asked for.
+Measured (docs/guide/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO
+0.15 ms. A full garbage collection takes 42 ms after the imports and 2 us once they are frozen. Locking memory made no
+difference, and is off by default.
 """
 
 import ctypes
@@ -13,14 +13,14 @@ _MCL_CURRENT_AND_FUTURE = 3
 """``MCL_CURRENT | MCL_FUTURE`` of Linux's ``sys/mman.h``."""
 
 
-def settle() -> None:
-    """Take what was imported and built so far out of the garbage collector's sight; call when all is set up."""
+def freeze_garbage_collector() -> None:
+    """Exclude everything imported and built so far from garbage collection; call it after all is set up."""
     gc.collect()
     gc.freeze()
 
 
 def prioritize_thread(priority: int) -> str:
-    """Give the calling thread SCHED_FIFO; return a warning in words, or nothing."""
+    """Give the calling thread SCHED_FIFO; returns a warning, or an empty text."""
     if priority == 0:
         return ""
     if not hasattr(os, "sched_setscheduler"):
@@ -36,7 +36,7 @@ def prioritize_thread(priority: int) -> str:
 
 
 def lock_memory() -> str:
-    """Keep this process in memory; return a warning in words, or nothing."""
+    """Lock this process in memory; returns a warning, or an empty text."""
     libc = ctypes.CDLL(None, use_errno=True)
     if not hasattr(libc, "mlockall") or libc.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
         return "memory could not be locked: raise the limit memlock, or set process.lock_memory=false"

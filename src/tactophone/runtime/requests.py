@@ -1,56 +1,56 @@
-"""Where requests from pages and other terminals are granted or refused, and the guard's word is carried out."""
+"""Grants or refuses the requests of pages and other terminals, and applies what was granted."""
 
 import dataclasses
 
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import TactophoneError
-from tactophone.haptics import PROFILES, Oscillator, PassthroughRenderer, open_profile
+from tactophone.haptics import PROFILES, Oscillator, Renderer, open_profile
+from tactophone.pipeline import Pipeline
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.telemetry import Request
 
 LOWEST_THRESHOLD_DBFS = -120.0
-"""Of the contact gate; under it lies only what 24 bits round away."""
+"""Of the contact gate: below the rounding of 24-bit samples."""
 
 
 class RequestHandler:
-    """Hands on what is asked: to the guard what concerns how much may be felt, to the walk what concerns how.
+    """Passes requests on: to the gate what limits the vibration, to the pipeline what concerns detection and profile.
 
-    The guard's word is carried to the renderer, which drives the finger in another thread, and to nobody else.
+    The gate's decisions are then applied to the renderer, which drives the actuator in another thread, and to the
+    pipeline, which scales the profile to the ceiling.
     """
 
-    def __init__(
-        self, guard: OutputGate, renderer: Oscillator | PassthroughRenderer, receiver: OperatorEndpoint
-    ) -> None:
-        self.guard = guard
-        self._renderer, self._receiver = renderer, receiver
+    def __init__(self, gate: OutputGate, renderer: Renderer, endpoint: OperatorEndpoint) -> None:
+        self.gate = gate
+        self._renderer, self._endpoint = renderer, endpoint
         self._enforce()
 
     @property
     def profiles(self) -> tuple[str, ...]:
-        """Names of the profiles that may be asked for: another renderer wants another start."""
-        return tuple(PROFILES) if isinstance(self._renderer, Oscillator) else (self._receiver.walk.profile.name,)
+        """Names of the profiles that may be requested; one that needs another renderer needs a restart."""
+        return tuple(PROFILES) if isinstance(self._renderer, Oscillator) else (self._endpoint.pipeline.profile.name,)
 
-    def obey(self, requests: list[Request]) -> list[str]:
-        """Grant what may be granted; return the actions refused."""
+    def apply(self, requests: list[Request]) -> list[str]:
+        """Grant what may be granted; returns the actions refused."""
         own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
-        refused = self.guard.obey(request for request in requests if request not in own)
+        refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
         return refused
 
     def stop(self) -> None:
-        """Stop vibrating at once, and stay stopped until somebody arms; may be called from a signal handler."""
-        self.guard.stop()
+        """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
+        self.gate.stop()
         self._renderer.stop()
 
     def _adjust(self, request: Request) -> bool:
-        """Change how is judged or mapped; a profile or threshold that is not to be had is refused."""
-        walk = self._receiver.walk
+        """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
+        pipeline = self._endpoint.pipeline
         try:
             if request.action == "profile" and request.text in self.profiles:
-                walk.profile = open_profile(request.text)
+                pipeline.profile = open_profile(request.text)
             elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
-                walk.judge.threshold_dbfs = request.value
+                pipeline.threshold_dbfs = request.value
             else:
                 return False
         except TactophoneError:
@@ -58,10 +58,12 @@ class RequestHandler:
         return True
 
     def _enforce(self) -> None:
-        limits = self._renderer.limits
-        if limits.ceiling != self.guard.ceiling:
-            self._renderer.limits = dataclasses.replace(limits, ceiling=self.guard.ceiling)
-        if self.guard.armed:
+        # The renderer comes first: it bounds every sample, so a lowered ceiling holds before the profile is scaled.
+        limited: Renderer | Pipeline
+        for limited in (self._renderer, self._endpoint.pipeline):
+            if limited.limits.ceiling != self.gate.ceiling:
+                limited.limits = dataclasses.replace(limited.limits, ceiling=self.gate.ceiling)
+        if self.gate.armed:
             self._renderer.release()
         else:
             self._renderer.stop()

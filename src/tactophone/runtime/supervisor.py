@@ -1,8 +1,8 @@
-"""One side of the line in a process of its own, and the eye that rests on it.
+"""Runs one side of the live system in a process of its own, and supervises it.
 
-What computes beside the sound (terminal, logs, this watching) stays out of the process that holds the audio callback:
-a busy Python thread there ruins its punctuality through the interpreter lock. A process that dies or is ended by the
-watchdog is followed by a new one, which begins muted: nothing restores vibration by itself.
+Everything that computes beside the sound (terminal, logs, supervision) stays out of the process with the audio
+callback: a busy Python thread there delays the callback through the interpreter lock. A process that dies or is killed
+by the watchdog is replaced by a new one, which starts muted: nothing restores vibration by itself.
 """
 
 import contextlib
@@ -15,20 +15,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from types import TracebackType
 from typing import Self, TypeAlias
 
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
-from tactophone.runtime import realtime_priority as tuning
-from tactophone.runtime.watchdog import LOOK_EVERY, PATIENCE, Patience, Watchdog
+from tactophone.runtime.realtime_priority import prioritize_thread
+from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Watchdog
 from tactophone.telemetry import Watcher
 
 RESTART_DELAY = 0.5
 """Seconds between the end of a process and the next."""
 
 START_TIMEOUT = 20.0
-"""Seconds that a process may take to import, open its devices and say so."""
+"""Seconds that a process may take to import, open its devices and report."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
@@ -36,7 +35,7 @@ END_TIMEOUT = 3.0
 
 @dataclass(frozen=True, slots=True)
 class ProcessInfo:
-    """What a process is told when it begins: under which name others watch it, and how many went before it."""
+    """What a process gets at its start: the name of its run, and how many processes of the run ended before it."""
 
     name: str
     restarts: int = 0
@@ -44,21 +43,21 @@ class ProcessInfo:
 
     @property
     def orphaned(self) -> bool:
-        """Whether who watched over this process is gone, so that it should end too."""
+        """Whether the supervising process is gone, so that this one should end too."""
         return self.parent != 0 and os.getppid() != self.parent
 
 
 Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
-"""One side of the line: runs until SIGTERM, or until its sound ends. Must be importable by a new process."""
+"""One side of the live system: runs until SIGTERM, or until its sound ends. Must be importable by a new process."""
 
 
 class Supervisor:
-    """Run one side in its own process; a context manager that gives it a start and an end.
+    """Runs one side in its own process; a context manager.
 
     Attributes
     ----------
     restarts
-        Times that a new process had to be begun.
+        Number of new processes that had to be started.
     """
 
     def __init__(self, main: Main, settings: Settings, *, name: str) -> None:
@@ -66,7 +65,7 @@ class Supervisor:
         self.restarts = 0
         self._main, self._settings = main, settings
         self._process: SpawnProcess | None = None
-        self._words: Connection | None = None
+        self._errors: Connection | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
 
@@ -80,9 +79,7 @@ class Supervisor:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -90,39 +87,39 @@ class Supervisor:
 
     @property
     def running(self) -> bool:
-        """Whether the side still runs or will again; false once its sound has come to its end."""
+        """Whether the side runs or will be restarted; false once its sound has ended."""
         return not self._ended.is_set()
 
     @property
     def pid(self) -> int:
-        """Of the process at hand."""
+        """Of the current process."""
         return (self._process.pid or 0) if self._process else 0
 
     def wait(self, timeout: float) -> bool:
-        """Wait for the side to end by itself; true when it has."""
+        """Wait up to ``timeout`` s for the side to end by itself; true when it has."""
         return self._ended.wait(timeout)
 
     def stop_emergency(self) -> None:
-        """Pass an emergency stop on, by signal: it needs no thread of the process to be free."""
+        """Send the emergency stop as a signal, which needs no free thread in the process."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGUSR1)
 
     def _begin(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._words, words = context.Pipe(duplex=False)
-        birth = ProcessInfo(self.name, self.restarts, os.getpid())
+        self._errors, errors = context.Pipe(duplex=False)
+        info = ProcessInfo(self.name, self.restarts, os.getpid())
         self._process = context.Process(
-            target=_run, args=(self._main, self._settings, birth, words), name=self.name, daemon=True
+            target=_run, args=(self._main, self._settings, info, errors), name=self.name, daemon=True
         )
         self._process.start()
-        words.close()
+        errors.close()
 
     def _await_start(self) -> None:
-        """Wait for the first sign of life; what the process raised before it is raised here."""
+        """Wait for the first telemetry; an error raised before it is raised here."""
         until = time.monotonic() + START_TIMEOUT
         while time.monotonic() < until:
-            if self._words is not None and self._words.poll():
-                raise TactophoneError(self._words.recv())
+            if self._errors is not None and self._errors.poll():
+                raise TactophoneError(self._errors.recv())
             if self._process is None or not self._process.is_alive():
                 break
             with contextlib.suppress(TactophoneError):
@@ -131,15 +128,15 @@ class Supervisor:
                     return
             time.sleep(0.02)
         raise TactophoneError(
-            f"{self.name} did not start within {START_TIMEOUT:g} s: see what it said, or wait for a calmer machine"
+            f"{self.name} did not start within {START_TIMEOUT:g} s: see its messages, or try again on an idle machine"
         )
 
     def _watch(self) -> None:
-        """Look after the process until somebody ends it, here or there."""
-        # The network thread has warned already, if this is refused.
-        tuning.prioritize_thread(self._settings.process.priority)
+        """Supervise the process, and its successors, until the side ends."""
+        # If this is refused, the network thread has warned already.
+        prioritize_thread(self._settings.process.priority)
         while not self._ended.is_set():
-            if not self._watch_one():
+            if not self._watch_process():
                 self._ended.set()
                 return
             if self._ended.wait(RESTART_DELAY):
@@ -147,19 +144,19 @@ class Supervisor:
             self.restarts += 1
             self._begin()
 
-    def _watch_one(self) -> bool:
-        """Watch one process; true when it died or was ended, and another should begin."""
+    def _watch_process(self) -> bool:
+        """Watch one process; true when it died or was killed, and another should start."""
         process = self._process
         if process is None:
             return False
         watcher = self._watcher()
-        watchdog = Watchdog(_patience(self._settings))
-        while not self._ended.wait(LOOK_EVERY):
+        watchdog = Watchdog(_timeouts(self._settings))
+        while not self._ended.wait(CHECK_INTERVAL):
             if not process.is_alive():
                 return process.exitcode != 0
             if watcher is None:
                 watcher = self._watcher()
-            elif self._settings.process.watchdog and watchdog.look(watcher.pulse(), now=time.monotonic()):
+            elif self._settings.process.watchdog and watchdog.check(watcher.pulse(), now=time.monotonic()):
                 process.kill()
                 process.join()
                 return True
@@ -182,18 +179,18 @@ class Supervisor:
             process.join()
 
 
-def _run(main: Main, settings: Settings, birth: ProcessInfo, words: Connection) -> None:
-    """Be the process: one line for an error that people understand, a trace for our own mistakes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard's interrupt is the parent's to handle
+def _run(main: Main, settings: Settings, info: ProcessInfo, errors: Connection) -> None:
+    """Run the side in the new process: an expected error is passed on in one line, a bug is a traceback."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the keyboard interrupt
     try:
-        main(settings, birth)
+        main(settings, info)
     except TactophoneError as error:
-        words.send(str(error))
+        errors.send(str(error))
         raise SystemExit(1) from None
 
 
-def _patience(settings: Settings) -> Patience:
-    """Be in haste only where there is a finger: a file that stalls buzzes nobody, and a busy machine may be late."""
+def _timeouts(settings: Settings) -> StallTimeouts:
+    """Use the short timeout only with a real actuator: a stalled file harms nobody, and a busy machine may be late."""
     if settings.output.actuator in ("file", "none"):
-        return Patience(vibrating=PATIENCE)
-    return Patience(vibrating=settings.process.stall_timeout)
+        return StallTimeouts(vibrating=SILENT_TIMEOUT)
+    return StallTimeouts(vibrating=settings.process.stall_timeout)

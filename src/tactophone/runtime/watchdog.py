@@ -1,61 +1,62 @@
-"""Ends a process whose sound has stalled, from outside.
+"""Detects from outside that a process has stalled.
 
-JACK repeats the last period of a stalled client for ever (measured), so to the finger a stall is a buzz without end.
-Nothing inside a stalled process can help; a process that is *killed* is silent within two periods.
+JACK repeats the last period of a stalled client for ever (measured), which vibrates without end. Nothing inside a
+stalled process can help; a process that is *killed* is silent within two periods.
 
-While the last period was silent, a stall hurts nobody and the patience is long; while it vibrated, it is short. The
-watchdog looks often, and counts only looks that were themselves on time: if the whole machine stood still, the
-watchdog did too, and the client has the same right to a late start.
+While the last period was silent, a stall does no harm and the timeout is long; while it vibrated, it is short. Only
+checks that were themselves on time count: if the whole machine stood still, so did the watchdog, and the client may be
+late for the same reason.
 """
 
 from dataclasses import dataclass
 
 from tactophone.telemetry import Pulse
 
-LOOK_EVERY = 0.005
-"""Seconds between two looks."""
+CHECK_INTERVAL = 0.005
+"""Seconds between two checks."""
 
-PATIENCE = 2.0
+SILENT_TIMEOUT = 2.0
 """Seconds without any sign of life, while silent, after which a process counts as stalled."""
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
-    """How long a process may give no sign, in seconds: while it vibrates, and while it is silent.
+class StallTimeouts:
+    """How long a process may show no sign of life, in s: while it vibrates, and while it is silent.
 
-    A device with long periods calls less often, so that at least two of them are waited for.
+    For a device with long periods the first is extended to two of them.
     """
 
     vibrating: float = 0.05
-    silent: float = PATIENCE
+    silent: float = SILENT_TIMEOUT
 
 
 class Watchdog:
-    """Judges pulses; no clock, no process.
+    """Decides from pulses whether a process has stalled; it has no clock and no process of its own.
 
     Examples
     --------
-    >>> watchdog = Watchdog(Patience(vibrating=0.035))
-    >>> [watchdog.look(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(9)].index(True)
+    >>> watchdog = Watchdog(StallTimeouts(vibrating=0.035))
+    >>> [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(9)].index(True)
     8
     """
 
-    def __init__(self, patience: Patience) -> None:
-        self._patience = patience
+    def __init__(self, timeouts: StallTimeouts) -> None:
+        self._timeouts = timeouts
         self._last: float | None = None
         self._callbacks = -1
         self._beat = 0.0
         self._without_callback = self._without_beat = 0.0
 
-    def look(self, pulse: Pulse, *, now: float) -> bool:
-        """Take one look; true when the process should be ended."""
-        passed = 0.0 if self._last is None else min(now - self._last, 2 * LOOK_EVERY)
+    def check(self, pulse: Pulse, *, now: float) -> bool:
+        """Compare a pulse with the one before; true when the process should be killed."""
+        # A late check counts as two intervals at most: the time beyond was lost to the machine, not to the process.
+        passed = 0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
         self._last = now
         moved = pulse.callbacks != self._callbacks or pulse.callbacks == 0
         self._without_callback = 0.0 if moved else self._without_callback + passed
         self._without_beat = 0.0 if pulse.beat != self._beat else self._without_beat + passed
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
-        vibrating = max(self._patience.vibrating, 2 * pulse.period) if pulse.period > 0 else self._patience.vibrating
+        vibrating = max(self._timeouts.vibrating, 2 * pulse.period) if pulse.period > 0 else self._timeouts.vibrating
         if pulse.amplitude > 0.0 and self._without_callback > vibrating:
             return True
-        return self._without_beat > self._patience.silent
+        return self._without_beat > self._timeouts.silent

@@ -1,4 +1,4 @@
-"""Settings become things: which source, session and actuator a run is made of."""
+"""Opens the sources, sessions, pipelines and actuators that the settings name."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -7,7 +7,6 @@ from typing import cast
 
 from tactophone.capture import jack_source, portaudio_source
 from tactophone.config import Settings
-from tactophone.endpoints import Pipeline
 from tactophone.errors import ConfigError
 from tactophone.haptics import (
     PASSTHROUGH,
@@ -16,13 +15,16 @@ from tactophone.haptics import (
     Limits,
     Oscillator,
     PassthroughRenderer,
+    Render,
+    Renderer,
     clocked_actuator,
     jack_actuator,
     open_profile,
     portaudio_actuator,
 )
-from tactophone.haptics.actuator import Render
 from tactophone.link import (
+    IDENTITY_FOLDER,
+    NARROW_BAND,
     Codec,
     DatagramSocket,
     Endpoint,
@@ -34,32 +36,28 @@ from tactophone.link import (
     Session,
     resolve,
 )
-from tactophone.link.codec import NARROW_BAND
-from tactophone.link.identity import DEFAULT_FOLDER
 from tactophone.perception import (
+    FALLBACK_MESSAGES,
     AnyTouchDetector,
+    Calibration,
     FallbackDetector,
+    FaultDetector,
     default_model,
-    guard,
     model_path,
     open_detector,
     read_model,
+    with_fallback,
 )
-from tactophone.perception.sensor_health.calibration_file import Calibration
-from tactophone.perception.sensor_health.fallback import WORDS
-from tactophone.perception.sensor_health.faults import FaultWatch
+from tactophone.pipeline import Pipeline
 from tactophone.telemetry import Fault
-from tactophone.types import FloatArray, Source
-
-SAMPLE_RATE = 48_000
-"""Hz of the whole live journey; what runs at another rate is converted before it."""
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Source
 
 OpenSource = Callable[[Settings], Source]
-"""Makes the source that the settings name; must be importable by a new process."""
+"""Opens the source that the settings name; must be importable by a new process."""
 
 
 def open_device(settings: Settings) -> Source:
-    """Make the microphones' source; others are opened by who knows them (the command line)."""
+    """Open the microphones; recordings and the simulated finger are opened by the command line."""
     capture = settings.capture
     if capture.source == "jack":
         process = settings.process
@@ -67,7 +65,7 @@ def open_device(settings: Settings) -> Source:
         return jack_source(contact=capture.contact, air=capture.air, server=process.jack_server, name=name)
     if capture.source == "portaudio":
         return portaudio_source(capture.device, channels=2 if capture.air else 1)
-    raise ConfigError(f"capture.source = {capture.source!r} is no device: this door opens jack and portaudio")
+    raise ConfigError(f"capture.source = {capture.source!r} is not a device; devices are jack and portaudio")
 
 
 def open_actuator(settings: Settings, render: Render) -> Actuator:
@@ -85,56 +83,59 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
     return clocked_actuator(render, period=output.period)
 
 
-def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Oscillator | PassthroughRenderer:
-    """Make what drives the finger: the oscillator, or a relay of the sound that ``pull`` gives."""
-    feel = settings.feel
-    limits = Limits(ceiling=feel.ceiling)
-    return (
-        PassthroughRenderer(PASSTHROUGH[feel.profile](None), pull, limits)
-        if feel.profile in PASSTHROUGH
-        else Oscillator(limits)
-    )
+def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Renderer:
+    """Make the renderer: the oscillator, or the passthrough of the sound that ``pull`` returns."""
+    limits, profile = Limits(ceiling=settings.rendering.ceiling), settings.rendering.profile
+    if profile not in PASSTHROUGH:
+        return Oscillator(limits)
+    # The gate of the renderer applies the ceiling; applied in the passthrough too, it would count twice.
+    return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
 
 
 def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
-    """Make what turns sound of so many channels into commands, by the model and profile that the settings name.
+    """Open the pipeline for so many channels, with the model and profile that the settings name.
 
-    Its judge is on its guard against faulty microphones, unless the settings say otherwise.
+    Its detector falls back safely when a microphone is faulty, unless the settings say otherwise.
     """
-    feel, wanted = settings.feel, settings.judge
-    model = wanted.model or default_model(channels)
-    calibration = _calibration(wanted.calibration, channels)
-    plain = open_detector(model, sample_rate=SAMPLE_RATE)
-    reference = calibration.reference if calibration else None
-    judge: AnyTouchDetector = plain
-    if wanted.watch:
-        judge = guard(plain, sample_rate=SAMPLE_RATE, channels=channels, model=model, reference=reference)
-    if not math.isnan(wanted.threshold_dbfs):
-        judge.threshold_dbfs = wanted.threshold_dbfs
+    chosen, profile = settings.detector, settings.rendering.profile
+    model = chosen.model or default_model(channels)
+    calibration = _calibration(chosen.calibration, channels)
+    detector: AnyTouchDetector
+    detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE)
+    if chosen.check_microphones:
+        reference = calibration.reference if calibration else None
+        detector = with_fallback(
+            plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference
+        )
+    if not math.isnan(chosen.threshold_dbfs):
+        detector.threshold_dbfs = chosen.threshold_dbfs
     elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
-        # The calibrated level is an RMS; a gate that listens to a band alone has learnt its own threshold.
-        judge.threshold_dbfs = calibration.threshold_dbfs
-    profile = GateProfile(feel.profile) if feel.profile in PASSTHROUGH else open_profile(feel.profile)
-    return Pipeline(judge, profile, Limits(ceiling=feel.ceiling))
+        # The calibrated level is an RMS of all frequencies; a gate on one band has a trained threshold of its own.
+        detector.threshold_dbfs = calibration.threshold_dbfs
+    return Pipeline(
+        detector,
+        GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile),
+        Limits(ceiling=settings.rendering.ceiling),
+    )
 
 
-def sensor_faults(judge: AnyTouchDetector) -> Iterator[Fault]:
-    """Say what is wrong with the microphones that a judge hears, and what it does about it."""
-    if isinstance(judge, FallbackDetector):
-        for fault in judge.sensor_faults:
-            yield Fault(fault.code, f"{fault} ({WORDS[judge.answer]})")
+def microphone_faults(detector: AnyTouchDetector) -> Iterator[Fault]:
+    """Yield what is wrong with the microphones, and what the detector falls back to."""
+    if isinstance(detector, FallbackDetector):
+        for fault in detector.sensor_faults:
+            yield Fault(fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
 
 
-def open_watch(settings: Settings, *, channels: int) -> FaultWatch | None:
-    """Make what names sensor faults where the sound is heard, before any codec has smoothed them."""
-    if not settings.judge.watch:
+def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:
+    """Open the check for microphone faults on the robot, where no codec has changed the sound yet."""
+    if not settings.detector.check_microphones:
         return None
-    calibration = _calibration(settings.judge.calibration, channels)
-    return FaultWatch(SAMPLE_RATE, calibration.reference if calibration else None)
+    calibration = _calibration(settings.detector.calibration, channels)
+    return FaultDetector(LIVE_SAMPLE_RATE, calibration.reference if calibration else None)
 
 
 def _calibration(path: str, channels: int) -> Calibration | None:
-    """Read a calibration, if one is named and it is of a set-up with as many microphones."""
+    """Read the calibration at ``path``; none if the path is empty or the number of microphones differs."""
     if not path:
         return None
     calibration = Calibration.read(Path(path).expanduser())
@@ -142,25 +143,31 @@ def _calibration(path: str, channels: int) -> Calibration | None:
 
 
 def open_session(settings: Settings, *, call: bool) -> Session:
-    """Make one end of the sealed line; the robot calls, the operator answers."""
+    """Open one end of the encrypted session; the robot calls, the operator answers.
+
+    Raises
+    ------
+    ConfigError
+        If the host to call is not set, or no peer is trusted yet.
+    """
     link = settings.link
-    folder = Path(link.identity or DEFAULT_FOLDER).expanduser()
+    folder = Path(link.identity or IDENTITY_FOLDER).expanduser()
     if call and not link.peer:
-        raise ConfigError("whom to call is not known: give the operator's host, as in --peer operator.local")
+        raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
     callee = resolve(link.peer, link.port) if call else None
     peers = Peers.load(folder)
     if not peers.items():
-        raise ConfigError(f"{folder} knows no peer to trust: pair the two machines first with `tactophone pair`")
+        raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
     return Session(Identity.load(folder), peers, call=callee)
 
 
 def open_send_session(settings: Settings, channels: int) -> SendSession:
-    """Make the robot's end, with the codec and the redundancy that the settings ask for."""
+    """Open the robot's session, with the codec and the redundancy that the settings ask for."""
     link = settings.link
     codec = Codec(
         "pcm16" if link.codec == "pcm16" else "opus",
         channels=channels,
-        packet_size=round(link.packet_duration * SAMPLE_RATE),
+        packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
         bandwidth=link.bandwidth or NARROW_BAND,
         bitrate_bps=link.bitrate_bps,
     )
@@ -169,6 +176,6 @@ def open_send_session(settings: Settings, channels: int) -> SendSession:
     return SendSession(open_session(settings, call=True), codec, rule=rule, follow=not link.bandwidth)
 
 
-def post(end: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
-    """Send what an end has to send."""
-    socket.send(cast(list[tuple[bytes, Endpoint]], end.outgoing()))
+def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
+    """Send the datagrams that a session has to send."""
+    socket.send(cast(list[tuple[bytes, Endpoint]], session.outgoing()))

@@ -1,30 +1,17 @@
-"""Surface, finger, room, network and operator: stand-ins that pass the real contracts."""
+"""Stand-ins for hardware, network and people that keep the real contracts.
 
-from tactophone.simulation.content.catalogue import TestObject, catalogue, find
-from tactophone.simulation.content.movement import TAKES, Script, Take, take_moves
-from tactophone.simulation.physics.finger import Electronics, Finger
-from tactophone.simulation.physics.motion import Move
-from tactophone.simulation.physics.scene import Scene, five_stones, row, shuffled, single
-from tactophone.simulation.physics.session_variation import SessionVariation
-from tactophone.simulation.physics.source import SimulatedFinger, Truth
+``physics`` renders the finger's sound, ``content`` holds objects, movements and data sets, ``network`` impairs packets,
+``participants`` simulates people. Names are loaded on first use, because numba and scipy take seconds to import.
+"""
 
-__all__ = [
-    "TAKES",
-    "Electronics",
-    "Finger",
-    "Move",
-    "Scene",
-    "Script",
-    "SessionVariation",
-    "SimulatedFinger",
-    "Take",
-    "TestObject",
-    "Truth",
-    "catalogue",
-    "find",
-    "five_stones",
-    "row",
-    "shuffled",
-    "single",
-    "take_moves",
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tactophone.simulation.exports import *  # noqa: F403
+
+
+def __getattr__(name: str) -> Any:
+    if name.startswith("__"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module("tactophone.simulation.exports"), name)

@@ -1,12 +1,13 @@
-"""What may be watched: recent sound, ticks, counters and state; nothing ever waits for a watcher.
+"""Telemetry of a run: recent sound, pipeline steps, predictions, counters and state, and the log of predictions.
 
-The running process writes into one piece of shared memory (`Telemetry`); any number of others look (`Watcher`) or
-ask for something (`Watcher.ask`). The writer never takes a lock and never learns who watches, so a stalled page
-costs the sound nothing. What is asked for lies in a mailbox that the runtime empties and judges: a request is a
-wish, and the runtime owns the truth.
+The running process writes into one block of shared memory (`Telemetry`); any number of other processes read it
+(`Watcher`) or send requests (`Watcher.ask`). The writer takes no lock and does not know its readers, so a stalled page
+cannot delay the sound. Requests lie in a mailbox that the runtime empties; the runtime decides what is granted.
 """
 
-from tactophone.telemetry.memory import TICK
+from tactophone.telemetry.follower import RunFollower
+from tactophone.telemetry.memory import MARK, PREDICTION, STEP
+from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
@@ -14,16 +15,22 @@ from tactophone.telemetry.writer import Telemetry
 __all__ = [
     "COUNTERS",
     "GAUGES",
+    "MARK",
     "MARKS",
+    "PREDICTION",
     "STAGES",
-    "TICK",
+    "STEP",
     "Action",
     "Fault",
+    "PredictionLog",
     "Pulse",
     "Request",
+    "RunFollower",
     "Snapshot",
     "State",
     "Telemetry",
+    "TimelineWriter",
     "Watcher",
+    "read_timeline",
     "running",
 ]

@@ -1,18 +1,18 @@
-"""How telemetry lies in shared memory.
+"""The layout of telemetry in shared memory.
 
-One writer, many readers, no lock. Three shapes make that safe:
+One writer, many readers, no lock. Three kinds of fields make that safe:
 
-- *counters and gauges* are single aligned 8-byte words, which the processor never tears;
-- *rings* (sound, vibration, ticks) are written first and counted after. A reader copies, then looks at the count
-  again and throws away whatever the writer may have overwritten meanwhile;
-- *texts* (the state) lie twice: the writer fills the copy that is not current and then turns the count. A writer
-  that dies half way leaves the older copy whole.
+- *counters and gauges* are single aligned 8-byte words, which are written and read atomically;
+- *ring buffers* (sound, vibration, steps, predictions) are written first and counted after. A reader copies the rows,
+  reads the count again and drops the rows that the writer may have overwritten meanwhile;
+- *texts* (the state) have two slots: the writer fills the slot that is not current and then increments the count. A
+  writer that dies half way leaves the older text intact.
 
-It is a mapped file in the memory file system rather than `multiprocessing.shared_memory`, whose tracker (before
-Python 3.13) takes the memory away from under the sound when a page that only watched is closed.
+The memory is a mapped file in the memory file system. `multiprocessing.shared_memory` is not used because its resource
+tracker (before Python 3.13) unlinks the memory of a running process when a process that only read it exits.
 
-Beware: this leans on stores becoming visible in program order, which x86 promises. On a processor that does not, a
-reader may see a torn row of a ring now and then; nothing that decides about vibration is read from here.
+Beware: readers rely on stores becoming visible in program order, which x86 guarantees. On other processors a reader may
+rarely see a torn row of a ring buffer; nothing that controls vibration is read from here.
 """
 
 import os
@@ -29,24 +29,27 @@ from tactophone.errors import TactophoneError
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS
 
 PREFIX = "tactophone-"
-"""Of the names of the memories in their folder."""
+"""Prefix of the file names."""
 
 SOUND_CAPACITY = 1 << 17
 """Samples of sound and of vibration kept: 2.7 s at 48 kHz."""
 
-TICK_CAPACITY = 1 << 13
-"""Ticks kept: 20 s at 400 a second, as packets of 2.5 ms bring them."""
+STEP_CAPACITY = 1 << 13
+"""Steps kept: 20 s at 400 a second, one for each packet of 2.5 ms."""
+
+PREDICTION_CAPACITY = 1 << 13
+"""Predictions kept: 80 s at a hundred a second."""
 
 MARK_CAPACITY = 1 << 12
 """Marks kept of each kind: 10 s of packets of 2.5 ms."""
 
 LARGEST_WRITE = 1 << 14
-"""Samples written to a ring before its count moves on: what a reader must distrust at the old end."""
+"""Samples written to a ring buffer before its count is updated: a reader must drop as many at the old end."""
 
 STATE_SIZE = 1 << 14
 """Bytes for the state as JSON: some forty faults of 300 letters."""
 
-TICK = np.dtype(
+STEP = np.dtype(
     [
         ("time", "f8"),
         ("sound_end", "u8"),
@@ -62,11 +65,27 @@ TICK = np.dtype(
     ],
     align=True,
 )
-"""One tick: stream time (s), where sound and vibration had come to in their rings, the newest belief and command.
-``truth`` is the known `Touch`, or -1; ``probabilities`` are NaN before the first window has been judged."""
+"""One pipeline step: stream time (s), the counts of sound and vibration at that time, the newest prediction and
+command. ``truth`` is the known `Touch`, or -1; ``probabilities`` are NaN before the first prediction."""
+
+PREDICTION = np.dtype(
+    [
+        ("time", "f8"),
+        ("start", "f8"),
+        ("end", "f8"),
+        ("probabilities", "f8", 3),
+        ("roughness", "f8"),
+        ("level_dbfs", "f8"),
+        ("amplitude", "f8"),
+        ("frequency", "f8"),
+        ("touch", "i1"),
+    ],
+    align=True,
+)
+"""One prediction and the command computed from it; ``amplitude`` and ``frequency`` are NaN where there was none."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
-"""One moment: the RTP timestamp at which the stretch of sound ends, and the system-wide monotonic clock, in seconds."""
+"""The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""
 
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
@@ -76,7 +95,8 @@ _LAYOUT = np.dtype(
         ("fingerprint", "u8"),
         ("pid", "u8"),
         ("beat", "f8"),
-        ("tick_count", "u8"),
+        ("step_count", "u8"),
+        ("prediction_count", "u8"),
         ("sound_count", "u8"),
         ("vibration_count", "u8"),
         ("state_count", "u8"),
@@ -85,7 +105,8 @@ _LAYOUT = np.dtype(
         ("gauges", "f8", len(GAUGES)),
         ("requests", _REQUEST, len(ACTIONS)),
         ("states", _TEXT, 2),
-        ("ticks", TICK, TICK_CAPACITY),
+        ("steps", STEP, STEP_CAPACITY),
+        ("predictions", PREDICTION, PREDICTION_CAPACITY),
         ("sound", "f4", (SOUND_CAPACITY, 2)),
         ("vibration", "f4", SOUND_CAPACITY),
         ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
@@ -97,14 +118,14 @@ _FINGERPRINT = zlib.crc32(repr((_LAYOUT, tuple(COUNTERS), tuple(GAUGES), MARKS, 
 
 
 class Memory:
-    """One run's shared memory, seen as NumPy arrays under their names (``memory["ticks"]``)."""
+    """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``."""
 
     def __init__(self, name: str, *, create: bool) -> None:
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         with _created(self._path) if create else _opened(self._path) as file:
             whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
-        # Plain arrays, made once: making a view costs as much as what is then done with it.
+        # The views are made once: making one costs as much as a write through it.
         self._views = {name: np.asarray(whole[name]).reshape(_LAYOUT[name].shape) for name in _LAYOUT.names or ()}
         if create:
             self["gauges"][:] = np.nan
@@ -116,17 +137,17 @@ class Memory:
 
     @property
     def writer_alive(self) -> bool:
-        """Whether the process that writes here still exists."""
+        """Whether the writing process exists."""
         return _alive(int(self["pid"]))
 
     def unlink(self) -> None:
-        """Take the name away, if this side made it; who still looks sees the last state."""
+        """Remove the file, if this process created it; readers that have it open see the last state."""
         if self._created:
             self._path.unlink(missing_ok=True)
 
 
 def folder() -> Path:
-    """Where runs leave their memory: in memory on Linux, among temporary files elsewhere."""
+    """The folder of the mapped files: the memory file system on Linux, temporary files elsewhere."""
     memory = Path("/dev/shm")
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
@@ -135,16 +156,16 @@ def _created(path: Path) -> BinaryIO:
     if path.exists():
         pid = _left_by(path)
         if _alive(pid):
-            raise TactophoneError(f"{_run(path)} runs already (process {pid}): end it, or choose another --name")
+            raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
         path.unlink()
-    # Exclusive and for this user alone: others may neither prepare a trap here nor listen to the finger.
+    # Exclusive and for this user only: other users can neither place a link here nor read the sound.
     file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     file.truncate(_LAYOUT.itemsize)
     return file
 
 
 def _left_by(path: Path) -> int:
-    """Tell whose memory it is, or was; the number lies at the same place in every version."""
+    """Return the pid of the writer; it lies at the same offset in every version."""
     try:
         with path.open("rb", buffering=0) as file:
             return int.from_bytes(file.read(16)[8:], sys.byteorder)

@@ -1,17 +1,22 @@
-"""What was believed and felt, line by line: the CSV and JSON that `feel` writes (docs/feel.md says what they mean)."""
+"""The prediction log: each prediction and its command, as CSV and JSON (docs/guide/feel.md explains the columns).
+
+`TimelineWriter` writes the steps of an offline run; `PredictionLog` follows a live run through its telemetry.
+"""
 
 import csv
 import json
 import math
-from contextlib import ExitStack
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.errors import DatasetError
+from tactophone.errors import ConfigError, DatasetError, TactophoneError
+from tactophone.telemetry.follower import RunFollower
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
 COLUMNS = (
@@ -24,12 +29,12 @@ _DIGITS = 6
 
 
 def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Give one line: when it was felt, the window's end, what was believed, and what was felt.
+    """Return the entries of one line, by `COLUMNS`; times in s, rounded to microseconds.
 
     Examples
     --------
-    >>> belief = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.78, level_dbfs=-20.0, start=0.0, end=0.256)
-    >>> print(*row(belief, HapticCommand(0.5, 70.0, time=0.259)).values())
+    >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.78, level_dbfs=-20.0, start=0.0, end=0.256)
+    >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5
     """
     none, smooth, rough = prediction.probabilities
@@ -43,7 +48,7 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
 
 
 class TimelineWriter:
-    """Writes the timeline while it comes about; a context manager.
+    """Writes predictions as they are made; a context manager.
 
     Parameters
     ----------
@@ -56,40 +61,125 @@ class TimelineWriter:
     def __init__(self, path: Path, *, json_path: Path | None = None) -> None:
         self._path, self._json_path = path, json_path
         self._resources = ExitStack()
-        self._between = "[\n"
+        self._separator = "[\n"
 
     def __enter__(self) -> Self:
-        self._csv = csv.DictWriter(self._resources.enter_context(self._path.open("w", newline="")), COLUMNS)
+        self._file = self._resources.enter_context(self._path.open("w", newline=""))
+        self._csv = csv.DictWriter(self._file, COLUMNS)
         self._csv.writeheader()
         self._json = self._resources.enter_context(self._json_path.open("w")) if self._json_path else None
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: Any) -> None:
         if self._json:
-            self._json.write("[]\n" if self._between == "[\n" else "\n]\n")
+            self._json.write("[]\n" if self._separator == "[\n" else "\n]\n")
         self._resources.close()
 
-    def write(self, tick: PipelineStep) -> None:
-        """Add the lines of one step."""
-        for prediction, command in zip(tick.predictions, tick.commands, strict=True):
-            entries = row(prediction, command)
-            self._csv.writerow(entries)
-            if self._json:
-                # JSON has no infinities: a level of nothing at all is null there.
-                known = {name: None if value == -math.inf else value for name, value in entries.items()}
-                self._json.write(self._between + json.dumps(known))
-                self._between = ",\n"
+    def write(self, step: PipelineStep) -> None:
+        """Add the predictions of one step."""
+        for prediction, command in zip(step.predictions, step.commands, strict=True):
+            self.write_row(prediction, command)
+
+    def write_row(self, prediction: Prediction, command: HapticCommand) -> None:
+        """Add one prediction and its command."""
+        entries = row(prediction, command)
+        self._csv.writerow(entries)
+        if self._json:
+            # JSON has no infinities: a level of -inf dBFS is written as null.
+            finite = {name: None if value == -math.inf else value for name, value in entries.items()}
+            self._json.write(self._separator + json.dumps(finite))
+            self._separator = ",\n"
+
+    def flush(self) -> None:
+        """Hand the lines written so far to the system, so that they outlive this process."""
+        self._file.flush()
+
+
+class PredictionLog(RunFollower):
+    """Writes each prediction of a live run to a CSV file, from outside the run's process; a context manager.
+
+    Lines are flushed at each read (`follower.READ_INTERVAL`), so a kill of either process loses less than 1 s. A
+    process that the watchdog has replaced is followed on; its times begin at 0 again, as with each new session. Where
+    there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and ``amplitude``
+    are ``nan``.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    path
+        The CSV file, with the columns of `TimelineWriter`.
+    report
+        Called with a message when predictions were overwritten before they were read.
+
+    Attributes
+    ----------
+    missed
+        Predictions that were overwritten before they were read.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be written.
+    """
+
+    def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:
+        super().__init__(name)
+        self.missed = 0
+        self._path, self._report = path, report
+        self._writer = TimelineWriter(path)
+        self._count = 0
+
+    def __enter__(self) -> Self:
+        try:
+            self._writer.__enter__()
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._path} ({error.strerror}): choose another --log") from error
+        return super().__enter__()
+
+    def __exit__(self, *error: Any) -> None:
+        super().__exit__(*error)
+        self._writer.__exit__(*error)
+
+    def read(self) -> None:
+        """Write the predictions made since the last read."""
+        # Asked before reading: whatever a dead process wrote is then in the rows read here.
+        dead = not self.watcher.writer_alive
+        rows, count = self.watcher.predictions(self._count)
+        self._report_gap(count - self._count - len(rows), rows)
+        for entry in rows:
+            self._writer.write_row(*_from_row(entry))
+        self._count = count
+        self._writer.flush()
+        if dead:
+            with suppress(TactophoneError):  # no new process yet
+                successor = Watcher(self.watcher.name)
+                if successor.pid != self.watcher.pid:
+                    self.watcher, self._count = successor, 0
+
+    def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
+        if missed > 0:
+            self.missed += missed
+            until = f" before {rows[0]['end']:.3f} s" if len(rows) else ""
+            self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
+
+
+def _from_row(entry: Any) -> tuple[Prediction, HapticCommand]:
+    none, smooth, rough = (float(share) for share in entry["probabilities"])
+    prediction = Prediction(
+        (none, smooth, rough), Touch(int(entry["touch"])), float(entry["roughness"]), float(entry["level_dbfs"]),
+        start=float(entry["start"]), end=float(entry["end"]),
+    )  # fmt: skip
+    return prediction, HapticCommand(float(entry["amplitude"]), float(entry["frequency"]), float(entry["time"]))
 
 
 def read_timeline(path: Path) -> dict[str, NDArray[Any]]:
-    """Read a CSV timeline back, one array a column; ``touch`` as numbers of `Touch`.
+    """Read a CSV timeline back, as one array for each column; ``touch`` as numbers of `Touch`.
 
     Raises
     ------
     DatasetError
-        If a column is missing or holds no numbers.
+        If a column is missing or contains no numbers.
     """
     with path.open(newline="") as file:
         lines = list(csv.DictReader(file))
@@ -97,4 +187,4 @@ def read_timeline(path: Path) -> dict[str, NDArray[Any]]:
         columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name != "touch"}
         return columns | {"touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8)}
     except (KeyError, ValueError, TypeError) as error:
-        raise DatasetError(f"{path}: no timeline of ours ({error}); make one with `tactophone feel`") from error
+        raise DatasetError(f"{path}: not a timeline ({error}); make one with `tactophone feel`") from error

@@ -1,6 +1,6 @@
-"""What telemetry can tell, by name: counters, gauges, the state and the requests.
+"""The names of telemetry: counters, gauges, marks, the state and the requests.
 
-The names follow WebRTC's statistics and RFC 3550 where those have one. A name that is not here cannot be counted:
+The names follow WebRTC's statistics and RFC 3550 where those have one. Only the names listed here can be counted, so
 a reader knows the whole list beforehand.
 """
 
@@ -8,61 +8,63 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Literal, Self, TypeAlias, get_args
 
+from tactophone.types import LIVE_SAMPLE_RATE
+
 COUNTERS: dict[str, str] = {
-    "packets_sent": "packets that left for the other side",
-    "packets_received": "packets that arrived and were genuine",
-    "packets_lost": "packets that never came, or came too late to be used",
-    "packets_late": "genuine packets that came after their turn and were dropped",
-    "packets_duplicated": "genuine packets that came more than once",
-    "packets_reordered": "genuine packets that came after a younger one",
-    "packets_rejected": "datagrams that were not genuine: forged, replayed, damaged or foreign",
-    "packets_broken": "genuine packets that could not be understood",
-    "packets_recovered": "lost packets whose sound came redundantly in the next ones",
-    "packets_concealed": "lost packets whose sound was guessed",
-    "packets_skipped": "genuine packets too old to be judged, after a stall of the link",
-    "samples_received": "samples of sound decoded, guesses included",
-    "samples_concealed": "samples of sound that were guessed",
-    "handshakes": "sealed sessions begun",
-    "link_losses": "times the other side fell silent",
-    "ticks": "steps of the receiving side",
-    "predictions": "windows judged",
-    "callbacks": "times the sound device asked for vibration",
+    "packets_sent": "packets sent to the peer",
+    "packets_received": "authentic packets received",
+    "packets_lost": "packets that were never received, or too late to be used",
+    "packets_late": "authentic packets received after their place was filled, and dropped",
+    "packets_duplicated": "authentic packets received more than once",
+    "packets_reordered": "authentic packets received after a newer one",
+    "packets_rejected": "datagrams that failed authentication: forged, replayed, damaged or foreign",
+    "packets_broken": "authentic packets that could not be parsed or decoded",
+    "packets_recovered": "lost packets recovered from redundancy in the next ones",
+    "packets_concealed": "lost packets whose sound was concealed",
+    "packets_skipped": "authentic packets too old for a prediction, after a stall of the link",
+    "samples_received": "samples of sound decoded, concealed ones included",
+    "samples_concealed": "samples of sound that were concealed",
+    "handshakes": "encrypted sessions started",
+    "link_losses": "times the session with the peer ended",
+    "steps": "pipeline steps",
+    "predictions": "windows classified",
+    "callbacks": "periods of vibration that the sound device requested",
     "xruns": "periods that the sound device lost",
-    "callback_faults": "periods answered with silence because the callback failed",
+    "callback_faults": "periods filled with silence because the callback failed",
     "capture_overflows": "blocks of microphone sound dropped because they were not fetched in time",
     "device_losses": "times a sound device or its server went away",
-    "sound_faults": "blocks of sound that were not numbers",
-    "model_faults": "answers of the detector that were not probabilities",
-    "command_faults": "commands for the actuator that were not numbers",
-    "stale_fades": "times the vibration faded because commands stopped coming",
+    "sound_faults": "blocks of sound with NaN or infinite samples",
+    "model_faults": "outputs of the model that were not probabilities",
+    "command_faults": "commands for the actuator with NaN or infinite values",
+    "stale_fades": "times the vibration faded because no new command arrived",
     "emergency_stops": "emergency stops",
-    "requests_refused": "requests from a page or another process that were not granted",
-    "process_restarts": "times the watchdog ended a stalled process and began a new one",
+    "requests_refused": "requests from a page or another process that were refused",
+    "process_restarts": "times a process that stalled or died was replaced",
 }
-"""Things that only ever grow, each with the words for a reader."""
+"""Totals since the start of the process, with the description that a user reads."""
 
-STAGES = ("capture", "encode", "network", "playout", "decode", "judge", "render", "device")
-"""The latency budget in the order of the walk; each has a gauge ``latency_<stage>``, its median in seconds."""
+STAGES = ("capture", "encode", "network", "playout", "decode", "detect", "render", "device")
+"""The latency budget from microphone to actuator; each stage has a gauge ``latency_<stage>``, its median in seconds."""
 
-MARKS = ("captured", "sent", "received", "released", "decoded", "judged", "rendered")
-"""Moments in the life of a stretch of sound, each noted with the RTP timestamp at which that stretch ends; what lies
-between two of them is a stage of the budget."""
+MARKS = ("captured", "sent", "received", "released", "decoded", "detected", "rendered")
+"""Points that a block of sound passes, each recorded with the RTP timestamp at which the block ends. The time between
+two successive points is a stage of the budget."""
 
 GAUGES: dict[str, str] = {
     "jitter": "interarrival jitter (RFC 3550, 6.4.1), s",
-    "playout_delay": "how long sound waits so that late packets can still be used, s",
-    "clock_skew_ppm": "how much faster the other side's sound clock runs, millionths",
-    "bitrate_bps": "bits a second on the wire, all headers included",
-    "loss_ratio": "share of packets lost in the last seconds",
+    "playout_delay": "how long sound waits so that late packets can be used, s",
+    "clock_skew_ppm": "how much faster the peer's sound clock runs, ppm",
+    "bitrate_bps": "bits per second on the wire, all headers included",
+    "loss_ratio": "share of packets lost in the last report interval",
     "redundancy": "earlier packets carried in each packet",
-    "round_trip": "to the other side and back, s",
+    "round_trip": "round-trip time, s",
     "output_amplitude": "amplitude of the vibration now, 0-1 of full drive",
-    "device_period": "sound that the actuator's device asks for at once, s",
-    "device_latency": "what the sound device says of its own delay, s",
+    "device_period": "duration of one period of the actuator's device, s",
+    "device_latency": "latency reported by the sound device, s",
     **{f"latency_{stage}": f"median time in the stage {stage}, s" for stage in STAGES},
-    "latency_total": "median from microphone to vibration, measured from end to end, s",
+    "latency_total": "median from microphone to vibration, measured end to end, s",
 }
-"""Things that go up and down, each with the words for a reader; NaN until first set."""
+"""Values that go up and down, with the description that a user reads; NaN until first set."""
 
 Action: TypeAlias = Literal["stop", "mute", "arm", "ceiling", "output_level", "profile", "threshold_dbfs"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
@@ -70,16 +72,16 @@ ACTIONS: tuple[Action, ...] = get_args(Action)
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Something that a watcher asks of the runtime; the newest of each action counts.
+    """A request of a watcher to the runtime; the newest of each action counts.
 
     Parameters
     ----------
     action
         ``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
-        full drive, and a ceiling over the local machine's own is refused. ``threshold_dbfs`` is the contact gate's;
-        ``profile`` is given by name in ``text``.
+        full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
+        ``profile`` takes the profile's name in ``text``.
     time
-        When it was asked, on the system-wide monotonic clock, in seconds.
+        When the request was made, on the system-wide monotonic clock, in seconds.
     """
 
     action: Action
@@ -90,7 +92,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that is wrong now: a code for programs, words (with what to do) for people."""
+    """A fault that is present now: a code for programs, a text with the next step for people."""
 
     code: str
     text: str
@@ -99,7 +101,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How the running side is set and whether it may vibrate; amplitudes are 0-1 of full drive."""
+    """The settings of the running endpoint and whether it may vibrate; amplitudes are 0-1 of full drive."""
 
     role: str = ""
     armed: bool = False
@@ -115,13 +117,13 @@ class State:
     link: str = ""
     source: str = ""
     output: str = ""
-    sample_rate: int = 48_000
+    sample_rate: int = LIVE_SAMPLE_RATE
     channels: int = 2
     faults: tuple[Fault, ...] = field(default=())
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
-        """Read what `__bytes__` wrote.
+        """Parse the output of `__bytes__`.
 
         >>> State.parse(bytes(State(faults=(Fault("link", "no sound"),)))).faults[0].code
         'link'

@@ -1,4 +1,4 @@
-"""The side that watches: another process that reads a run's telemetry and may ask something of the run."""
+"""The reading side of telemetry: another process that reads a run's telemetry and may send it requests."""
 
 import math
 import time
@@ -15,7 +15,7 @@ from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Acti
 from tactophone.types import FloatArray
 
 STALE_AFTER = 1.0
-"""Seconds without a sign of life after which a run counts as stalled; a live one gives some every 0.1 s."""
+"""Seconds without a heartbeat after which a run counts as stalled; a live run updates it at least every 0.1 s."""
 
 _CALLBACKS = list(COUNTERS).index("callbacks")
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -24,28 +24,28 @@ _AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """A run as it was at one moment.
+    """A run at one moment.
 
     Parameters
     ----------
     sound, vibration
         The newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end`` and ``vibration_end``
         counted since the run began.
-    ticks
-        The newest ticks, of dtype `TICK`, ending at the count ``tick_end``.
+    steps
+        The newest steps, of dtype `STEP`, ending at the count ``step_end``.
     age
-        Seconds since the run's last sign of life.
+        Seconds since the run's last heartbeat.
     alive
-        Whether the run's process exists and showed a sign of life within `STALE_AFTER`.
+        Whether the run's process exists and its last heartbeat is newer than `STALE_AFTER`.
     """
 
     state: State
     counters: dict[str, int]
     gauges: dict[str, float]
-    ticks: NDArray[np.void]
+    steps: NDArray[np.void]
     sound: FloatArray
     vibration: FloatArray
-    tick_end: int
+    step_end: int
     sound_end: int
     vibration_end: int
     age: float
@@ -54,9 +54,9 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True)
 class Pulse:
-    """Whether a run lives, at the least cost: how often its device called, how strong the last period was.
+    """The few values that a watchdog needs: callbacks of the device so far, peak amplitude of the last period.
 
-    ``beat`` is its last sign of life on the monotonic clock; ``period`` is the device's in seconds, NaN if unknown.
+    ``beat`` is the last heartbeat on the monotonic clock; ``period`` is the device's in seconds, NaN if unknown.
     """
 
     callbacks: int
@@ -66,7 +66,7 @@ class Pulse:
 
 
 class Watcher:
-    """Look at a run from another process, and ask things of it; the run never waits for this.
+    """Reads a run from another process and sends it requests; the run never waits for a watcher.
 
     Examples
     --------
@@ -84,8 +84,8 @@ class Watcher:
         self._memory = Memory(name, create=False)
 
     def snapshot(self, since: Snapshot | None = None) -> Snapshot:
-        """Copy what there is; of sound, vibration and ticks only what is newer than ``since``, if that is given."""
-        ticks, tick_end = self._ring("tick", since.tick_end if since else 0)
+        """Copy the current values; of sound, vibration and steps only what is newer than ``since``."""
+        steps, step_end = self._ring("step", since.step_end if since else 0)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0)
         vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0)
         age = time.monotonic() - float(self._memory["beat"])
@@ -93,10 +93,10 @@ class Watcher:
             state=self._state(),
             counters=dict(zip(COUNTERS, self._memory["counters"].tolist(), strict=True)),
             gauges=dict(zip(GAUGES, self._memory["gauges"].tolist(), strict=True)),
-            ticks=ticks,
+            steps=steps,
             sound=sound,
             vibration=vibration,
-            tick_end=tick_end,
+            step_end=step_end,
             sound_end=sound_end,
             vibration_end=vibration_end,
             age=age,
@@ -105,20 +105,32 @@ class Watcher:
 
     @property
     def pid(self) -> int:
-        """Of the process that is watched."""
+        """Pid of the writing process."""
         return int(self._memory["pid"])
 
+    @property
+    def writer_alive(self) -> bool:
+        """Whether the writing process exists."""
+        return self._memory.writer_alive
+
+    def predictions(self, since: int = 0) -> tuple[NDArray[np.void], int]:
+        """Copy the predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
+
+        Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
+        """
+        return self._ring("prediction", since)
+
     def pulse(self) -> Pulse:
-        """Look for signs of life; cheap enough for a watchdog's two hundred times a second."""
+        """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred calls a second."""
         counters, gauges = self._memory["counters"], self._memory["gauges"]
         return Pulse(
             int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
         )
 
-    def newest_tick(self) -> NDArray[np.void] | None:
-        """Copy the newest tick alone; ``None`` before the first."""
-        ticks, end = self._ring("tick", max(0, int(self._memory["tick_count"]) - 1))
-        return ticks[-1:] if end and len(ticks) else None
+    def newest_step(self) -> NDArray[np.void] | None:
+        """Copy the newest step; ``None`` before the first."""
+        steps, end = self._ring("step", max(0, int(self._memory["step_count"]) - 1))
+        return steps[-1:] if end and len(steps) else None
 
     def gauge(self, name: str) -> float:
         """Read one gauge of `GAUGES`."""
@@ -130,7 +142,7 @@ class Watcher:
         return _newest(self._memory["marks"][index], self._memory["mark_counts"][index : index + 1], slack=1)[0]
 
     def ask(self, action: Action, value: float = 0.0, *, text: str = "") -> None:
-        """Lay a request into the mailbox; a newer one of the same action replaces it. `State` tells what came of it."""
+        """Put a request into the mailbox, in place of an older one of the same action; `State` shows the outcome."""
         slot = self._memory["requests"][ACTIONS.index(action)]
         encoded = np.frombuffer(text.encode(), np.uint8)
         if len(encoded) > len(slot["text"]):
@@ -140,8 +152,9 @@ class Watcher:
         slot["count"] += np.uint64(1)
 
     def _ring(self, name: str, since: int) -> tuple[NDArray[Any], int]:
-        rows = self._memory["ticks" if name == "tick" else name]
-        slack = 1 if name == "tick" else layout.LARGEST_WRITE
+        by_row = name in ("step", "prediction")
+        rows = self._memory[f"{name}s" if by_row else name]
+        slack = 1 if by_row else layout.LARGEST_WRITE
         return _newest(rows, self._memory[f"{name}_count"], slack=slack, since=since)
 
     def _state(self) -> State:
@@ -154,16 +167,18 @@ class Watcher:
 
 
 def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
-    """Copy a ring's newest rows, without the ``slack`` that the writer may be writing over meanwhile."""
+    """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
     end = int(count.item())
+    # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
     start = max(since if since <= end else 0, end + slack - len(rows), 0)
     copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")
+    # The count has moved on during the copy: the rows that it has reached since are not valid.
     overwritten = int(count.item()) + slack - len(rows) - start
     return copy[max(overwritten, 0) :], end
 
 
 def running() -> list[str]:
-    """Names of the runs on this machine whose processes exist.
+    """Return the names of the runs on this machine whose processes exist.
 
     >>> from tactophone.telemetry import Telemetry
     >>> with Telemetry("doctest-running"):

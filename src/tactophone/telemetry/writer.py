@@ -1,28 +1,27 @@
-"""The side that is watched: a process that writes what it hears, believes and does, and reads what is asked of it."""
+"""The writing side of telemetry: the running process publishes its steps and counts, and reads its requests."""
 
 import math
 from contextlib import suppress
-from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.telemetry import memory as layout
-from tactophone.telemetry.memory import TICK, Memory
+from tactophone.telemetry.memory import STEP, Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, Request, State
-from tactophone.types import FloatArray, PipelineStep
+from tactophone.types import FloatArray, HapticCommand, PipelineStep, Prediction
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
 
-_UNJUDGED = np.zeros((), TICK)
-_UNJUDGED["probabilities"] = _UNJUDGED["roughness"] = math.nan
-_UNJUDGED["level_dbfs"] = -math.inf
+_NO_PREDICTION = np.zeros((), STEP)
+_NO_PREDICTION["probabilities"] = _NO_PREDICTION["roughness"] = math.nan
+_NO_PREDICTION["level_dbfs"] = -math.inf
 
 
 class Telemetry:
-    """Write what may be watched; every call is short, takes no lock and never waits.
+    """Writes a run's telemetry; every call is short, takes no lock and never waits.
 
     Each counter, each gauge and each ring has *one* writing thread at most: adding to a counter from two threads
     can lose one of the additions.
@@ -30,7 +29,7 @@ class Telemetry:
     Parameters
     ----------
     name
-        Under which others watch this run.
+        Name of the run, by which a `Watcher` finds it.
 
     Examples
     --------
@@ -45,16 +44,14 @@ class Telemetry:
         self._memory = Memory(name, create=True)
         self._counters = self._memory["counters"]
         self._gauges = self._memory["gauges"]
-        self._memory["ticks"][-1] = _UNJUDGED  # the row before the first
+        self._memory["steps"][-1] = _NO_PREDICTION  # the row before the first
         self._seen = np.zeros(len(ACTIONS), np.uint64)
         self.state = State()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def count(self, name: str, n: int = 1) -> None:
@@ -69,41 +66,44 @@ class Telemetry:
         """Set a gauge of `GAUGES`."""
         self._gauges[_GAUGE[name]] = value
 
-    def publish(self, tick: PipelineStep, *, now: float, truth: int = -1) -> None:
-        """Write one step of the receiving side: its sound, its newest belief and its command.
+    def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
+        """Write one pipeline step: its sound, its predictions and its commands.
 
         Parameters
         ----------
         now
-            The system-wide monotonic clock (s): the sign of life that watchers look at.
+            The system-wide monotonic clock (s), which is the heartbeat.
         truth
-            The known `Touch` of this moment, where the sound is simulated or labelled.
+            The known `Touch` at this time, where the sound is simulated or labelled.
         """
-        self._append("sound", _stereo(tick.block.samples))
-        ring, count = self._memory["ticks"], self._memory["tick_count"]
+        self._append("sound", _stereo(step.block.samples))
+        ring, count = self._memory["steps"], self._memory["step_count"]
         index = int(count)
-        ring[index % layout.TICK_CAPACITY] = ring[index % layout.TICK_CAPACITY - 1]  # belief and command last on
-        row = ring[index % layout.TICK_CAPACITY]
-        _fill(row, tick)
+        # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
+        ring[index % layout.STEP_CAPACITY] = ring[index % layout.STEP_CAPACITY - 1]
+        row = ring[index % layout.STEP_CAPACITY]
+        _fill(row, step)
         row["sound_end"], row["vibration_end"] = self._memory["sound_count"], self._memory["vibration_count"]
         row["truth"] = truth
         count[...] = index + 1
-        self.count("ticks")
-        self.count("predictions", len(tick.predictions))
+        for k, prediction in enumerate(step.predictions):
+            self._log(prediction, step.commands[k] if step.commands else None)
+        self.count("steps")
+        self.count("predictions", len(step.predictions))
         self._memory["beat"][...] = now
 
-    def feel(self, waveform: FloatArray) -> None:
-        """Write what the actuator was just given, shape ``(samples,)``; fit for an audio callback."""
+    def rendered(self, waveform: FloatArray) -> None:
+        """Write the waveform just rendered for the actuator, shape ``(samples,)``; safe in an audio callback."""
         self._append("vibration", waveform)
 
     def mark(self, index: int, position: int, *, now: float) -> None:
-        """Note that a stretch of sound ending at ``position`` has come to the moment ``MARKS[index]``."""
+        """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
         count = self._memory["mark_counts"][index : index + 1]
         self._memory["marks"][index, int(count[0]) % layout.MARK_CAPACITY] = (position, now)
         count += np.uint64(1)
 
     def update(self, state: State, *, now: float) -> None:
-        """Show a new state, or the same one as a sign of life."""
+        """Publish a state; the same one again counts as a heartbeat."""
         self._memory["beat"][...] = now
         if state == self.state and int(self._memory["state_count"]):
             return
@@ -118,7 +118,7 @@ class Telemetry:
         self._memory["state_count"][...] = turn
 
     def requests(self) -> list[Request]:
-        """Empty the mailbox: what has been asked since the last call, oldest first."""
+        """Empty the mailbox: return the requests since the last call, oldest first."""
         slots = self._memory["requests"]
         new = np.flatnonzero(slots["count"] != self._seen)
         self._seen[:] = slots["count"]
@@ -126,14 +126,26 @@ class Telemetry:
         return sorted(found, key=lambda request: request.time)
 
     def close(self) -> None:
-        """End this run's telemetry; its name is free again."""
+        """End this run's telemetry and free its name."""
         self._memory.unlink()
+
+    def _log(self, prediction: Prediction, command: HapticCommand | None) -> None:
+        ring, count = self._memory["predictions"], self._memory["prediction_count"]
+        time, amplitude, frequency = (
+            (command.time, command.amplitude, command.frequency) if command else (prediction.end, math.nan, math.nan)
+        )
+        ring[int(count) % layout.PREDICTION_CAPACITY] = (
+            time, prediction.start, prediction.end, prediction.probabilities, prediction.roughness,
+            prediction.level_dbfs, amplitude, frequency, prediction.touch,
+        )  # fmt: skip
+        count += np.uint64(1)
 
     def _append(self, name: str, samples: FloatArray) -> None:
         ring, count = self._memory[name], self._memory[f"{name}_count"]
         for start in range(0, len(samples), layout.LARGEST_WRITE):
             part = samples[start : start + layout.LARGEST_WRITE]
             index = int(count)
+            # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
             at = index % layout.SOUND_CAPACITY
             head = min(len(part), layout.SOUND_CAPACITY - at)
             ring[at : at + head] = part[:head]
@@ -145,19 +157,19 @@ def _stereo(samples: FloatArray) -> FloatArray:
     return samples if samples.shape[1] == 2 else np.repeat(samples[:, :1], 2, axis=1)
 
 
-def _fill(row: NDArray[np.void], tick: PipelineStep) -> None:
-    row["time"] = tick.block.end / tick.block.sample_rate
-    row["concealed"] = tick.block.concealed
-    if tick.predictions:
-        belief = tick.predictions[-1]
-        row["probabilities"], row["roughness"] = belief.probabilities, belief.roughness
-        row["level_dbfs"], row["touch"] = belief.level_dbfs, belief.touch
-    if tick.command is not None:
-        row["amplitude"], row["frequency"] = tick.command.amplitude, tick.command.frequency
+def _fill(row: NDArray[np.void], step: PipelineStep) -> None:
+    row["time"] = step.block.end / step.block.sample_rate
+    row["concealed"] = step.block.concealed
+    if step.predictions:
+        newest = step.predictions[-1]
+        row["probabilities"], row["roughness"] = newest.probabilities, newest.roughness
+        row["level_dbfs"], row["touch"] = newest.level_dbfs, newest.touch
+    if step.command is not None:
+        row["amplitude"], row["frequency"] = step.command.amplitude, step.command.frequency
 
 
 def _request(index: int, slot: NDArray[np.void]) -> Request | None:
-    with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text; it is then nobody's wish
+    with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text; the request is then dropped
         text = bytes(slot["text"][: int(slot["size"])]).decode()
         return Request(ACTIONS[index], value=float(slot["value"]), text=text, time=float(slot["time"]))
     return None

@@ -1,25 +1,23 @@
-"""What a model's card must say of where its training sound came from."""
+"""What a model card must say about the origin of the training data."""
 
 from tactophone.dataset import Dataset
 
-UNTESTED = "none heard in training; untested, unless a score below names a real set"
-"""What a card says of real sound if the training sound was simulated."""
+UNTESTED = "none in training; untested, unless a score below names a real set"
+"""What a card says about real sound if the training sound was simulated."""
 
 
 def caveats_of(dataset: Dataset) -> dict[str, str]:
-    """Give the entries that a card's scores begin with."""
+    """Return the entries that a card's scores begin with."""
     return {"real sound": UNTESTED} if _is_simulated(dataset) else {}
 
 
 def licence_of(dataset: Dataset) -> str:
-    """Tell under which licences the sound is, that whoever passes the weights on may know."""
+    """Return the licences of the training sound; whoever distributes the weights needs to know them."""
     if _is_simulated(dataset):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
-    told = sorted({one.known("licence") for one in dataset.recordings} - {""})
-    if told:
-        return f"trained on sound under: {'; '.join(told)}"
-    return ""
+    licences = sorted({recording.known("licence") for recording in dataset.recordings} - {""})
+    return f"trained on sound under: {'; '.join(licences)}" if licences else ""
 
 
 def _is_simulated(dataset: Dataset) -> bool:
-    return all(one.known("source") == "simulated" for one in dataset.recordings)
+    return all(recording.known("source") == "simulated" for recording in dataset.recordings)

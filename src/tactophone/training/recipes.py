@@ -1,127 +1,236 @@
-"""Every way of telling rough from smooth that is not the paper's network, by name: what it hears, and how it learns."""
+"""The registry of recipes: every named way to train a detector.
 
-from collections.abc import Callable, Mapping, Sequence
+`train`, `sweep`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
+imports neither torch nor scikit-learn: the function that fits a classifier is named by its dotted path.
+
+A new detector on existing features takes two files:
+
+1. ``training/features/<name>.py``, with a function from a training set
+   (:class:`~tactophone.training.features.training_set.TrainingSet`) to an ONNX graph. The graph takes ``features``,
+   float32 of shape ``(windows, features)``, NaN where a channel is missing, and returns ``log_probabilities`` of none,
+   smooth and rough, shape ``(windows, 3)``; ``features/onnx_graph.build_linear`` makes that of a linear classifier.
+2. One :class:`Recipe` in :data:`RECIPES` below that names the function.
+
+``tests/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are an extractor in
+``perception/features/``, registered in ``extractors.py``, with their window in ``training/features/feature_tracks.py``.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
-import onnx
+from tactophone.perception import Calibration, DecisionRule, Gate
+from tactophone.training.network.settings import Precision, Variant
 
-from tactophone.dataset import Dataset
-from tactophone.link import Codec
-from tactophone.perception import DecisionRule, ModelCard
-from tactophone.training.features import baselines as learners
-from tactophone.training.features.feature_tracks import FeatureSpec, Kind
-from tactophone.training.features.linear_classifier import fit_head
-from tactophone.training.features.onnx_graph import build_head_graph
-from tactophone.training.features.training_set import TrainingSet, prepare
-from tactophone.training.model_export import write_graph
-from tactophone.training.provenance import caveats_of, licence_of
+if TYPE_CHECKING:
+    from tactophone.dataset import Dataset
+    from tactophone.link import Codec
 
-PATIENT = DecisionRule(confirm=4, abstain_from=0.5)
-"""Ours claims *none* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a belief
-that is quick to move, and edges are still felt in time (docs/detector.md)."""
+FeatureKind = Literal["texture", "cues", "scalogram"]
+"""Features that recipes other than the paper's network learn from; also the kind in their model cards."""
+
+Microphone = Literal["contact", "air"]
+
+Report = Callable[[int, int | None, str], None]
+"""Progress of a training: steps done, steps in all if known, a note."""
+
+
+def silent(*progress: object) -> None:
+    """Report nothing."""
 
 
 @dataclass(frozen=True, slots=True)
-class FeatureRecipe:
-    """A way of telling rough from smooth.
+class TrainingOptions:
+    """What a user may choose for a training; each recipe reads the options that it has.
 
     Parameters
     ----------
-    kind
-        What it is shown.
-    build
-        Learns, and gives the graph of a model file.
-    told
-        What it is, for tables.
-    rule
-        Of its decision.
-    lone_air
-        Whether it hears the air microphone alone, and calmly: see :func:`tactophone.training.features.baselines.build_impulses`.
-    """
-
-    kind: Kind
-    build: Callable[[TrainingSet], onnx.ModelProto]
-    told: str
-    rule: DecisionRule = field(default_factory=DecisionRule)
-    lone_air: bool = False
-
-    def ear(self, channels: int, codec: Codec | None = None) -> FeatureSpec:
-        """Tell how it hears sound of so many channels."""
-        if self.lone_air:
-            return FeatureSpec(self.kind, 1, codec, alone="air", calm=True)
-        return FeatureSpec(self.kind, channels, codec)
-
-
-def build_ours(lesson: TrainingSet) -> onnx.ModelProto:
-    """Fit our own head."""
-    return build_head_graph(fit_head(lesson.examples, channels=lesson.ear.channels), channels=lesson.ear.channels)
-
-
-def _scalogram(lesson: TrainingSet) -> onnx.ModelProto:
-    from tactophone.training.features.scalogram import build_scalogram  # torch, for this one alone
-
-    return build_scalogram(lesson)
-
-
-RECIPES: Mapping[str, FeatureRecipe] = MappingProxyType(
-    {
-        "ours": FeatureRecipe(
-            "texture", build_ours, "short windows, a memory of the touch, a calibrated head", PATIENT
-        ),
-        "level": FeatureRecipe("cues", learners.build_level, "loudness against a threshold"),
-        "rules": FeatureRecipe("cues", learners.build_rules, "five cues vote: level, crest, transients, centroid, air"),
-        "median-frequency": FeatureRecipe(
-            "cues", learners.build_median_frequency, "half the power on either side of it"
-        ),
-        "scalogram-cnn": FeatureRecipe(
-            "scalogram", _scalogram, "time-frequency picture into a small convolutional network"
-        ),
-        "surface": FeatureRecipe(
-            "texture", learners.build_surface, "spectrum to Ra by ridge regression, then a boundary"
-        ),
-        "impulses": FeatureRecipe(
-            "texture",
-            learners.build_impulses,
-            "how far one air microphone's sound peaks, and how unsteadily",
-            PATIENT,
-            lone_air=True,
-        ),
-        "logistic": FeatureRecipe("texture", learners.build_logistic, "logistic regression on our features"),
-        "boosting": FeatureRecipe("texture", learners.build_boosting, "gradient boosted trees on our features"),
-    }
-)
-
-
-def train_way(
-    path: Path, dataset: Dataset, name: str, *, channels: int = 2, through: Sequence[Codec] = ()
-) -> ModelCard:
-    """Train one way on labelled recordings and write its model file.
-
-    Parameters
-    ----------
-    path
-        The ONNX file to write.
-    dataset
-        Usable recordings.
-    name
-        A key of :data:`RECIPES`.
     channels
-        That it hears, if it can hear either.
-    through
-        Codecs through which each recording is heard once more.
+        Microphones that the model uses, 1 or 2; the paper's network takes them from its variant.
+    seed
+        Of everything random.
+    opus_bitrate_bps
+        Bitrate of the link's Opus that the sound passes through first; ``None`` for no codec.
+    start, gate, calibration
+        Model file to continue from, contact gate of the model, and calibration that replaces the gate.
+    variant, reference_code, precision
+        See :class:`tactophone.training.network.settings.NetworkSettings`.
+    changes
+        Other fields of those settings, by name.
     """
-    way = RECIPES[name]
-    lesson = prepare(way.ear(channels), dataset.recordings, through=through)
-    facts = {
-        "recipe": name,
-        "dataset": dataset.name,
-        "surfaces": len(dataset.surfaces),
-        "sha256": dataset.fingerprint,
-        "through": ["nothing", *(f"{one.name}, {one.bitrate_bps} bit/s, {one.bandwidth:g} Hz" for one in through)],
-    }
-    card = lesson.card(name, rule=way.rule, training=facts)
-    card = replace(card, scores=caveats_of(dataset), licence=licence_of(dataset))
-    write_graph(path, way.build(lesson), card)
-    return card
+
+    channels: int = 2
+    seed: int = 0
+    opus_bitrate_bps: int | None = None
+    start: Path | None = None
+    gate: Gate | None = None
+    calibration: Calibration | None = None
+    variant: Variant = "general"
+    reference_code: bool = False
+    precision: Precision = "float32"
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+    def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
+        """Return the codec of the options: packets of 10 ms, a bandwidth in Hz (by default the codec's narrowest)."""
+        from tactophone.link import Codec
+
+        if self.opus_bitrate_bps is None:
+            return None
+        codec = Codec("opus", channels=channels, packet_size=480, bitrate_bps=self.opus_bitrate_bps)
+        return replace(codec, bandwidth=bandwidth) if bandwidth else codec
+
+
+class Job(Protocol):
+    """A recipe with its options: everything that decides a training but the recordings."""
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+
+    @property
+    def channels(self) -> int:
+        """Microphones that the model uses."""
+
+    @property
+    def identity(self) -> str:
+        """Text that changes whenever the result may: key of cached results."""
+
+    def train(
+        self,
+        path: Path,
+        dataset: "Dataset",
+        *,
+        checkpoint: Path | None = None,
+        report: Report = silent,
+        log: Callable[[str], None] = silent,
+    ) -> bool:
+        """Train on labelled recordings and write the model file.
+
+        Parameters
+        ----------
+        path
+            The ONNX file to write.
+        dataset
+            Usable, labelled recordings.
+        checkpoint
+            Where to keep unfinished state, so that a killed training can continue; recipes of seconds keep none.
+        report, log
+            Called with the progress, and with lines worth keeping.
+
+        Returns
+        -------
+        bool
+            Whether this process wrote the file: under ``torchrun`` only one does.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """A named way to train a detector.
+
+    Parameters
+    ----------
+    name
+        As `train --recipe` takes it.
+    description
+        For tables.
+    features
+        What it learns from: a :data:`FeatureKind`, or ``"magnitudes"`` for the paper's network.
+    fit
+        Dotted path ``module:function`` from a training set to the graph of a model file; empty where ``job`` trains.
+    job
+        Dotted path of the function that makes its :class:`Job` from the recipe and :class:`TrainingOptions`.
+    decision
+        The decision rule in its model card.
+    version
+        Version of its results: raise it when they change in a way that neither name nor options show, so that cached
+        folds are computed anew.
+    microphone
+        Where not ``None``, the recipe always uses one channel, this one.
+    change_detection
+        Whether the running statistics of texture features restart where the surface changes.
+    shipped
+        Whether `make model` puts its model into the package.
+    requires
+        Property that every training recording must have, such as ``ra_um``.
+    """
+
+    name: str
+    description: str
+    features: FeatureKind | Literal["magnitudes"]
+    fit: str = ""
+    job: str = "tactophone.training.features.job:feature_job"
+    decision: DecisionRule = field(default_factory=DecisionRule)
+    version: int = 2
+    microphone: Microphone | None = None
+    change_detection: bool = True
+    shipped: bool = False
+    requires: str = ""
+
+    def open_job(self, options: TrainingOptions | None = None) -> Job:
+        """Return the training job of this recipe; imports what it needs."""
+        return cast(Job, load(self.job)(self, options or TrainingOptions()))
+
+
+def load(path: str) -> Callable[..., Any]:
+    """Import a function by its dotted path.
+
+    >>> load("math:hypot")(3, 4)
+    5.0
+    """
+    module, _, name = path.partition(":")
+    return cast(Callable[..., Any], getattr(importlib.import_module(module), name))
+
+
+_CONFIRMED = DecisionRule(confirm=4, abstain_from=0.5)
+"""*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
+quickly, and edges are still felt in time (docs/research/detector.md)."""
+
+_BASELINES = "tactophone.training.features.baselines"
+
+_LISTED = (
+    Recipe(
+        "paper", "the paper's network: spectral magnitudes of 256 ms into a residual MLP", "magnitudes",
+        job="tactophone.training.network.job:network_job", version=1, shipped=True,
+    ),
+    Recipe(
+        "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
+        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=3, shipped=True,
+    ),
+    Recipe(
+        "impulses", "crest of one air microphone's sound, and how much it varies", "texture",
+        f"{_BASELINES}:build_impulses", decision=_CONFIRMED, microphone="air", change_detection=False, shipped=True,
+    ),
+    Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),
+    Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues", f"{_BASELINES}:build_rules"),
+    Recipe(
+        "median-frequency", "frequency with half the power on either side", "cues",
+        f"{_BASELINES}:build_median_frequency",
+    ),
+    Recipe(
+        "scalogram-cnn", "log spectrogram into a small convolutional network", "scalogram",
+        "tactophone.training.features.scalogram:build_scalogram",
+    ),
+    Recipe(
+        "surface", "texture features to Ra by ridge regression, then a boundary", "texture",
+        f"{_BASELINES}:build_surface", version=3, requires="ra_um",
+    ),
+    Recipe(
+        "logistic", "logistic regression on texture features", "texture", f"{_BASELINES}:build_logistic", version=3
+    ),
+    Recipe(
+        "boosting", "gradient boosted trees on texture features", "texture", f"{_BASELINES}:build_boosting", version=3
+    ),
+)  # fmt: skip
+
+RECIPES: Mapping[str, Recipe] = MappingProxyType({recipe.name: recipe for recipe in _LISTED})
+"""Every recipe by name."""
+
+FEATURE_RECIPES = tuple(name for name, recipe in RECIPES.items() if recipe.features != "magnitudes")
+"""Names of the recipes that learn from features: all but the paper's network."""
+
+SHIPPED = tuple(name for name, recipe in RECIPES.items() if recipe.shipped)
+"""Names of the recipes whose models ship inside the package; of ``paper``, its one-channel variant ships besides."""

@@ -1,4 +1,4 @@
-"""Reads recordings as the live system hears them: through the same resampler, to the model's rate."""
+"""Reads recordings as the live system does: through the same resampler, to the model's sample rate."""
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
@@ -10,28 +10,24 @@ import soundfile
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.link import Codec, round_trip
-from tactophone.perception.features.resample import Resampler
-from tactophone.types import FloatArray
-
-RATE = 2000
-"""Hz, at which the paper's network hears."""
+from tactophone.perception import Resampler
+from tactophone.training.network.settings import NETWORK_RATE
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 READ_SIZE = 1 << 15
 """Samples read at once; the resampler's working memory grows with it."""
-
-OPUS_RATE = 48_000
 
 
 def read_signals(
     recordings: Sequence[Recording],
     *,
     channels: int,
-    rate: int = RATE,
+    rate: int = NETWORK_RATE,
     codec: Codec | None = None,
-    alone: str = "contact",
+    microphone: str = "contact",
     report: Callable[[int], None] = lambda done: None,
 ) -> list[FloatArray]:
-    """Read recordings at a model's rate, each of shape ``(samples, channels)``; those read before are remembered.
+    """Read recordings at a model's sample rate; those read before come from a cache.
 
     Parameters
     ----------
@@ -42,20 +38,25 @@ def read_signals(
     rate
         In Hz.
     codec
-        Sound is passed through it and back, as the network will hear it behind the link.
-    alone
-        Which microphone to hear where there is one channel; the file's first, if it has none such.
+        Codec that the sound passes through first, as it does on the link.
+    microphone
+        Which microphone to read where ``channels`` is 1; the file's first, if it has none of that name.
     report
         Called with the number of recordings read.
+
+    Returns
+    -------
+    list of ndarray
+        A recording each, float32, shape ``(samples, channels)``, channel 0 contact.
 
     Raises
     ------
     DatasetError
-        If a file cannot be read, or has not the channels, or the rate that the codec wants.
+        If a file cannot be read, has too few channels, or not the sample rate of the codec.
     """
     signals = []
     for done, recording in enumerate(recordings, 1):
-        order = channel_order(recording, wanted=channels, alone=alone)
+        order = channel_order(recording, count=channels, single=microphone)
         try:
             signals.append(_read(recording.path, recording.path.stat().st_mtime_ns, order, rate, codec))
         except (soundfile.LibsndfileError, OSError) as error:
@@ -69,18 +70,19 @@ def read_signals(
 def _read(path: Path, changed_ns: int, order: tuple[int, ...], rate: int, codec: Codec | None) -> FloatArray:
     with soundfile.SoundFile(path) as file:
         if max(order) >= file.channels:
-            raise DatasetError(f"{path}: has {file.channels} channel, but {len(order)} are wanted; use one-channel")
+            raise DatasetError(f"{path}: has {file.channels} channel, but {len(order)} are needed; use one-channel")
         resampler = Resampler(file.samplerate, rate, channels=len(order))
         read = file.blocks(READ_SIZE, dtype="float32", always_2d=True)
         blocks: Iterable[FloatArray] = (np.ascontiguousarray(block[:, order]) for block in read)
         if codec:
-            # The codec remembers what came before, so it gets the recording in one piece.
+            # The codec's state runs through the whole recording, so it gets it in one piece.
             blocks = [_through(codec, np.concatenate(list(blocks)), path, file.samplerate)]
-        taken = [resampler.push(block) for block in blocks]
-        return np.concatenate([*taken, resampler.flush()])
+        return np.concatenate([*map(resampler.push, blocks), resampler.flush()])
 
 
 def _through(codec: Codec, samples: FloatArray, path: Path, sample_rate: int) -> FloatArray:
-    if sample_rate != OPUS_RATE:
-        raise DatasetError(f"{path}: {sample_rate} Hz, but Opus works at {OPUS_RATE} Hz; leave --opus away")
+    if sample_rate != LIVE_SAMPLE_RATE:
+        raise DatasetError(
+            f"{path}: {sample_rate} Hz, but Opus works at {LIVE_SAMPLE_RATE} Hz; leave out --opus-bitrate"
+        )
     return round_trip(samples, codec)

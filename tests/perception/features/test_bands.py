@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from tactophone.perception.features.bands import BANDS, Bands, design_bands
+from tactophone.perception.features.bands import BAND_COUNT, BandFeatures, design_bands
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512
 
 
 def described(window: np.ndarray) -> np.ndarray:
-    bands = Bands(SIZE, RATE)
-    return bands.describe(bands.hear(window))
+    bands = BandFeatures(SIZE, RATE)
+    return bands.describe(bands.spectrum(window))
 
 
 def describe(window: np.ndarray) -> np.ndarray:
@@ -17,27 +17,27 @@ def describe(window: np.ndarray) -> np.ndarray:
 
 
 def test_a_tone_stands_in_its_own_band() -> None:
-    middle = [int(describe(tone(f, sample_rate=RATE))[0, :BANDS].argmax()) for f in (100, 1000, 3000, 7000)]
+    middle = [int(describe(tone(f, sample_rate=RATE))[0, :BAND_COUNT].argmax()) for f in (100, 1000, 3000, 7000)]
     assert middle == sorted(set(middle))
     assert middle[0] == 0
-    assert middle[-1] == BANDS - 1
+    assert middle[-1] == BAND_COUNT - 1
 
 
 def test_a_tone_twice_as_loud_is_6_db_up_in_band_and_level_and_of_the_same_shape() -> None:
     quiet, loud = (describe(tone(1000, amplitude=a, sample_rate=RATE))[0] for a in (0.2, 0.4))
-    peak = quiet[:BANDS].argmax()
-    assert loud[[peak, BANDS]] - quiet[[peak, BANDS]] == pytest.approx(np.log10(4), abs=1e-3)
-    assert loud[BANDS + 1 :] == pytest.approx(quiet[BANDS + 1 :], abs=1e-5)
+    peak = quiet[:BAND_COUNT].argmax()
+    assert loud[[peak, BAND_COUNT]] - quiet[[peak, BAND_COUNT]] == pytest.approx(np.log10(4), abs=1e-3)
+    assert loud[BAND_COUNT + 1 :] == pytest.approx(quiet[BAND_COUNT + 1 :], abs=1e-5)
 
 
 def test_shapes_of_a_sine_and_of_an_impact() -> None:
-    sine = describe(tone(1000, sample_rate=RATE))[0, BANDS:]
+    sine = describe(tone(1000, sample_rate=RATE))[0, BAND_COUNT:]
     assert sine[1] == pytest.approx(np.log10(np.sqrt(2)), abs=0.01)
     # The slope of a sine is a sine: its fourth moment over the squared second is 3/2.
     assert sine[2] == pytest.approx(np.log10(1.5), abs=0.01)
     impact = np.zeros((SIZE, 1), np.float32)
     impact[SIZE - 100] = 0.5
-    assert describe(impact)[0, BANDS + 2] > sine[2] + 1
+    assert describe(impact)[0, BAND_COUNT + 2] > sine[2] + 1
 
 
 def test_a_batch_is_described_window_by_window() -> None:
@@ -48,4 +48,4 @@ def test_a_batch_is_described_window_by_window() -> None:
 
 def test_every_band_has_a_bin_whatever_the_window() -> None:
     for size in (64, 256, 512, 4096):
-        assert design_bands(size, RATE).sum(axis=0) == pytest.approx(np.ones(BANDS))
+        assert design_bands(size, RATE).sum(axis=0) == pytest.approx(np.ones(BAND_COUNT))

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import Gate, Model, ModelCard, detector_for
-from tactophone.perception.features.bands import VALUES
+from tactophone.perception import Gate, Model, ModelCard, WindowDetector
+from tactophone.perception.features.bands import BAND_VALUES
 from tactophone.perception.features.texture import (
     BEFORE,
     FORGET_AFTER,
@@ -16,17 +16,17 @@ from tactophone.perception.features.texture import (
     TextureExtractor,
 )
 
-PRIOR = np.stack([np.zeros((2, VALUES)), np.ones((2, VALUES))])
-NEVER = np.zeros((2, VALUES, VALUES))
+PRIOR = np.stack([np.zeros((2, BAND_VALUES)), np.ones((2, BAND_VALUES))])
+NEVER = np.zeros((2, BAND_VALUES, BAND_VALUES))
 CARD = ModelCard(
-    "ear",
+    "tiny",
     "texture",
     16_000,
     512,
     Fraction(160),
     2,
     Gate(-60.0, "banded"),
-    settings={"prior": PRIOR.tolist(), "surprise": NEVER.tolist()},
+    settings={"prior": PRIOR.tolist(), "change_metric": NEVER.tolist()},
 )
 
 
@@ -34,52 +34,52 @@ def window(seed: int = 0) -> np.ndarray:
     return 0.1 * np.random.default_rng(seed).standard_normal((512, 2)).astype(np.float32)
 
 
-def fed(memory: RunningStatistics, values: list[float], *, contact: bool = True) -> RunningStatistics:
+def fed(statistics: RunningStatistics, values: list[float], *, contact: bool = True) -> RunningStatistics:
     for value in values:
-        memory.push(np.full(memory.moments.shape[1:], value, np.float32), contact=contact)
-    return memory
+        statistics.push(np.full(statistics.moments.shape[1:], value, np.float32), contact=contact)
+    return statistics
 
 
-def test_a_touch_begins_unsure_and_moves_at_once() -> None:
-    memory = fed(RunningStatistics(np.zeros((1, 1, 1))), [1.0])
-    assert memory.moments.ravel().tolist() == pytest.approx([1 / (1 + PRIOR_WINDOWS)] * 2)
-    assert memory.left == pytest.approx(PRIOR_WINDOWS / (1 + PRIOR_WINDOWS))
+def test_a_touch_begins_with_the_prior_and_moves_at_once() -> None:
+    statistics = fed(RunningStatistics(np.zeros((1, 1, 1))), [1.0])
+    assert statistics.moments.ravel().tolist() == pytest.approx([1 / (1 + PRIOR_WINDOWS)] * 2)
+    assert statistics.prior_weight == pytest.approx(PRIOR_WINDOWS / (1 + PRIOR_WINDOWS))
 
 
-def test_what_is_left_of_the_prior_makes_all_weights_sum_to_one() -> None:
-    memory = RunningStatistics(np.zeros((1, 2, 2)))
+def test_the_weight_of_the_prior_makes_all_weights_sum_to_one() -> None:
+    statistics = RunningStatistics(np.zeros((1, 2, 2)))
     for number in range(30):
-        fed(memory, [7.0], contact=number % 7 != 0)
-        assert memory.moments[0] + memory.left * 7.0 == pytest.approx(np.full((1, 2), 7.0))
+        fed(statistics, [7.0], contact=number % 7 != 0)
+        assert statistics.moments[0] + statistics.prior_weight * 7.0 == pytest.approx(np.full((1, 2), 7.0))
 
 
 def test_a_stroke_that_turns_is_the_same_touch_and_one_that_ends_is_not() -> None:
-    memory = fed(RunningStatistics(np.zeros((1, 1, 1))), [1.0])
-    fed(memory, [9.0] * (FORGET_AFTER - 1), contact=False)
-    assert memory.left < 1
-    fed(memory, [9.0], contact=False)
-    assert memory.left == 1
-    assert not memory.moments.any()
+    statistics = fed(RunningStatistics(np.zeros((1, 1, 1))), [1.0])
+    fed(statistics, [9.0] * (FORGET_AFTER - 1), contact=False)
+    assert statistics.prior_weight < 1
+    fed(statistics, [9.0], contact=False)
+    assert statistics.prior_weight == 1
+    assert not statistics.moments.any()
 
 
-def test_an_edge_begins_the_memory_anew_and_drift_does_not() -> None:
+def test_an_edge_restarts_the_statistics_and_drift_does_not() -> None:
     far = np.eye(2)[None] / 2  # a movement of 2 is the limit
     jumped, faded = (fed(RunningStatistics(limit), [1.0] * 30 + [9.0] * 3) for limit in (far, 0 * far))
-    believed, lingering = (one.moments[0, 0, 0] / (1 - one.left) for one in (jumped, faded))
-    assert believed > 5 > lingering
-    assert jumped.left > 0.2
+    restarted, lingering = (s.moments[0, 0, 0] / (1 - s.prior_weight) for s in (jumped, faded))
+    assert restarted > 5 > lingering
+    assert jumped.prior_weight > 0.2
     drifted = fed(RunningStatistics(far), [1.0 + 0.05 * step for step in range(60)])
-    assert drifted.left < 0.01
+    assert drifted.prior_weight < 0.01
 
 
-def test_before_it_has_settled_nothing_surprises() -> None:
-    memory = fed(RunningStatistics(np.eye(1)[None]), [1.0] * (BEFORE + SETTLED - 2) + [9.0])
-    assert memory.moved() is None
-    fed(memory, [9.0])
-    assert memory.left > 0.3
+def test_no_change_is_detected_before_the_statistics_have_settled() -> None:
+    statistics = fed(RunningStatistics(np.eye(1)[None]), [1.0] * (BEFORE + SETTLED - 2) + [9.0])
+    assert statistics.shift() is None
+    fed(statistics, [9.0])
+    assert statistics.prior_weight > 0.3
 
 
-def test_a_dead_channel_is_told_from_a_quiet_one() -> None:
+def test_a_dead_channel_is_distinguished_from_a_quiet_one() -> None:
     extractor = TextureExtractor(CARD)
     quiet = window()
     quiet[:, 1] *= 1e-4
@@ -98,6 +98,6 @@ def test_reset_equals_new() -> None:
 
 
 def test_a_card_without_a_fitting_prior_is_refused() -> None:
-    for settings in ({}, {"prior": PRIOR.tolist()}, CARD.settings | {"surprise": [[0.0]]}):
-        with pytest.raises(ModelError, match="ear: its settings cannot be used"):
-            detector_for(Model(replace(CARD, settings=settings), session=None, content=b""), sample_rate=48_000)
+    for settings in ({}, {"prior": PRIOR.tolist()}, CARD.settings | {"change_metric": [[0.0]]}):
+        with pytest.raises(ModelError, match="tiny: its settings cannot be used"):
+            WindowDetector(Model(replace(CARD, settings=settings), session=None), sample_rate=48_000)

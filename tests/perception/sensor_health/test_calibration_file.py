@@ -20,12 +20,12 @@ CALIBRATION = Calibration(
 )
 
 
-def test_a_file_says_what_was_written(tmp_path: Path) -> None:
+def test_a_written_file_reads_back_equal(tmp_path: Path) -> None:
     CALIBRATION.write(tmp_path / "finger.toml")
     assert Calibration.read(tmp_path / "finger.toml") == CALIBRATION
 
 
-def test_the_reference_is_what_faults_are_held_against() -> None:
+def test_the_reference_holds_the_levels_of_the_set_up() -> None:
     reference = CALIBRATION.reference
     assert (reference.threshold_dbfs, reference.floor_dbfs) == (-26.25, (-28.0, -60.5))
     assert reference.contrast_db == 18.0
@@ -39,7 +39,7 @@ def test_one_channel_has_a_reference_too() -> None:
 @pytest.mark.parametrize(
     "text", ["", "[calibration]\nmade = 3\n", "not toml at all", "[calibration]\nthreshold_dbfs = 'loud'\n"]
 )
-def test_what_is_no_calibration_is_refused_with_the_next_step(tmp_path: Path, text: str) -> None:
+def test_an_invalid_file_is_refused_with_the_next_step(tmp_path: Path, text: str) -> None:
     (tmp_path / "bad.toml").write_text(text)
     with pytest.raises(ConfigError, match="tactophone calibrate"):
         Calibration.read(tmp_path / "bad.toml")

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.perception import open_detector
-from tactophone.perception.sensor_health.fallback import FallbackDetector, FallbackMode, fallback_for
-from tactophone.perception.sensor_health.faults import FAULTS, FaultWatch, Kind, Reference, SensorFault
-from tactophone.simulation import TAKES, SimulatedFinger, find, single, take_moves
-from tactophone.simulation.physics.sensor_faults import CODES, FaultSpan, FaultySource
+from tactophone.perception.sensor_health.fallback import FallbackDetector, FallbackMode, fallback_mode
+from tactophone.perception.sensor_health.faults import FAULTS, FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.simulation import CODES, TAKES, FaultSpan, FaultySource, SimulatedFinger, find, single, take_moves
 from tactophone.types import AIR, CONTACT, AudioBlock, Prediction, Touch
 
 RATE = 48_000
@@ -16,10 +15,10 @@ REFERENCE = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=
 BEGIN, END, SECONDS = 2.0, 4.0, 7.0
 
 
-def judge() -> FallbackDetector:
-    watch = FaultWatch(RATE, REFERENCE)
+def open_both() -> FallbackDetector:
+    fault_detector = FaultDetector(RATE, REFERENCE)
     full, spare = (open_detector(name, sample_rate=RATE) for name in ("paper", "paper-mono"))
-    return FallbackDetector(full, spare, watch)
+    return FallbackDetector(full, spare, fault_detector)
 
 
 @functools.cache
@@ -28,89 +27,89 @@ def sound(code: str) -> AudioBlock:
     moves = take_moves(TAKES[1], scene.placed[0], duration=SECONDS, rng=np.random.default_rng(1))
     finger = SimulatedFinger(scene, moves, seed=1, place=scene.placed[0].centre)
     spans = [FaultSpan(code, BEGIN, END)] if code else []
-    return FaultySource(finger, spans).break_block(finger.render(round(SECONDS * RATE)))
+    return FaultySource(finger, spans).apply(finger.render(round(SECONDS * RATE)))
 
 
 @functools.cache
-def beliefs(code: str, size: int = 4800) -> Sequence[Prediction]:
-    guarded, block = judge(), sound(code)
+def predictions(code: str, size: int = 4800) -> Sequence[Prediction]:
+    detector, block = open_both(), sound(code)
     parts = (AudioBlock(block.samples[at : at + size], RATE, at) for at in range(0, block.size, size))
-    return [belief for part in parts for belief in guarded.push(part)]
+    return [prediction for part in parts for prediction in detector.push(part)]
 
 
 @pytest.mark.parametrize("code", CODES)
-def test_no_fault_is_felt_as_rough_and_a_healed_one_changes_nothing(code: str) -> None:
-    during = [one for one in beliefs(code) if BEGIN + 1 < one.end < END]
-    healed = [one for one in beliefs(code) if one.end > SECONDS - 0.5]
-    well = [one for one in beliefs("") if one.end > SECONDS - 0.5]
+def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(code: str) -> None:
+    during = [p for p in predictions(code) if BEGIN + 1 < p.end < END]
+    healed = [p for p in predictions(code) if p.end > SECONDS - 0.5]
+    well = [p for p in predictions("") if p.end > SECONDS - 0.5]
     if not code.startswith("air"):
-        assert Touch.ROUGH not in {one.touch for one in during}
+        assert Touch.ROUGH not in {p.touch for p in during}
     if code.startswith("contact-clipped"):
-        assert Touch.SMOOTH in {one.touch for one in during}
+        assert Touch.SMOOTH in {p.touch for p in during}
     elif not code.startswith("air"):
-        assert {one.touch for one in during} == {Touch.NONE}
+        assert {p.touch for p in during} == {Touch.NONE}
     assert healed == well
 
 
-def test_without_the_air_microphone_the_one_channel_model_judges_on() -> None:
-    guarded, block = judge(), sound("air-dead")
-    guarded.push(AudioBlock(block.samples[: 4 * RATE], RATE))
-    assert (guarded.answer, guarded.detector.name) == (
+def test_without_the_air_microphone_the_one_channel_model_goes_on() -> None:
+    detector, block = open_both(), sound("air-dead")
+    detector.push(AudioBlock(block.samples[: 4 * RATE], RATE))
+    assert (detector.mode, detector.detector.name) == (
         FallbackMode.ONE_CHANNEL,
         open_detector("paper-mono", sample_rate=RATE).detector.name,
     )
     alone = open_detector("paper-mono", sample_rate=RATE).push(AudioBlock(block.samples, RATE))
     # The spare one began in the middle, so its windows lie elsewhere; the nearest ones are compared.
-    fallen_back = [one for one in beliefs("air-dead") if BEGIN + 1.3 < one.end < END]
-    nearest = [min(alone, key=lambda other, end=one.end: abs(other.end - end)) for one in fallen_back]
-    agree = [one.touch is other.touch for one, other in zip(fallen_back, nearest, strict=True)]
+    fallen_back = [p for p in predictions("air-dead") if BEGIN + 1.3 < p.end < END]
+    nearest = [min(alone, key=lambda other, end=p.end: abs(other.end - end)) for p in fallen_back]
+    agree = [p.touch is other.touch for p, other in zip(fallen_back, nearest, strict=True)]
     assert np.mean(agree) > 0.9
 
 
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
-def test_blocks_of_any_size_give_the_same_beliefs(size: int) -> None:
+def test_blocks_of_any_size_give_the_same_predictions(size: int) -> None:
     samples = sound("air-hum").samples[RATE * 5 // 2 :]
     seconds = 0.2 if size == 1 else 1.0
-    heard = [judge(), judge()]
-    for guarded in heard:
-        guarded.push(AudioBlock(sound("air-hum").samples[: RATE * 5 // 2], RATE))
-    assert heard[0].sensor_faults
+    pair = [open_both(), open_both()]
+    for detector in pair:
+        detector.push(AudioBlock(sound("air-hum").samples[: RATE * 5 // 2], RATE))
+    assert pair[0].sensor_faults
     parts = [
         AudioBlock(samples[at : at + size], RATE, RATE * 5 // 2 + at) for at in range(0, int(seconds * RATE), size)
     ]
     whole = AudioBlock(np.concatenate([part.samples for part in parts]), RATE, parts[0].start)
-    assert [belief for part in parts for belief in heard[0].push(part)] == heard[1].push(whole)
+    assert [prediction for part in parts for prediction in pair[0].push(part)] == pair[1].push(whole)
 
 
 def test_reset_equals_new() -> None:
-    guarded = judge()
-    guarded.push(sound("swapped"))
-    guarded.reset()
-    assert guarded.sensor_faults == ()
+    detector = open_both()
+    detector.push(sound("swapped"))
+    detector.reset()
+    assert detector.sensor_faults == ()
     fresh = AudioBlock(sound("").samples[:RATE], RATE)
-    assert guarded.push(fresh) == judge().push(fresh)
+    assert detector.push(fresh) == open_both().push(fresh)
 
 
 def test_the_worst_fault_decides() -> None:
-    dead, clipped = SensorFault(Kind.DEAD, AIR), SensorFault(Kind.CLIPPED, CONTACT)
-    assert fallback_for([], spare=True) is FallbackMode.JUDGE
-    assert fallback_for([dead], spare=True) is FallbackMode.ONE_CHANNEL
-    assert fallback_for([dead], spare=False) is FallbackMode.CONTACT_ONLY
-    assert fallback_for([dead, clipped, SensorFault(Kind.SWAPPED)], spare=True) is FallbackMode.SILENCE
-    assert all(fallback_for([fault], spare=True) > FallbackMode.JUDGE for fault in FAULTS)
+    dead, clipped = SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, CONTACT)
+    assert fallback_mode([], spare=True) is FallbackMode.FULL
+    assert fallback_mode([dead], spare=True) is FallbackMode.ONE_CHANNEL
+    assert fallback_mode([dead], spare=False) is FallbackMode.CONTACT_ONLY
+    assert fallback_mode([dead, clipped, SensorFault(FaultKind.SWAPPED)], spare=True) is FallbackMode.SILENCE
+    assert all(fallback_mode([fault], spare=True) > FallbackMode.FULL for fault in FAULTS)
 
 
 def test_a_threshold_is_set_for_both_models() -> None:
-    guarded = judge()
-    guarded.threshold_dbfs = -30.0
-    assert guarded.threshold_dbfs == -30.0
-    guarded.push(sound("air-dead"))
-    assert guarded.detector.threshold_dbfs == judge().detector.threshold_dbfs - judge().threshold_dbfs - 30.0
+    detector = open_both()
+    detector.threshold_dbfs = -30.0
+    assert detector.threshold_dbfs == -30.0
+    detector.push(sound("air-dead"))
+    assert detector.detector.threshold_dbfs == open_both().detector.threshold_dbfs - open_both().threshold_dbfs - 30.0
 
 
-def test_lost_sound_begins_the_watch_anew() -> None:
-    guarded = judge()
-    guarded.push(AudioBlock(sound("contact-dead").samples[: 4 * RATE], RATE))
-    assert guarded.sensor_faults
-    guarded.push(AudioBlock(sound("").samples[:480], RATE, 10 * RATE))
-    assert guarded.sensor_faults == ()
+def test_lost_sound_resets_the_fault_detector() -> None:
+    detector = open_both()
+    detector.push(AudioBlock(sound("contact-dead").samples[: 4 * RATE], RATE))
+    assert detector.sensor_faults
+    detector.push(AudioBlock(sound("").samples[:480], RATE, 10 * RATE))
+    assert detector.sensor_faults == ()

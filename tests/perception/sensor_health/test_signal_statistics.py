@@ -23,36 +23,36 @@ def tone(frequency: float, amplitude: float, seconds: float = 1.0, rate: int = R
 @pytest.mark.parametrize("size", [1, 17, 480, 509])
 def test_blocks_of_any_size_give_equal_measures(size: int) -> None:
     sound = noise(0.8).astype(np.float32)
-    signs, measured = SignalStatistics(RATE), []
+    stream, measured = SignalStatistics(RATE), []
     for start in range(0, len(sound), size):
-        measured += signs.push(AudioBlock(sound[start : start + size], RATE, start))
+        measured += stream.push(AudioBlock(sound[start : start + size], RATE, start))
     assert measured == measure(sound)
 
 
 def test_reset_equals_new() -> None:
-    signs = SignalStatistics(RATE)
-    signs.push(AudioBlock(noise(0.7).astype(np.float32), RATE))
-    signs.reset()
-    assert signs.push(AudioBlock(noise().astype(np.float32), RATE)) == measure(noise())
+    stream = SignalStatistics(RATE)
+    stream.push(AudioBlock(noise(0.7).astype(np.float32), RATE))
+    stream.reset()
+    assert stream.push(AudioBlock(noise().astype(np.float32), RATE)) == measure(noise())
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 44_100, 48_000])
 @pytest.mark.parametrize("mains", [50, 60])
-def test_hum_is_measured_and_told_apart_at_any_rate(rate: int, mains: int) -> None:
+def test_hum_is_measured_and_distinguished_at_any_rate(rate: int, mains: int) -> None:
     hum = measure(tone(mains, 0.1, rate=rate), rate)[-1]
     assert hum.mains == mains
     assert hum.hum_dbfs[0] == pytest.approx(-23.0, abs=0.3)
 
 
 def test_noise_is_no_hum_and_says_how_much_it_hides() -> None:
-    vitals = measure(noise())[-1]
-    assert vitals.hum_dbfs[0] < vitals.masking_dbfs[0] + 3
+    statistics = measure(noise())[-1]
+    assert statistics.hum_dbfs[0] < statistics.masking_dbfs[0] + 3
 
 
 def test_level_leaves_the_offset_out() -> None:
-    vitals = measure(tone(200, 0.1) + 0.25)[-1]
-    assert vitals.offset == pytest.approx((0.25, 0.25), abs=1e-3)
-    assert vitals.level_dbfs[0] == pytest.approx(-23.0, abs=0.1)
+    statistics = measure(tone(200, 0.1) + 0.25)[-1]
+    assert statistics.offset == pytest.approx((0.25, 0.25), abs=1e-3)
+    assert statistics.level_dbfs[0] == pytest.approx(-23.0, abs=0.1)
 
 
 def test_clipping_is_seen_at_full_scale_and_against_a_rail() -> None:
@@ -61,22 +61,22 @@ def test_clipping_is_seen_at_full_scale_and_against_a_rail() -> None:
     assert measure(tone(200, 0.9))[-1].clipped[0] < 0.01
 
 
-def test_likeness_of_copies_is_one_and_of_strangers_none() -> None:
-    strangers = noise()
-    assert abs(measure(strangers)[-1].likeness) < 0.1
-    strangers[:, 1] = -0.1 * strangers[:, 0]
-    assert measure(strangers)[-1].likeness == pytest.approx(-1.0, abs=1e-6)
+def test_correlation_of_copies_is_one_and_of_independent_noise_none() -> None:
+    independent = noise()
+    assert abs(measure(independent)[-1].correlation) < 0.1
+    independent[:, 1] = -0.1 * independent[:, 0]
+    assert measure(independent)[-1].correlation == pytest.approx(-1.0, abs=1e-6)
 
 
-def test_garbage_is_measured_as_numbers() -> None:
+def test_invalid_samples_have_finite_statistics() -> None:
     sound = noise()
     sound[::7] = np.nan
     sound[::11] = np.inf
-    vitals = measure(sound)[-1]
-    assert np.isfinite([*vitals.level_dbfs, *vitals.hum_dbfs, vitals.likeness]).all()
+    statistics = measure(sound)[-1]
+    assert np.isfinite([*statistics.level_dbfs, *statistics.hum_dbfs, statistics.correlation]).all()
 
 
 def test_silence_and_one_channel_have_measures_too() -> None:
-    vitals = measure(np.zeros((RATE, 1)))[-1]
-    assert vitals.level_dbfs == (pytest.approx(LOWEST_DBFS),)
-    assert vitals.likeness == 0.0
+    statistics = measure(np.zeros((RATE, 1)))[-1]
+    assert statistics.level_dbfs == (pytest.approx(LOWEST_DBFS),)
+    assert statistics.correlation == 0.0

@@ -16,20 +16,20 @@ AUTHORS_ROUGH = {0, 1, 8, 11, 13, 15, 17, 19, 20, 22}
 
 
 def test_the_papers_objects_have_the_authors_labels() -> None:
-    labels = {thing.number: thing.label for thing in catalogue() if thing.number in PAPER}
+    labels = {obj.number: obj.label for obj in catalogue() if obj.number in PAPER}
     assert {number for number, label in labels.items() if label is Touch.ROUGH} == AUTHORS_ROUGH
     assert len(labels) == 23
 
 
 def test_test_objects_share_no_surface_with_the_others() -> None:
-    tested = {thing.surface.name for thing in catalogue() if thing.number in TEST}
-    trained = {thing.surface.name for thing in catalogue() if thing.number not in TEST}
+    tested = {obj.surface.name for obj in catalogue() if obj.number in TEST}
+    trained = {obj.surface.name for obj in catalogue() if obj.number not in TEST}
     assert not tested & trained
 
 
 def test_rough_objects_are_rougher_than_every_smooth_one() -> None:
-    rough = [thing.roughness.ra for thing in catalogue() if thing.label is Touch.ROUGH]
-    smooth = [thing.roughness.ra for thing in catalogue() if thing.label is Touch.SMOOTH]
+    rough = [obj.roughness.ra for obj in catalogue() if obj.label is Touch.ROUGH]
+    smooth = [obj.roughness.ra for obj in catalogue() if obj.label is Touch.SMOOTH]
     assert min(rough) > max(smooth)
 
 
@@ -40,7 +40,7 @@ def test_ra_lies_where_the_source_has_it(name: str) -> None:
 
 
 def test_every_profile_has_a_seed_of_its_own() -> None:
-    seeds = {thing.surface.name: thing.surface.seed for thing in catalogue()}
+    seeds = {obj.surface.name: obj.surface.seed for obj in catalogue()}
     assert len(set(seeds.values())) == len(seeds)
 
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from tactophone.simulation import TAKES, SimulatedFinger, find, single, take_moves
-from tactophone.simulation.content.movement import PRESSURES, Script, Take, Visit, explore, log_uniform
+from tactophone.simulation.content.movement import PRESSURES, Script, Visit, explore, log_uniform
+from tactophone.simulation.content.takes import Take
 
 STONE = find("lava stone")
 
@@ -23,13 +24,13 @@ def test_a_take_fills_its_time_in_order(take: Take) -> None:
 
 
 @pytest.mark.parametrize("pressure", PRESSURES)
-def test_pressure_is_what_the_finger_feels(pressure: str) -> None:
+def test_pressure_is_the_contact_force(pressure: str) -> None:
     scene = single(STONE)
     moves = take_moves(Take("short", pressure), scene.placed[0], duration=6.0, rng=np.random.default_rng(2))
     finger = SimulatedFinger(scene, moves, place=scene.placed[0].centre)
     finger.render(6 * 48_000)
     low, high = PRESSURES[pressure]
-    assert 0.6 * low < np.median(finger.truth.force[finger.truth.thing == 0]) < 1.4 * high
+    assert 0.6 * low < np.median(finger.truth.force[finger.truth.object_index == 0]) < 1.4 * high
 
 
 def test_a_tap_touches_and_leaves() -> None:
@@ -40,7 +41,7 @@ def test_a_tap_touches_and_leaves() -> None:
     finger = SimulatedFinger(scene, script.moves, place=(0.04, 0.035))
     finger.render(round((script.time + 0.3) * 48_000))
     assert finger.truth.force.max() > 0.5
-    assert finger.truth.thing[-1] == -1
+    assert finger.truth.object_index[-1] == -1
 
 
 def test_a_visit_may_end_over_the_edge() -> None:
@@ -49,7 +50,7 @@ def test_a_visit_may_end_over_the_edge() -> None:
     explore(script, scene.placed[0], Visit(1.0, 1.0, 0.1, slips=True))
     finger = SimulatedFinger(scene, script.moves, place=(0.04, 0.035))
     finger.render(round(script.time * 48_000))
-    assert 1 in finger.truth.thing
+    assert 1 in finger.truth.object_index
 
 
 def test_draws_stay_within_bounds() -> None:

@@ -17,8 +17,7 @@ from tactophone.link import (
     Session,
     UdpSocket,
 )
-from tactophone.simulation.network.impairments import NetworkProfile, network
-from tactophone.simulation.network.proxy import ImpairmentProxy
+from tactophone.simulation.network import ImpairmentProxy, NetworkProfile, network_profile
 from tactophone.types import AudioBlock
 
 
@@ -43,16 +42,16 @@ def test_datagrams_pass_both_ways_and_some_are_lost() -> None:
 
 
 @pytest.mark.realtime
-def test_a_call_over_real_sockets_and_a_bad_line_survives_a_restart() -> None:
-    ours, theirs = Identity.create("robot"), Identity.create("operator")
-    operator = ReceiveSession(Session(theirs, Peers({ours.fingerprint: "robot"})))
+def test_a_session_over_real_sockets_and_a_bad_link_survives_a_restart() -> None:
+    robot_identity, operator_identity = Identity.create("robot"), Identity.create("operator")
+    operator = ReceiveSession(Session(operator_identity, Peers({robot_identity.fingerprint: "robot"})))
     with (
         UdpSocket("127.0.0.1") as operators,
         UdpSocket("127.0.0.1") as robots,
-        ImpairmentProxy(operators.address, network("wifi,loss=0.05"), seed=1) as proxy,
+        ImpairmentProxy(operators.address, network_profile("wifi,loss=0.05"), seed=1) as proxy,
     ):
         for start in range(1, 3):
-            session = Session(ours, Peers({theirs.fingerprint: "operator"}), call=proxy.address)
+            session = Session(robot_identity, Peers({operator_identity.fingerprint: "operator"}), call=proxy.address)
             robot = SendSession(session, Codec("opus", packet_size=240))
             assert call(robot, robots, operator, operators, seconds=1.5) > 150
             assert operator.counters["handshakes"] == start
@@ -66,16 +65,16 @@ def call(
     *,
     seconds: float,
 ) -> int:
-    """Send silence for a while; returns how many packets were heard."""
-    heard, begun = 0, time.monotonic()
+    """Send silence for a while; return the number of packets decoded."""
+    decoded, begun = 0, time.monotonic()
     for step in range(round(seconds / 0.005)):
         now = time.monotonic()
         robot.push(AudioBlock(np.zeros((240, 2), np.float32), 48_000, step * 240))
         robot.receive(robots.receive(0), now=now)
         robot.poll(now)
         robots.send(cast(list[tuple[bytes, Endpoint]], robot.outgoing()))
-        news = operator.receive(operators.receive(0), now=now) + operator.poll(now)
-        heard += sum(isinstance(one, DecodedAudio) for one in news)
+        events = operator.receive(operators.receive(0), now=now) + operator.poll(now)
+        decoded += sum(isinstance(event, DecodedAudio) for event in events)
         operators.send(cast(list[tuple[bytes, Endpoint]], operator.outgoing()))
         time.sleep(max(0.0, begun + 0.005 * (step + 1) - time.monotonic()))
-    return heard
+    return decoded

@@ -7,24 +7,23 @@ import numpy as np
 import pytest
 
 from tactophone.link import Codec, DecodedAudio
-from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
-from tactophone.simulation.network.virtual_link import VirtualLine, paired_ends
+from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import AudioBlock
 
 CODEC = Codec("pcm16", channels=1, packet_size=240)
 
 
-def test_sound_crosses_hours_in_no_time() -> None:
-    line = VirtualLine(*paired_ends(CODEC))
-    now, heard = line.connect(3_600.0), 0
+def test_sound_crosses_in_virtual_time() -> None:
+    link = VirtualLink(*paired_sessions(CODEC))
+    now, received = link.connect(3_600.0), 0
     for start in range(0, 48_000, 240):
-        line.robot.push(AudioBlock(np.zeros((240, 1), np.float32), 48_000, start))
-        heard += sum(isinstance(one, DecodedAudio) for one in line.carry(now + start / 48_000))
-    assert heard == 200
+        link.robot.push(AudioBlock(np.zeros((240, 1), np.float32), 48_000, start))
+        received += sum(isinstance(event, DecodedAudio) for event in link.carry(now + start / 48_000))
+    assert received == 200
 
 
-def test_a_dead_line_is_told() -> None:
+def test_a_dead_link_raises() -> None:
     lost: Iterator[bool] = repeat(True)
-    line = VirtualLine(*paired_ends(CODEC), there=ImpairedLine(NetworkProfile(), lost=lost))
+    link = VirtualLink(*paired_sessions(CODEC), to_operator=ImpairedLink(NetworkProfile(), lost=lost))
     with pytest.raises(TimeoutError, match="no session"):
-        line.connect(0.0)
+        link.connect(0.0)

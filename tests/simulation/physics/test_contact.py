@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactophone.simulation import Electronics, Finger, SessionVariation, SimulatedFinger, TestObject, find, single
+from tactophone.simulation import Electronics, Finger, SessionVariation, SimulatedFinger, SimulatedObject, find, single
 from tactophone.types import AIR, CONTACT
 
 PLACE = (0.04, 0.035)
@@ -15,9 +15,9 @@ QUIET = Electronics(
 )  # fmt: skip
 
 
-def slide(thing: TestObject, *, force: float = 1.0, speed: float = 0.08, finger: Finger = Finger()) -> np.ndarray:  # noqa: B008
+def slide(obj: SimulatedObject, *, force: float = 1.0, speed: float = 0.08, finger: Finger = Finger()) -> np.ndarray:  # noqa: B008
     """Both channels of a second's steady sliding."""
-    source = SimulatedFinger(single(replace(thing, length=0.3)), setup=SessionVariation(finger, QUIET), place=PLACE)
+    source = SimulatedFinger(single(replace(obj, length=0.3)), session=SessionVariation(finger, QUIET), place=PLACE)
     source.move(*PLACE, force)
     for k in range(200):
         source.move(PLACE[0] + speed * k / 100, PLACE[1], force, time=0.3 + k / 100)
@@ -42,23 +42,23 @@ def test_rough_is_louder_in_air_for_as_much_in_contact() -> None:
     assert rough[AIR] / rough[CONTACT] > smooth[AIR] / smooth[CONTACT]
 
 
-def test_friction_is_felt_but_hardly_heard() -> None:
-    """Without the piezo's sense of shear the air is the same, and the contact microphone hears less."""
-    deaf = slide(find("3"), finger=Finger()._replace(shear_strain=0.0))
+def test_friction_reaches_the_piezo_but_not_the_air() -> None:
+    """Without the piezo's sensitivity to shear, the air signal is the same and the contact signal smaller."""
+    insensitive = slide(find("3"), finger=Finger()._replace(shear_strain=0.0))
     whole = slide(find("3"))
-    np.testing.assert_array_equal(deaf[:, AIR], whole[:, AIR])
-    assert rms(deaf)[CONTACT] < 0.8 * rms(whole)[CONTACT]
+    np.testing.assert_array_equal(insensitive[:, AIR], whole[:, AIR])
+    assert rms(insensitive)[CONTACT] < 0.8 * rms(whole)[CONTACT]
 
 
 def test_a_resting_finger_falls_silent() -> None:
-    source = SimulatedFinger(single(find("0")), setup=SessionVariation(electronics=QUIET), place=PLACE)
+    source = SimulatedFinger(single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE)
     source.move(*PLACE, 1.0)
     source.render(48_000)
     assert np.abs(source.render(4800).samples).max() < 1e-2
     assert source.truth.force.mean() == pytest.approx(1.0, rel=0.02)
 
 
-def test_hovering_there_is_nothing() -> None:
-    source = SimulatedFinger(single(find("0")), setup=SessionVariation(electronics=QUIET), place=PLACE)
+def test_hovering_there_is_no_force() -> None:
+    source = SimulatedFinger(single(find("0")), session=SessionVariation(electronics=QUIET), place=PLACE)
     source.render(9600)
     assert not source.truth.force.any()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.simulation.physics.contact_state import ContactState
+from tactophone.simulation.physics.contact_state import ContactSignals
 from tactophone.simulation.physics.finger import Electronics
 from tactophone.simulation.physics.microphones import NORMALS, Microphones, cavity_sections
 from tactophone.simulation.physics.modes import Mounting
@@ -15,9 +15,9 @@ QUIET = Electronics(
 
 def convert(strain: np.ndarray, pressure: np.ndarray, electronics: Electronics, motor: float = 0.0) -> np.ndarray:
     microphones = Microphones(electronics, Mounting.TABLE, seed=np.random.SeedSequence(1), rate=RATE)
-    heard = ContactState(strain, np.zeros_like(strain), pressure, np.zeros_like(strain))
+    signals = ContactSignals(strain, np.zeros_like(strain), pressure, np.zeros_like(strain))
     normals = np.random.default_rng(0).standard_normal((strain.size, NORMALS))
-    return microphones.convert(heard, np.full(strain.size, motor), normals)
+    return microphones.convert(signals, np.full(strain.size, motor), normals)
 
 
 def tone(frequency: float, amplitude: float) -> np.ndarray:
@@ -30,7 +30,7 @@ def test_newtons_and_pascals_become_full_scale() -> None:
     assert np.abs(out[:, 1]).max() == pytest.approx(0.1 * QUIET.air_gain, rel=0.02)
 
 
-def test_what_is_under_the_corner_is_lost() -> None:
+def test_frequencies_under_the_corner_are_attenuated() -> None:
     out = convert(tone(QUIET.contact_corner / 4, 0.1), tone(QUIET.air_corner / 4, 0.1), QUIET)[RATE // 2 :]
     assert np.abs(out[:, 0]).max() < 0.1 * QUIET.contact_gain / 10
     assert np.abs(out[:, 1]).max() < 0.1 * QUIET.air_gain / 10
@@ -48,13 +48,13 @@ def test_noise_floors_have_their_levels() -> None:
     assert level == pytest.approx([-30.1, -59.0], abs=1.0)
 
 
-def test_motors_are_heard_in_both() -> None:
+def test_motors_are_in_both_channels() -> None:
     still = np.zeros(RATE)
     loud = QUIET._replace(motor_air_dbfs=-40, motor_contact_dbfs=-40)
     assert np.all(convert(still, still, loud, motor=1.0).std(axis=0) > 100 * convert(still, still, loud).std(axis=0))
 
 
-def test_only_boxes_resound() -> None:
+def test_only_boxes_resonate() -> None:
     rng = np.random.default_rng(0)
     assert len(cavity_sections(Mounting.BOX, rng, RATE)) == 3
     assert len(cavity_sections(Mounting.HELD, rng, RATE)) == 0

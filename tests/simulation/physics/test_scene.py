@@ -9,7 +9,7 @@ from tactophone.types import Touch
 
 def test_an_object_lies_at_the_origin_as_it_is_mounted() -> None:
     scene = single(find("lava stone"), Mounting.BOX)
-    assert scene.placed[0].thing.mounting is scene.cavity is Mounting.BOX
+    assert scene.placed[0].object.mounting is scene.cavity is Mounting.BOX
     assert scene.placed[0].centre == pytest.approx((0.04, 0.035))
 
 
@@ -20,7 +20,7 @@ def test_footprints_in_a_row_do_not_overlap() -> None:
 
 def test_alike_stones_are_not_the_same() -> None:
     scene = five_stones(shuffled(0))
-    assert len({placed.thing.surface for placed in scene.placed}) == 5
+    assert len({placed.object.surface for placed in scene.placed}) == 5
 
 
 def test_orders_repeat_and_vary_by_seed() -> None:

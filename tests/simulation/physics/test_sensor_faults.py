@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ConfigError
-from tactophone.simulation import SimulatedFinger, find, single
-from tactophone.simulation.physics.sensor_faults import CODES, FaultSpan, FaultySource
+from tactophone.simulation import CODES, FaultSpan, FaultySource, SimulatedFinger, find, single
 from tactophone.types import AudioBlock
 
 
@@ -11,15 +10,15 @@ def finger(size: int = 480) -> SimulatedFinger:
     return SimulatedFinger(single(find("lava stone")), duration=0.2, block_size=size)
 
 
-def heard(code: str, size: int) -> np.ndarray:
+def recorded(code: str, size: int) -> np.ndarray:
     with FaultySource(finger(size), [FaultSpan(code, 0.05, 0.1333)]) as source:
         return np.concatenate([block.samples for block in source])
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_blocks_of_any_size_are_broken_alike_and_only_while_the_fault_lasts(code: str) -> None:
-    whole = heard(code, 9600)
-    np.testing.assert_array_equal(heard(code, 509), whole)
+    whole = recorded(code, 9600)
+    np.testing.assert_array_equal(recorded(code, 509), whole)
     good = np.concatenate([block.samples for block in finger()])
     differ = np.flatnonzero((whole != good).any(axis=1))
     assert 2400 <= differ[0] < differ[-1] < 6400
@@ -31,12 +30,12 @@ def test_a_faulty_source_is_as_wide_and_fast_as_the_good_one() -> None:
 
 
 @pytest.mark.parametrize("text", ["air-haunted", "air-dead@x", "air-dead@1-2-3"])
-def test_nonsense_is_refused_with_the_choices(text: str) -> None:
+def test_an_unknown_fault_is_refused_with_the_choices(text: str) -> None:
     with pytest.raises(ConfigError, match="contact-dead"):
         FaultSpan.parse(text)
 
 
 def test_a_block_keeps_its_place() -> None:
     block = AudioBlock(np.zeros((100, 2), np.float32), 48_000, 700, concealed=True)
-    broken = FaultySource(finger(), [FaultSpan("alike")]).break_block(block)
+    broken = FaultySource(finger(), [FaultSpan("alike")]).apply(block)
     assert (broken.start, broken.concealed) == (700, True)

@@ -54,7 +54,7 @@ def test_iteration_gives_contiguous_blocks_and_ends() -> None:
     assert {block.channels for block in blocks} == {finger.channels} == {2}
 
 
-def test_truth_tells_touch_from_hovering() -> None:
+def test_truth_separates_touch_from_hovering() -> None:
     finger = SimulatedFinger(single(find("lava stone")), place=PLACE)
     finger.render(4800)
     assert set(finger.truth.touch) == {Touch.NONE}
@@ -72,11 +72,11 @@ def test_the_ground_is_neither_smooth_nor_rough() -> None:
     finger = SimulatedFinger(scene, place=(-0.05, 0.035))
     finger.move(-0.05, 0.035, 1.0)
     finger.render(24_000)
-    assert finger.truth.thing[-1] == len(scene.placed)
+    assert finger.truth.object_index[-1] == len(scene.placed)
     assert finger.truth.touch[-1] == Touch.NONE
 
 
-def test_live_moves_are_heard() -> None:
+def test_live_moves_make_sound() -> None:
     finger = SimulatedFinger(single(find("lava stone")), place=PLACE)
     finger.move(*PLACE, 1.5)
     finger.render(24_000)
@@ -86,7 +86,7 @@ def test_live_moves_are_heard() -> None:
     assert finger.render(24_000).samples[:, CONTACT].std() > 3 * still
 
 
-def test_nothing_diverges_however_hard_it_is_pressed() -> None:
+def test_extreme_forces_do_not_diverge() -> None:
     finger = SimulatedFinger(single(find("lava stone")), place=PLACE)
     finger.move(*PLACE, 1e6)
     finger.move(10.0, 10.0, 50.0, time=0.05)
@@ -99,5 +99,5 @@ def test_sessions_differ_and_repeat() -> None:
 
 def test_a_scene_has_three_smooth_and_two_rough_stones() -> None:
     scene: Scene = five_stones(shuffled(11))
-    assert sorted(placed.thing.label for placed in scene.placed) == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
-    assert len({placed.thing.surface.seed for placed in scene.placed}) == 5
+    assert sorted(placed.object.label for placed in scene.placed) == [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
+    assert len({placed.object.surface.seed for placed in scene.placed}) == 5

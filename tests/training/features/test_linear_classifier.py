@@ -2,15 +2,16 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES
-from tactophone.training.features.linear_classifier import Examples, Head, even_weights, fit_head, inner_folds
-from tactophone.training.features.onnx_graph import build_head_graph
+from tactophone.perception import FEATURES, LOG_PROBABILITIES
+from tactophone.training.features.examples import Examples, even_weights, inner_folds
+from tactophone.training.features.linear_classifier import LinearClassifier, fit_classifier
+from tactophone.training.features.onnx_graph import build_classifier_graph
 
 FEATURE_COUNT = 4
 
 
 def clouds(seed: int = 0, *, gap: float = 1.0) -> Examples:
-    """Ten surfaces of two classes: the first and third feature tell them, each surface is a little off."""
+    """Ten surfaces of two classes: the first and third feature separate them, each surface is a little off."""
     rng = np.random.default_rng(seed)
     surface = np.repeat(np.arange(10), 300)
     rough = surface % 2 == 1
@@ -19,58 +20,58 @@ def clouds(seed: int = 0, *, gap: float = 1.0) -> Examples:
     return Examples(features.astype(np.float32), rough, surface)
 
 
-def ask(head: Head, features: np.ndarray, channels: int = 2) -> np.ndarray:
-    session = onnxruntime.InferenceSession(build_head_graph(head, channels=channels).SerializeToString())
-    (answer,) = session.run([LOG_PROBABILITIES], {FEATURES: features.astype(np.float32)})
-    return np.exp(answer)
+def classify(classifier: LinearClassifier, features: np.ndarray, channels: int = 2) -> np.ndarray:
+    session = onnxruntime.InferenceSession(build_classifier_graph(classifier, channels=channels).SerializeToString())
+    (log_probabilities,) = session.run([LOG_PROBABILITIES], {FEATURES: features.astype(np.float32)})
+    return np.exp(log_probabilities)
 
 
 @pytest.fixture(scope="module")
-def head() -> Head:
-    return fit_head(clouds(), channels=2)
+def classifier() -> LinearClassifier:
+    return fit_classifier(clouds(), channels=2)
 
 
-def test_probabilities_sum_to_one_and_agree_with_the_weights(head: Head) -> None:
+def test_probabilities_sum_to_one_and_agree_with_the_weights(classifier: LinearClassifier) -> None:
     examples = clouds(1)
-    answers = ask(head, examples.features)
-    assert answers.sum(axis=1) == pytest.approx(np.ones(3000), abs=1e-5)
-    standard = (examples.features - head.centre) / head.scale
-    logits = standard @ head.weights[0] + head.biases[0]
-    assert answers[:, 2] / answers[:, 1:].sum(axis=1) == pytest.approx(1 / (1 + np.exp(-logits)), abs=1e-4)
-    distance = np.square(standard @ head.whitening).mean(axis=1)
-    assert ((answers[:, 0] > 0.5) == (distance > head.limit)).mean() > 0.999
+    probabilities = classify(classifier, examples.features)
+    assert probabilities.sum(axis=1) == pytest.approx(np.ones(3000), abs=1e-5)
+    standard = (examples.features - classifier.centre) / classifier.scale
+    logits = standard @ classifier.weights[0] + classifier.biases[0]
+    assert probabilities[:, 2] / probabilities[:, 1:].sum(axis=1) == pytest.approx(1 / (1 + np.exp(-logits)), abs=1e-4)
+    distance = np.square(standard @ classifier.whitening).mean(axis=1)
+    assert ((probabilities[:, 0] > 0.5) == (distance > classifier.limit)).mean() > 0.999
 
 
-def test_one_window_is_answered_as_in_a_batch(head: Head) -> None:
+def test_a_single_window_gives_the_same_as_in_a_batch(classifier: LinearClassifier) -> None:
     features = clouds(1).features[:3]
-    single = np.concatenate([ask(head, one[None]) for one in features])
-    assert single == pytest.approx(ask(head, features), abs=1e-6)
+    single = np.concatenate([classify(classifier, row[None]) for row in features])
+    assert single == pytest.approx(classify(classifier, features), abs=1e-6)
 
 
 @pytest.mark.parametrize("gone", [0, 1])
-def test_either_channel_alone_is_answered_by_its_own_regression(head: Head, gone: int) -> None:
+def test_either_channel_alone_uses_its_own_regression(classifier: LinearClassifier, gone: int) -> None:
     examples = clouds(1)
     features = examples.features.copy()
     features[:, 2 * gone : 2 * gone + 2] = np.nan
-    answers = ask(head, features)
-    assert np.isfinite(answers).all()
-    right = (answers[:, 2] > answers[:, 1]) == examples.rough
-    assert 0.6 < right.mean() <= ((ask(head, examples.features)[:, 2] > 0.45) == examples.rough).mean() + 0.1
+    probabilities = classify(classifier, features)
+    assert np.isfinite(probabilities).all()
+    right = (probabilities[:, 2] > probabilities[:, 1]) == examples.rough
+    assert 0.6 < right.mean() <= ((classify(classifier, examples.features)[:, 2] > 0.45) == examples.rough).mean() + 0.1
 
 
-def test_with_no_channel_left_nothing_is_claimed(head: Head) -> None:
-    answer = ask(head, np.full((1, FEATURE_COUNT), np.nan))[0]
-    assert answer[1] == pytest.approx(answer[2])
+def test_with_no_channel_left_smooth_and_rough_are_equal(classifier: LinearClassifier) -> None:
+    row = classify(classifier, np.full((1, FEATURE_COUNT), np.nan))[0]
+    assert row[1] == pytest.approx(row[2])
 
 
-def test_confidence_is_honest_on_surfaces_not_met(head: Head) -> None:
-    answers, examples = ask(head, clouds(2).features), clouds(2)
-    share = answers[:, 2] / answers[:, 1:].sum(axis=1)
+def test_confidence_is_calibrated_on_held_out_surfaces(classifier: LinearClassifier) -> None:
+    probabilities, examples = classify(classifier, clouds(2).features), clouds(2)
+    share = probabilities[:, 2] / probabilities[:, 1:].sum(axis=1)
     sure = (share > 0.8) | (share < 0.2)
-    called = (share > 0.5) == examples.rough
-    claimed = np.maximum(share, 1 - share)
-    assert called[sure].mean() > called.mean()
-    assert abs(claimed.mean() - called.mean()) < 0.1
+    correct = (share > 0.5) == examples.rough
+    confidence = np.maximum(share, 1 - share)
+    assert correct[sure].mean() > correct.mean()
+    assert abs(confidence.mean() - correct.mean()) < 0.1
 
 
 def test_every_class_and_surface_weighs_the_same() -> None:
@@ -78,10 +79,10 @@ def test_every_class_and_surface_weighs_the_same() -> None:
     surface = np.array([0, 0, 1, 2, 2, 2, 2, 3])
     weights = even_weights(rough, surface)
     assert weights.mean() == pytest.approx(1)
-    assert [weights[surface == one].sum() for one in range(4)] == pytest.approx([2, 2, 2, 2])
+    assert [weights[surface == number].sum() for number in range(4)] == pytest.approx([2, 2, 2, 2])
 
 
-def test_inner_folds_part_surfaces() -> None:
+def test_inner_folds_split_by_surface() -> None:
     examples = clouds()
     for out in inner_folds(examples.rough, examples.surface):
         assert not set(examples.surface[out]) & set(examples.surface[~out])

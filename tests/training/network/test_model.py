@@ -9,13 +9,13 @@ def test_the_paper_counts_1882755_parameters() -> None:
     assert sum(parameter.numel() for parameter in PaperNetwork().parameters()) == 1_882_755
 
 
-def test_the_layers_do_what_the_paper_says() -> None:
+def test_the_layers_compute_what_the_paper_specifies() -> None:
     network = PaperNetwork(channels=1)
-    told = weights_of(network)
+    weights = weights_of(network)
     hidden = np.random.default_rng(0).random((5, 257), np.float32)
 
     def layer(name: str, x: np.ndarray) -> np.ndarray:
-        return x @ told[f"{name}.weight"].T + told[f"{name}.bias"]
+        return x @ weights[f"{name}.weight"].T + weights[f"{name}.bias"]
 
     features = torch.from_numpy(hidden)
     for name in ("layer1", "layer2", "layer3"):
@@ -25,12 +25,12 @@ def test_the_layers_do_what_the_paper_says() -> None:
     for name in ("layer4", "layer5"):
         hidden = np.maximum(layer(name, hidden), 0)
     logits = layer("linear", hidden)
-    wanted = logits - np.log(np.exp(logits).sum(axis=1, keepdims=True))
-    assert network(features).detach().numpy() == pytest.approx(wanted, abs=1e-5)
+    expected = logits - np.log(np.exp(logits).sum(axis=1, keepdims=True))
+    assert network(features).detach().numpy() == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("channels", [1, 2])
-def test_weights_go_out_and_back(channels: int) -> None:
+def test_weights_survive_a_round_trip(channels: int) -> None:
     weights = weights_of(PaperNetwork(channels=channels))
     assert channels_of(weights) == channels
     again = weights_of(with_weights(weights))

@@ -3,7 +3,7 @@ import onnxruntime
 import pytest
 import torch
 
-from tactophone.perception.model_file import FEATURES
+from tactophone.perception import FEATURES
 from tactophone.training.network.model import PaperNetwork, weights_of
 from tactophone.training.network.onnx_graph import Storage, build_graph, read_graph
 from tactophone.types import FloatArray
@@ -23,18 +23,18 @@ def run(model: bytes, features: FloatArray) -> FloatArray:
 def test_onnx_agrees_with_torch(channels: int) -> None:
     network = PaperNetwork(channels=channels)
     features = magnitudes(channels)
-    wanted = network(torch.from_numpy(features)).detach().numpy()
+    expected = network(torch.from_numpy(features)).detach().numpy()
     model = build_graph(weights_of(network), storage="float32").SerializeToString()
-    assert run(model, features) == pytest.approx(wanted, abs=1e-5)
+    assert run(model, features) == pytest.approx(expected, abs=1e-5)
 
 
-def test_eight_bits_cost_a_quarter_and_next_to_nothing_in_probability() -> None:
+def test_eight_bits_cost_a_quarter_and_almost_nothing_in_probability() -> None:
     network = PaperNetwork()
     features = magnitudes(2)
-    wanted = network(torch.from_numpy(features)).detach().exp().numpy()
+    expected = network(torch.from_numpy(features)).detach().exp().numpy()
     model = build_graph(weights_of(network), storage="int8").SerializeToString()
     assert len(model) < 2_000_000
-    assert np.exp(run(model, features)) == pytest.approx(wanted, abs=0.01)
+    assert np.exp(run(model, features)) == pytest.approx(expected, abs=0.01)
 
 
 @pytest.mark.parametrize(("storage", "tolerance"), [("float32", 0.0), ("int8", 1 / 127)])

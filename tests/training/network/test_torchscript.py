@@ -24,7 +24,7 @@ def published(path: Path, *, channels: int = 2, traced: bool = False) -> dict[st
 
 @pytest.mark.parametrize("channels", [1, 2])
 @pytest.mark.parametrize("traced", [False, True])
-def test_every_parameter_arrives(tmp_path: Path, channels: int, traced: bool) -> None:
+def test_every_parameter_is_read(tmp_path: Path, channels: int, traced: bool) -> None:
     written = published(tmp_path / "general.pt", channels=channels, traced=traced)
     read = read_torchscript(tmp_path / "general.pt")
     assert written.keys() == read.keys()
@@ -58,21 +58,21 @@ def renamed(path: Path) -> None:
 
 REFUSED: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda path: None, "no such file"),
-    "truncated": (truncate, "no whole TorchScript archive"),
+    "truncated": (truncate, "not a whole TorchScript archive"),
     "damaged": (damage, "fails its checksum"),
     "plain pickle": (lambda path: path.write_bytes(pickle.dumps(Trap())), "a plain pickle"),
     "pickled state": (lambda path: torch.save(PaperNetwork().state_dict(), path), "without TorchScript code"),
     "another network": (lambda path: torch.jit.script(nn.Linear(3, 4)).save(path), "its layers are weight, bias"),
     "fewer layers": (renamed, r"not the paper's network: layer_resnet\.4\.bias"),
-    "words": (lambda path: path.write_text("not a model"), "no whole TorchScript archive"),
+    "words": (lambda path: path.write_text("not a model"), "not a whole TorchScript archive"),
 }
 
 
 @pytest.mark.parametrize("fault", REFUSED)
 def test_anything_else_is_refused_unopened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
     monkeypatch.chdir(tmp_path)
-    make, told = REFUSED[fault]
+    make, message = REFUSED[fault]
     make(tmp_path / "general.pt")
-    with pytest.raises(ModelError, match=told):
+    with pytest.raises(ModelError, match=message):
         read_torchscript(tmp_path / "general.pt")
     assert not (tmp_path / "sprung").exists()

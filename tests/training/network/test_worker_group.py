@@ -8,16 +8,16 @@ import pytest
 
 from tactophone.training.network.trainer import train
 from tactophone.training.network.worker_group import WorkerGroup, init_distributed
-from tests.training.network.test_trainer import made, quick
+from tests.training.network.test_trainer import make_windows, quick
 
 SCRIPT = """
 import sys
 import numpy as np
 from tactophone.training.network.worker_group import init_distributed
 from tactophone.training.network.trainer import train
-from tests.training.network.test_trainer import made, quick
+from tests.training.network.test_trainer import make_windows, quick
 
-weights = train(made(), quick(), seed=3)
+weights = train(make_windows(), quick(), seed=3)
 np.savez(f"{sys.argv[1]}/{init_distributed().rank}.npz", **weights)
 """
 
@@ -27,13 +27,13 @@ def test_parts_cover_a_batch_once() -> None:
     assert places == list(range(10))
 
 
-def test_without_torchrun_one_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torchrun_the_group_has_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WORLD_SIZE", raising=False)
     assert init_distributed() == WorkerGroup(0, 1)
     assert init_distributed().leads
 
 
-@pytest.mark.realtime
+@pytest.mark.slow
 def test_two_processes_under_torchrun_learn_what_one_does(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
@@ -42,7 +42,7 @@ def test_two_processes_under_torchrun_learn_what_one_does(tmp_path: Path) -> Non
     environment["PYTHONPATH"] += os.pathsep + os.environ.get("PYTHONPATH", "")
     subprocess.run([str(word) for word in command], check=True, env=environment, timeout=300)
     first, second = (dict(np.load(tmp_path / f"{rank}.npz")) for rank in range(2))
-    alone = train(made(), quick(), seed=3)
+    alone = train(make_windows(), quick(), seed=3)
     for name, array in alone.items():
         assert np.array_equal(first[name], second[name])
         assert first[name] == pytest.approx(array, abs=2e-4)

@@ -1,40 +1,37 @@
-"""What a person sees and can press while a side runs in its own process: one line, and the news under it."""
+"""The live console of a running side: one line that changes, messages below it, and the keys that control it."""
 
 import contextlib
 import signal
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.live import Live
 from rich.text import Text
 
-from tactophone.cli._support import keyboard as keys
-from tactophone.cli._support import terminal
+from tactophone.cli._support import keyboard, terminal
 from tactophone.errors import TactophoneError
-from tactophone.runtime import Supervisor
-from tactophone.telemetry import Action, Snapshot, State, Watcher
+from tactophone.telemetry import Snapshot, State, Watcher
 from tactophone.types import Touch
 
-EVERY = 0.2
-"""Seconds between two looks; a person reads no faster, and this process also hosts the watchdog."""
+if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
+    from tactophone.runtime import Supervisor
 
-KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
-"""Which key asks for what; `q` ends the run."""
-
-HELP = "space: emergency stop   m: mute   a: arm   q: quit"
+INTERVAL = 0.2
+"""Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run went: the last look at it, if it ever lived."""
+    """How a run ended: its last snapshot, if it ever started, and how often a side was restarted."""
 
     last: Snapshot | None
     restarts: int
 
 
-def follow(supervisors: Sequence[Supervisor], name: str, *, duration: float = 0.0) -> Outcome:
+def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0) -> Outcome:
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
     Parameters
@@ -42,22 +39,22 @@ def follow(supervisors: Sequence[Supervisor], name: str, *, duration: float = 0.
     supervisors
         Of the sides that run; the first to end by itself ends all.
     name
-        Of the run that is shown and asked.
+        Of the process that is shown and controlled by the keys.
     duration
-        Seconds; 0 is for ever.
+        Seconds; 0 means no limit.
     """
-    face = _ConsoleView(name)
-    until = time.monotonic() + duration if duration else float("inf")
-    with _signals(supervisors), keys.listening() as keyboard, _live(keyboard=keyboard) as live:
-        while time.monotonic() < until and all(side.running for side in supervisors):
-            face.look()
+    view = _ConsoleView(name)
+    deadline = time.monotonic() + duration if duration else float("inf")
+    with _signals(supervisors), keyboard.single_keys() as has_keyboard, _live(help_line=has_keyboard) as live:
+        while time.monotonic() < deadline and all(side.running for side in supervisors):
+            view.update()
             if live is not None:
-                live.update(face.line(), refresh=True)
-            if keyboard and not face.press(keys.pressed(EVERY)):
+                live.update(view.line(), refresh=True)
+            if has_keyboard and not view.handle(keyboard.read_key(INTERVAL)):
                 break
-            if not keyboard and supervisors[0].wait(min(EVERY, max(0.0, until - time.monotonic()))):
+            if not has_keyboard and supervisors[0].wait(min(INTERVAL, max(0.0, deadline - time.monotonic()))):
                 break
-    return Outcome(face.last, sum(side.restarts for side in supervisors))
+    return Outcome(view.last, sum(side.restarts for side in supervisors))
 
 
 class _ConsoleView:
@@ -65,56 +62,58 @@ class _ConsoleView:
         self.last: Snapshot | None = None
         self._name = name
         self._watcher: Watcher | None = None
-        self._said: dict[str, str] = {}
+        self._printed: dict[str, str] = {}
 
-    def look(self) -> None:
-        """Take a look, and say what is new in words."""
+    def update(self) -> None:
+        """Take a snapshot, and print what has changed in its state."""
+        # A side that was restarted has a new shared memory, so a dead watcher is replaced.
         if self._watcher is None or (self.last and not self.last.alive):
             with contextlib.suppress(TactophoneError):
                 self._watcher = Watcher(self._name)
         if self._watcher is not None:
             self.last = self._watcher.snapshot()
-            self._tell(self.last.state)
+            self._print_changes(self.last.state)
 
-    def press(self, key: str) -> bool:
-        """Do what a key asks; false when it asks to end."""
-        if key in KEYS and self._watcher is not None:
-            self._watcher.ask(KEYS[key])
-        return key not in ("q", "\x03", "\x04")
+    def handle(self, key: str) -> bool:
+        """Make the request of a key; false when the key ends the run."""
+        if key in keyboard.KEYS and self._watcher is not None:
+            self._watcher.ask(keyboard.KEYS[key])
+        return key not in keyboard.QUIT_KEYS
 
     def line(self) -> Text:
-        """What is felt now, in one line."""
+        """Return levels, prediction, packets and latency in one line."""
         if self.last is None or not self.last.alive:
-            return Text("waiting for the sound ...", style="yellow")
+            return Text("waiting for sound ...", style="yellow")
         return _line(self.last)
 
-    def _tell(self, state: State) -> None:
-        news = {fault.code: f"! {fault.text}" for fault in state.faults} | {"line": state.link}
+    def _print_changes(self, state: State) -> None:
+        # One entry per subject, so that a message is printed when it appears or changes, not at every update.
+        messages = {fault.code: f"! {fault.text}" for fault in state.faults} | {"link": state.link}
         if state.role == "operator":
-            news["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
-        for code, words in news.items():
-            if self._said.get(code) != words:
-                terminal.log().print(words, soft_wrap=True)
-        self._said = news
+            messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
+        for subject, text in messages.items():
+            if self._printed.get(subject) != text:
+                terminal.log().print(text, soft_wrap=True)
+        self._printed = messages
 
 
-def _live(*, keyboard: bool) -> contextlib.AbstractContextManager[Live | None]:
-    """Make the line that changes, where there is a terminal to change it on."""
+def _live(*, help_line: bool) -> contextlib.AbstractContextManager[Live | None]:
+    """Return the line that changes; none where stderr is not a terminal."""
     console = terminal.log()
-    if keyboard:
-        console.print(Text(HELP, style="dim"))
+    if help_line:
+        console.print(Text(keyboard.HELP, style="dim"))
     return (
         Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else contextlib.nullcontext()
     )
 
 
 def _line(snapshot: Snapshot) -> Text:
-    sound = np.abs(snapshot.sound[-4800:]).max(axis=0, initial=1e-6)
-    contact, air = 20 * np.log10(np.maximum(sound, 1e-6))
+    peaks = np.abs(snapshot.sound[-4800:]).max(axis=0, initial=1e-6)  # of the newest 0.1 s
+    contact, air = 20 * np.log10(np.maximum(peaks, 1e-6))
     parts = [f"contact {contact:4.0f}  air {air:4.0f} dBFS"]
-    if snapshot.ticks.size and snapshot.state.role == "operator":
-        tick = snapshot.ticks[-1]
-        parts.append(f"{Touch(tick['touch']).name.lower():6} {tick['frequency']:3.0f} Hz {tick['amplitude']:4.2f}")
+    if snapshot.steps.size and snapshot.state.role == "operator":
+        step = snapshot.steps[-1]
+        parts.append(f"{Touch(step['touch']).name.lower():6} {step['frequency']:3.0f} Hz {step['amplitude']:4.2f}")
     counters = snapshot.counters
     packets = counters["packets_received"] or counters["packets_sent"]
     parts.append(f"{counters['packets_lost']} lost of {packets}")
@@ -126,8 +125,8 @@ def _line(snapshot: Snapshot) -> Text:
 
 
 @contextlib.contextmanager
-def _signals(supervisors: Sequence[Supervisor]) -> Iterator[None]:
-    """SIGTERM ends the run in order; SIGUSR1 stops all vibration and lets the run go on."""
+def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[None]:
+    """Handle SIGTERM as an orderly end of the run, and SIGUSR1 as an emergency stop that keeps it running."""
 
     def end(*_: object) -> None:
         raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""What the verbs that take a data set share: choosing recordings by what is known of them."""
+"""``--filter``, for every verb that reads a data set: keep recordings by their labels."""
 
 import argparse
 from pathlib import Path
@@ -8,16 +8,16 @@ from tactophone.dataset import Dataset, open_dataset, usable
 from tactophone.errors import DatasetError
 
 
-def add_choice(parser: argparse.ArgumentParser) -> None:
-    """Add ``--where``."""
+def add_filter(parser: argparse.ArgumentParser) -> None:
+    """Add ``--filter``."""
     parser.add_argument(
-        "--where", action="append", metavar="KEY=VALUE[,VALUE...]",
+        "--filter", action="append", metavar="KEY=VALUE[,VALUE...]",
         help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
     )  # fmt: skip
 
 
-def choose(folder: Path, wanted: list[str] | None) -> Dataset:
-    """Open a data set, keep what ``--where`` wants, and leave out what cannot be used, naming it on stderr.
+def open_filtered(folder: Path, filters: list[str] | None) -> Dataset:
+    """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
     Raises
     ------
@@ -25,8 +25,8 @@ def choose(folder: Path, wanted: list[str] | None) -> Dataset:
         If nothing is left.
     """
     dataset = open_dataset(folder)
-    for wish in wanted or ():
-        dataset = _where(dataset, wish)
+    for text in filters or ():
+        dataset = _filtered(dataset, text)
     kept, problems = usable(dataset)
     for problem in problems:
         if problem.fatal:
@@ -34,13 +34,13 @@ def choose(folder: Path, wanted: list[str] | None) -> Dataset:
     return kept.labelled()
 
 
-def _where(dataset: Dataset, wish: str) -> Dataset:
-    key, equals, values = wish.partition("=")
+def _filtered(dataset: Dataset, text: str) -> Dataset:
+    key, equals, values = text.partition("=")
     if not equals:
-        raise DatasetError(f"--where {wish}: write KEY=VALUE, such as tier=core")
+        raise DatasetError(f"--filter {text}: write KEY=VALUE, such as tier=core")
     allowed = set(values.split(","))
-    kept = dataset.where(lambda one: one.known(key) in allowed)
+    kept = dataset.where(lambda recording: recording.known(key) in allowed)
     if not kept.recordings:
-        known = sorted({one.known(key) or "(nothing)" for one in dataset.recordings})
-        raise DatasetError(f"--where {wish}: no recording has it; {key} is one of {', '.join(known[:12])}")
+        known = sorted({recording.known(key) or "(nothing)" for recording in dataset.recordings})
+        raise DatasetError(f"--filter {text}: no recording has it; {key} is one of {', '.join(known[:12])}")
     return kept

@@ -9,7 +9,7 @@ from tactophone.config import Settings
 
 
 def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
-    """Declare ``--config`` and ``--set``, and each flag with the words, range and default of the setting it stands for.
+    """Declare ``--config``, ``--set`` and each flag, with the help text, range and default of its setting.
 
     Parameters
     ----------
@@ -18,7 +18,7 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
     """
     known = {entry.name: entry for entry in config.entries()}
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
-    group.add_argument("--config", type=Path, metavar="FILE", help="TOML file of settings; flags go before it")
+    group.add_argument("--config", type=Path, metavar="FILE", help="TOML file of settings; flags override it")
     for option, name in flags.items():
         entry = known[name]
         words = entry.words.replace("%", "%%")
@@ -26,15 +26,15 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
             group.add_argument(option, dest=name, action="store_const", const="true", help=words)
             continue
         choices = f": {', '.join(entry.choices)}" if entry.choices else ""
-        shown = "none" if entry.default == "" else entry.default
-        group.add_argument(option, dest=name, metavar="VALUE", help=f"{words}{choices} (default: {shown})")
+        default = "" if entry.default == "" else f" (default: {entry.default})"
+        group.add_argument(option, dest=name, metavar="VALUE", help=f"{words}{choices}{default}")
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
     )
 
 
 def settings_of(args: argparse.Namespace) -> Settings:
-    """Give the settings asked for: defaults < ``--config`` < flags < ``--set``."""
+    """Return the settings in force: defaults < ``--config`` < flags < ``--set``."""
     settings = config.read(args.config) if args.config else Settings()
     for name, value in vars(args).items():
         if "." in name and value is not None:

@@ -1,27 +1,36 @@
-"""Level meters for a terminal of 80 columns: each microphone as a bar, with the contact threshold drawn in."""
+"""Level meters for a terminal of 80 columns: a bar for each microphone, with a mark at the contact threshold."""
 
 import math
 import time
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
+from rich.live import Live
 from rich.text import Text
 
-from tactophone.perception.sensor_health.faults import CHANNELS
+from tactophone.cli._support import terminal
+from tactophone.perception import MICROPHONES
 from tactophone.types import CONTACT, AudioBlock
 
 LOWEST_DBFS = -72.0
 WIDTH = 36
-EVERY = 0.1
-"""Seconds between two looks at the screen."""
+INTERVAL = 0.1
+"""Seconds between two updates of the screen."""
 
 HOLD = 0.7
-"""By which a peak falls from one look to the next, of full scale's bar: it can still be read after a tap."""
+"""Factor by which a peak falls between two updates: slow enough to be read after a tap."""
 
 RED_DBFS, YELLOW_DBFS = -1.0, -6.0
 
 
+def live_display() -> AbstractContextManager[Live | None]:
+    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
+    console = terminal.log()
+    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
+
+
 class Meters:
-    """Follows levels; `rows` draws them, with a mark at the threshold unless that is NaN."""
+    """Measures levels; `rows` draws them, with a mark at the threshold unless that is NaN."""
 
     def __init__(self, channels: int, threshold_dbfs: float) -> None:
         self._threshold_dbfs = threshold_dbfs
@@ -30,32 +39,32 @@ class Meters:
         self._next = 0.0
 
     def push(self, block: AudioBlock) -> None:
-        """Take sound in; levels fall back over a tenth of a second."""
+        """Add sound; levels are averaged over 0.1 s."""
         if not block.size:
             return
         power = np.square(block.samples, dtype=np.float64).mean(axis=0)
-        self._powers += (power - self._powers) * min(1.0, block.duration / EVERY)
+        self._powers += (power - self._powers) * min(1.0, block.duration / INTERVAL)
         self._peaks = np.maximum(self._peaks, np.abs(block.samples).max(axis=0))
 
     def due(self) -> bool:
-        """Whether it is time to draw again."""
+        """Return whether it is time to draw again."""
         now = time.monotonic()
         if now < self._next:
             return False
-        self._next = now + EVERY
+        self._next = now + INTERVAL
         return True
 
     def rows(self) -> list[Text]:
-        """Draw a row a channel, and let the peaks fall."""
-        drawn = [self._row(channel) for channel in range(len(self._powers))]
+        """Return a row for each channel, and lower the peaks."""
+        rows = [self._row(channel) for channel in range(len(self._powers))]
         self._peaks *= HOLD
-        return drawn
+        return rows
 
     def _row(self, channel: int) -> Text:
         level_dbfs, peak_dbfs = _dbfs(math.sqrt(self._powers[channel])), _dbfs(self._peaks[channel])
         style = "red" if peak_dbfs > RED_DBFS else "yellow" if peak_dbfs > YELLOW_DBFS else "green"
         filled, mark = _place(level_dbfs), _place(self._threshold_dbfs)
-        row = Text(f" {CHANNELS[channel]:8}")
+        row = Text(f" {MICROPHONES[channel]:8}")
         for place in range(WIDTH):
             if channel == CONTACT and place == mark:
                 row.append("┃", "bold")

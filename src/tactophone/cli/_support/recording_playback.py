@@ -1,70 +1,74 @@
-"""Recordings on the operator's page: heard, judged and felt again at the pace of the sound."""
+"""Recordings on the operator's page: played back through the pipeline at the pace of the sound."""
 
 import argparse
 import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import dashboard_options as page
-from tactophone.cli._support import terminal
+from tactophone.cli._support import dashboard_options, terminal
 from tactophone.dataset import Segment, touch_at
 from tactophone.haptics import Oscillator, Playback
 from tactophone.pipeline import Pipeline
 from tactophone.telemetry import State, Telemetry
 
 BLOCK_DURATION = 0.01
-"""Seconds of sound at once: as often as the page shows a tick."""
+"""Seconds of sound in a block: the interval at which the page shows predictions."""
 
 
 @dataclass(frozen=True, slots=True)
 class Take:
-    """A recording to be replayed: its sound, a walk made for it, and the truth where that is known."""
+    """A recording to play back, a pipeline opened for it, and its labels where they are known."""
 
-    source: FileSource
-    walk: Pipeline
+    path: Path
+    pipeline: Pipeline
     truth: Sequence[Segment] = ()
 
 
-def on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
-    """Replay on the page, if one was asked for, one after another and from the first again, until interrupted."""
+def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
+    """Play takes on the page, if ``--dashboard`` was set, over and over until interrupted."""
     if not args.dashboard or not takes:
         return
-    with Telemetry(name) as telemetry, page.shown(args, name):
-        terminal.log().print("replaying there until Ctrl-C")
+    with Telemetry(name) as telemetry, dashboard_options.shown(args, name):
+        terminal.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
-            replay(take, telemetry)
+            play(take, telemetry)
 
 
-def replay(take: Take, telemetry: Telemetry) -> None:
-    """Replay once, in the time that the sound takes."""
-    take.walk.reset()
-    playback = Playback(Oscillator(take.walk.limits))
-    source = FileSource(take.source.path, block_size=max(1, round(BLOCK_DURATION * take.source.sample_rate)))
-    state, begin = _state(take), time.monotonic()
+def play(take: Take, telemetry: Telemetry) -> None:
+    """Play a take once, in real time."""
+    pipeline = take.pipeline
+    pipeline.reset()
+    playback = Playback(Oscillator(pipeline.limits))
+    source = FileSource(take.path)
+    source = FileSource(take.path, block_size=max(1, round(BLOCK_DURATION * source.sample_rate)))
+    state, begin = _state(take, source), time.monotonic()
     with source:
         for block in source:
-            time.sleep(max(0.0, begin + block.end / block.sample_rate - time.monotonic()))
+            end = block.end / block.sample_rate
+            time.sleep(max(0.0, begin + end - time.monotonic()))
             now = time.monotonic()
-            tick = take.walk.push(block)
-            telemetry.feel(playback.push(tick.commands, until=block.end / block.sample_rate))
-            telemetry.publish(tick, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
+            step = pipeline.push(block)
+            telemetry.rendered(playback.push(step.commands, until=end))
+            telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
             telemetry.update(state, now=now)
 
 
-def _state(take: Take) -> State:
+def _state(take: Take, source: FileSource) -> State:
+    limits, profile = take.pipeline.limits, take.pipeline.profile.name
     return State(
         role="replay",
         muted_because="",
-        ceiling=take.walk.limits.ceiling,
-        local_ceiling=take.walk.limits.ceiling,
-        profile=take.walk.profile.name,
-        profiles=(take.walk.profile.name,),
-        detector=take.walk.judge.detector.name,
-        threshold_dbfs=take.walk.judge.threshold_dbfs,
-        source=take.source.path.name,
+        ceiling=limits.ceiling,
+        local_ceiling=limits.ceiling,
+        profile=profile,
+        profiles=(profile,),
+        detector=take.pipeline.detector_name,
+        threshold_dbfs=take.pipeline.threshold_dbfs,
+        source=take.path.name,
         link="replay",
-        sample_rate=take.source.sample_rate,
-        channels=take.source.channels,
+        sample_rate=source.sample_rate,
+        channels=source.channels,
     )

@@ -1,4 +1,4 @@
-"""How a run went, at its end: what came over the line, and where the time went."""
+"""The end of a run: its counters and its latency budget."""
 
 import argparse
 import math
@@ -12,19 +12,19 @@ from tactophone.telemetry import COUNTERS, STAGES, Snapshot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add how long a run lasts, and how its end is told."""
-    parser.add_argument("--duration", type=float, default=0.0, metavar="S", help="seconds to run, over 0; 0: for ever")
-    parser.add_argument("--json", action="store_true", help="at the end, print all counts as JSON")
+    """Add ``--duration`` and ``--json``."""
+    parser.add_argument("--duration", type=float, default=0.0, metavar="S", help="seconds to run; 0: until interrupted")
+    parser.add_argument("--json", action="store_true", help="at the end, print all counters as JSON")
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
-    """Print it; the verb's exit code."""
+    """Print the outcome and return the verb's exit code."""
     if outcome.last is None:
         return 1
     if args.json:
         last = outcome.last
-        told = {"counters": last.counters, "gauges": last.gauges, "state": asdict(last.state)}
-        terminal.print_json(told | {"restarts": outcome.restarts})
+        entries = {"counters": last.counters, "gauges": last.gauges, "state": asdict(last.state)}
+        terminal.print_json(entries | {"restarts": outcome.restarts})
         return 0
     terminal.out().print(_counts(outcome.last))
     if math.isfinite(outcome.last.gauges["latency_total"]):
@@ -36,9 +36,9 @@ def _counts(snapshot: Snapshot) -> Table:
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(justify="right")
     table.add_column()
-    for name, words in COUNTERS.items():
+    for name, description in COUNTERS.items():
         if snapshot.counters[name]:
-            table.add_row(f"{snapshot.counters[name]}", words)
+            table.add_row(f"{snapshot.counters[name]}", description)
     return table
 
 

@@ -1,4 +1,4 @@
-"""What every verb shares of the terminal: results on stdout, everything else on stderr."""
+"""Output of every verb: results on stdout, everything else on stderr."""
 
 import argparse
 import functools
@@ -11,11 +11,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows each default, as ``%(default)s``, wherever there is one to show."""
+    """Shows the default of each option that has one."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
-        # Not by equality, as 1.0 equals True.
-        if action.default is None or isinstance(action.default, bool) or action.default is argparse.SUPPRESS:
+        # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
+        default = action.default
+        if (
+            isinstance(default, bool)
+            or default is argparse.SUPPRESS
+            or not (default or isinstance(default, int | float))
+        ):
             return action.help
         return super()._get_help_string(action)
 
@@ -32,18 +37,18 @@ def log() -> Console:
     return Console(stderr=True, highlight=False)
 
 
-def complain(message: str) -> None:
-    """Say what went wrong, on stderr, in one line."""
+def print_error(message: str) -> None:
+    """Print what went wrong, on stderr, in one line."""
     print(f"tactophone: {message}", file=sys.stderr)
 
 
 def print_json(value: Any) -> None:
-    """Print a result for a program to read; infinities and NaN become ``null``, as JSON has neither."""
+    """Print a result as JSON; infinities and NaN become ``null``, as JSON has neither."""
     print(json.dumps(finite(value), indent=2, ensure_ascii=False))
 
 
 def progress(description: str) -> Progress:
-    """Show how far a long job is, on stderr, and nothing at all when that is not a terminal."""
+    """Return a progress bar on stderr; it prints nothing where that is not a terminal."""
     return Progress(
         TextColumn(description),
         BarColumn(),
@@ -57,7 +62,7 @@ def progress(description: str) -> Progress:
 
 
 def finite(value: Any) -> Any:
-    """Put ``None`` for infinities and NaN in plain dictionaries and lists."""
+    """Replace infinities and NaN in dictionaries and lists by ``None``."""
     if isinstance(value, dict):
         return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

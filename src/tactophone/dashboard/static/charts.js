@@ -3,7 +3,7 @@
 import uPlot from "./vendor/uPlot.esm.js";
 
 const GUTTER = 46; // px left of every chart, so that the times of all stand below one another
-const COLOURS = ["ink", "soft", "rule", "contact", "air", "none", "smooth", "rough", "felt", "warn"];
+const COLOURS = ["ink", "soft", "rule", "contact", "air", "none", "smooth", "rough", "vibration", "warn"];
 const TOUCH_COLOURS = ["none", "smooth", "rough"];
 const palette = {};
 
@@ -12,7 +12,7 @@ function readPalette() {
   for (const name of COLOURS) palette[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
-/** One line of a chart; `fill` tints what lies below it. */
+/** A line of a chart; `fill` tints the area below it. */
 export function line(name, { width = 1.5, dash, fill = false } = {}) {
   return {
     stroke: () => palette[name],
@@ -23,9 +23,9 @@ export function line(name, { width = 1.5, dash, fill = false } = {}) {
   };
 }
 
-/** Runs of equal values as coloured blocks: what is believed above, what is true below. */
-export function stripes(plot, [times, believed, truth]) {
-  [[believed, [1.1, 1.9]], [truth, [0.1, 0.9]]].forEach(([values, rows]) => {
+/** Runs of equal values as coloured blocks: the model output above, the label below. */
+export function stripes(plot, [times, predicted, truth]) {
+  [[predicted, [1.1, 1.9]], [truth, [0.1, 0.9]]].forEach(([values, rows]) => {
     for (let k = 0, from = 0; k < values.length; k++) {
       if (k + 1 < values.length && values[k + 1] === values[from]) continue;
       if (values[from] >= 0) plot.block([times[from], times[Math.min(k + 1, times.length - 1)]], rows, TOUCH_COLOURS[values[from]]);
@@ -40,16 +40,16 @@ export class Chart {
   #columns;
 
   /**
-   * @param node where it goes
-   * @param options.span     seconds shown, or what tells them
-   * @param options.lines    one `line` a column after the time
+   * @param node the element to draw into
+   * @param options.span     seconds shown, or a function that returns them
+   * @param options.lines    a `line` for each column after the time
    * @param options.y        (plot, lowest, highest) => [low, high]
-   * @param options.splits   () => y values with a grid line; without it, round ones
+   * @param options.splits   () => y values with a grid line; round values by default
    * @param options.label    y value => text
-   * @param options.times    whether times stand below
-   * @param options.scale    from seconds to what stands below
+   * @param options.times    whether to label the times below
+   * @param options.scale    from seconds to the unit of these labels
    * @param options.between  [a, b]: columns between which is filled
-   * @param options.over     (chart, columns) draws over it
+   * @param options.over     (chart, columns) draws on top
    */
   constructor(node, options) {
     this.node = node;
@@ -123,7 +123,7 @@ export class Chart {
   #timeAxis() {
     const { scale, times } = this.options;
     const steps = [1, 0.8, 0.6, 0.4, 0.2, 0];
-    const tell = (value) => (value ? `−${Math.round(10 * value * scale) / 10}` : "0");
+    const label = (value) => (value ? `−${Math.round(10 * value * scale) / 10}` : "0");
     return {
       size: times ? 22 : 0,
       gap: 3,
@@ -132,7 +132,7 @@ export class Chart {
       grid: { stroke: () => palette.rule, width: 1 },
       ticks: { show: false },
       splits: () => steps.map((step) => this.#now - step * this.#span),
-      values: () => (times ? steps.map((step) => tell(step * this.#span)) : steps.map(() => "")),
+      values: () => (times ? steps.map((step) => label(step * this.#span)) : steps.map(() => "")),
     };
   }
 

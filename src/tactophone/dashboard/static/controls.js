@@ -1,8 +1,8 @@
-// What a person asks of the run. The page shows what the run says it is set to, never what was wished.
+// The controls. The page shows the settings that the run reports, never those requested.
 
 import { dbfs, percent, put } from "./figures.js";
 
-const HOLD = 1000; // ms for which a slider stays where it was put, until the run has answered
+const HOLD = 1000; // ms for which a slider stays where it was set, until the run has answered
 
 export class Controls {
   #form = document.querySelector("#controls");
@@ -15,15 +15,15 @@ export class Controls {
     this.send = send;
     this.#slider("level", "input", (value) => ({ action: "output_level", value }));
     this.#slider("threshold", "input", (value) => ({ action: "threshold_dbfs", value }));
-    // A ceiling that was lowered stays lowered, so only where the slider is let go counts.
+    // A lowered ceiling stays lowered, so only the value at which the slider is released is sent.
     this.#slider("ceiling", "change", (value) => ({ action: "ceiling", value }));
-    this.#form.profile.addEventListener("change", ({ target }) => this.#ask({ action: "profile", text: target.value }));
+    this.#form.profile.addEventListener("change", ({ target }) => this.#request({ action: "profile", text: target.value }));
     this.#form.addEventListener("submit", (event) => event.preventDefault());
-    this.#mute.addEventListener("click", () => this.#ask({ action: this.#state.armed ? "mute" : "arm" }));
+    this.#mute.addEventListener("click", () => this.#request({ action: this.#state.armed ? "mute" : "arm" }));
     addEventListener("keydown", (event) => this.#key(event));
   }
 
-  /** Show how the run is set, or that there is none. */
+  /** Show the settings of the run, or that there is no run. */
   show(state, alive) {
     this.#state = state;
     const idle = !alive || state.role === "replay";
@@ -38,32 +38,32 @@ export class Controls {
     this.#set("threshold", state.threshold_dbfs, dbfs);
     this.#showProfiles(state);
     this.#showFloor(state.noise_floor_dbfs);
-    if (state.role === "replay") put(this.#answer, "A replay: there is no output to control.");
+    if (state.role === "replay") put(this.#answer, "This is a replay: there is no output to control.");
   }
 
-  /** Say what was not granted, and why. */
+  /** Show why a request was refused. */
   refuse(reason) {
-    put(this.#answer, `Not granted: ${reason}.`);
+    put(this.#answer, `Refused: ${reason}.`);
     this.#held.clear();
   }
 
-  #ask(wish) {
+  #request(request) {
     put(this.#answer, "");
-    this.send(wish);
+    this.send(request);
   }
 
-  #slider(name, event, wish) {
+  #slider(name, event, toRequest) {
     const slider = this.#form[name];
     slider.addEventListener("input", () => this.#held.set(name, performance.now()));
-    slider.addEventListener(event, () => this.#ask(wish(slider.valueAsNumber)));
+    slider.addEventListener(event, () => this.#request(toRequest(slider.valueAsNumber)));
   }
 
-  #set(name, value, words) {
+  #set(name, value, format) {
     const held = performance.now() - (this.#held.get(name) ?? -HOLD) < HOLD;
     if (value !== null && !held) this.#form[name].value = value;
     const shown = held ? this.#form[name].valueAsNumber : value;
-    put(this.#form.querySelector(`output[for=${name}]`), words(shown));
-    this.#form[name].ariaValueText = words(shown);
+    put(this.#form.querySelector(`output[for=${name}]`), format(shown));
+    this.#form[name].ariaValueText = format(shown);
   }
 
   #showProfiles({ profile, profiles }) {
@@ -77,14 +77,14 @@ export class Controls {
     const { min, max } = this.#form.threshold;
     mark.hidden = floor === null;
     mark.style.left = `${(100 * (Math.max(floor ?? 0, min) - min)) / (max - min)}%`;
-    put(document.querySelector("#floor"), floor === null ? "Noise floor not known yet." : `Noise floor ${dbfs(floor)}, marked on the slider.`);
+    put(document.querySelector("#floor"), floor === null ? "Noise floor: not measured yet." : `Noise floor ${dbfs(floor)}, marked on the slider.`);
   }
 
   #key(event) {
     const typing = event.target.closest?.("input, select, textarea");
-    // M only ever mutes: a slip of the finger must not start a vibration.
+    // M only mutes: a slip of the finger must not start a vibration.
     if (event.key.toLowerCase() === "m" && !typing && !event.ctrlKey && !event.metaKey && this.#state?.armed) {
-      this.#ask({ action: "mute" });
+      this.#request({ action: "mute" });
     }
   }
 }

@@ -1,24 +1,24 @@
-// The operator's page: takes what the feed brings, draws it once for each picture of the screen.
+// The operator's page: receives the feed's messages and redraws once per screen frame.
 
 import { Chart, line, stripes } from "./charts.js";
 import { Controls } from "./controls.js";
-import { dbfs, percent, put, showFaults, showLatency, showLink, tell } from "./figures.js";
+import { dbfs, percent, put, showFaults, showLatency, showLink, formatNumber } from "./figures.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
-const BELIEF_SPAN = 10; // s
+const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
-const REWOUND = 0.5; // s back, after which it is another recording or another run
+const REWOUND = 0.5; // s; a jump back by more means another recording or run
 const CLIPPED = 0.999;
-const CALM = 250; // ms between pictures for who wants little motion
+const CALM = 250; // ms between frames when the system asks for reduced motion
 const TOUCHES = ["no contact", "smooth", "rough"];
-// Columns of the tick track, after message.py's TICK_COLUMNS.
+// Columns of the table of steps: time, then STEP_COLUMNS of message.py.
 const [, NONE, SMOOTH, ROUGH, ROUGHNESS, LEVEL, AMPLITUDE, FREQUENCY, TOUCH, TRUTH] = Array(10).keys();
 
 const $ = (id) => document.getElementById(id);
-const ticks = new Track(10, 2200);
+const steps = new Track(10, 2200);
 const sound = new Track(7, 600);
 const scope = new Track(2, 2000);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -59,7 +59,7 @@ function levels() {
     lines: [line("contact"), line("air", { dash: [6, 2] })],
     y: () => [-100, 0],
     splits: () => [-80, -60, -40, -20, 0],
-    label: (value) => tell(value),
+    label: (value) => formatNumber(value),
     times: true,
     over: (plot) => {
       if (state?.threshold_dbfs !== null) plot.rule(state?.threshold_dbfs, "ink", [5, 3]);
@@ -73,20 +73,20 @@ function levels() {
 }
 
 function history(id, columns, options) {
-  const chart = new Chart($(id), { span: BELIEF_SPAN, ...options });
+  const chart = new Chart($(id), { span: PREDICTION_SPAN, ...options });
   return () => {
-    const all = ticks.after(now - BELIEF_SPAN);
+    const all = steps.after(now - PREDICTION_SPAN);
     chart.draw([all[0], ...columns.map((column) => all[column])], now);
   };
 }
 
-function scopePicture() {
+function scopeChart() {
   const chart = new Chart($("scope"), {
     span: SCOPE.span,
-    lines: [line("felt", { width: 1.5 })],
+    lines: [line("vibration", { width: 1.5 })],
     y: () => [-1.15, 1.15],
     splits: () => [-1, 0, 1],
-    label: (value) => tell(value),
+    label: (value) => formatNumber(value),
     times: true,
     scale: 1000,
     over: (plot) => [1, -1].forEach((sign) => state && plot.rule(sign * state.ceiling, "warn")),
@@ -94,45 +94,45 @@ function scopePicture() {
   return () => chart.draw(scope.after(scope.newest(0) - SCOPE.span), scope.newest(0));
 }
 
-const pictures = [
+const charts = [
   wave("contact-wave", "contact", 1),
   wave("air-wave", "air", 4),
   levels(),
   history("probabilities", [NONE, SMOOTH, ROUGH], {
     lines: [line("none", { dash: [4, 3] }), line("smooth"), line("rough")],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => tell(value, 1),
+    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
   }),
   history("touches", [TOUCH, TRUTH], {
-    lines: [line("ink"), line("ink")].map((one) => ({ ...one, paths: () => null })),
-    y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "judged" : "truth"),
+    lines: [line("ink"), line("ink")].map((entry) => ({ ...entry, paths: () => null })),
+    y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "model" : "label"),
     over: stripes,
   }),
   history("roughness", [ROUGHNESS], {
     lines: [line("rough", { fill: true })],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => tell(value, 1), times: true,
+    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1), times: true,
   }),
-  scopePicture(),
+  scopeChart(),
   history("amplitudes", [AMPLITUDE], {
-    lines: [line("felt", { fill: true })],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => tell(value, 1),
+    lines: [line("vibration", { fill: true })],
+    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
     over: (plot) => state && plot.rule(state.ceiling, "warn"),
   }),
   history("frequencies", [FREQUENCY], {
-    lines: [line("felt")],
-    y: (plot, lowest, highest) => [0, Math.max(200, 1.1 * highest)], label: (value) => tell(value), times: true,
+    lines: [line("vibration")],
+    y: (plot, lowest, highest) => [0, Math.max(200, 1.1 * highest)], label: (value) => formatNumber(value), times: true,
   }),
 ];
 
-function take({ words, tables }) {
-  alive = words.alive;
-  if (words.waiting_for) return showLife(`waiting for “${words.waiting_for}”`);
-  if (words.origin < now - REWOUND) [ticks, sound, scope].forEach((track) => track.clear());
-  now = words.origin;
-  ticks.append(tables.ticks, now);
+function onMessage({ header, tables }) {
+  alive = header.alive;
+  if (header.waiting_for) return showLife(`waiting for “${header.waiting_for}”`);
+  if (header.origin < now - REWOUND) [steps, sound, scope].forEach((track) => track.clear());
+  now = header.origin;
+  steps.append(tables.steps, now);
   sound.append(tables.sound, now);
   appendScope(tables.scope);
-  if (words.state) showWhole(words);
-  showLife(alive ? "live" : words.age < 3600 ? `no sign of life for ${tell(words.age)} s` : "ended");
+  if (header.state) showState(header);
+  showLife(alive ? "live" : header.age < 3600 ? `no heartbeat for ${formatNumber(header.age)} s` : "ended");
 }
 
 function appendScope({ rows, numbers }) {
@@ -142,22 +142,22 @@ function appendScope({ rows, numbers }) {
   scope.append({ rows, columns: 2, numbers: times }, begin);
 }
 
-function showWhole({ state: told, counters, gauges }) {
-  state = told;
+function showState({ state: newest, counters, gauges }) {
+  state = newest;
   put($("run"), [state.source, state.link, state.output === "none" ? "no actuator" : state.output].filter(Boolean).join("  →  ") || state.role);
   document.title = `Tactophone ${state.role}`;
   controls.show(state, alive);
   showFaults($("faults"), state.faults);
   showLink($("link"), counters, gauges);
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
-  put($("permit"), permit());
-  $("permit").dataset.armed = state.armed && alive;
+  put($("output-state"), outputState());
+  $("output-state").dataset.armed = state.armed && alive;
   put($("ceiling-now"), percent(state.ceiling));
   document.body.classList.toggle("mono", state.channels === 1);
 }
 
-function permit() {
-  if (state.role === "replay") return "a replay: nothing is driven";
+function outputState() {
+  if (state.role === "replay") return "replay: no actuator is driven";
   if (!alive) return "muted: the run has ended";
   return state.armed ? "armed" : `muted: ${state.muted_because || "not armed"}`;
 }
@@ -169,30 +169,30 @@ function showLife(text) {
 }
 
 function showNow() {
-  const touch = ticks.newest(TOUCH);
-  put($("verdict"), Number.isNaN(touch) ? "–" : TOUCHES[touch]);
-  $("verdict").dataset.touch = touch;
+  const touch = steps.newest(TOUCH);
+  put($("decision"), Number.isNaN(touch) ? "–" : TOUCHES[touch]);
+  $("decision").dataset.touch = touch;
   meters.contact.show(sound.newest(3), sound.newest(1), sound.newest(2), state?.threshold_dbfs);
   meters.air.show(sound.newest(6), sound.newest(4), sound.newest(5));
-  const amplitude = ticks.newest(AMPLITUDE);
+  const amplitude = steps.newest(AMPLITUDE);
   put($("amplitude"), percent(amplitude));
-  put($("frequency"), amplitude > 0 ? tell(ticks.newest(FREQUENCY), 0, "Hz") : "–");
-  $("levels").ariaLabel = `Contact ${dbfs(ticks.newest(LEVEL))}, air ${dbfs(sound.newest(6))}`;
+  put($("frequency"), amplitude > 0 ? formatNumber(steps.newest(FREQUENCY), 0, "Hz") : "–");
+  $("levels").ariaLabel = `Contact ${dbfs(steps.newest(LEVEL))}, air ${dbfs(sound.newest(6))}`;
 }
 
 let drawn = -CALM;
-function picture(time) {
-  requestAnimationFrame(picture);
+function frame(time) {
+  requestAnimationFrame(frame);
   if (calm.matches && time - drawn < CALM) return;
   drawn = time;
-  pictures.forEach((draw) => draw());
+  charts.forEach((draw) => draw());
   showNow();
 }
 
 const feed = new Feed("live", {
-  onMessage: take,
+  onMessage,
   onAnswer: ({ refused }) => controls.refuse(refused),
   onLost: (why) => { alive = false; showLife(why); },
 });
-const controls = new Controls((wish) => feed.send(wish));
-requestAnimationFrame(picture);
+const controls = new Controls((request) => feed.send(request));
+requestAnimationFrame(frame);

@@ -1,24 +1,24 @@
-// Numbers and words of the page: link, latency, faults. Every function takes what the run told and fills a node.
+// Numbers and texts of the page: link, latency, faults. Every function takes values of the run and fills a node.
 
-const STAGE_WORDS = {
+const STAGES = {
   capture: "capture", encode: "encode", network: "network", playout: "playout",
-  decode: "decode", judge: "judge", render: "render", device: "device",
+  decode: "decode", detect: "detect", render: "render", device: "device",
 };
 const MINUS = "−";
 const formats = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }));
 
-/** A number with so many digits (0 to 2), or a dash where there is none. */
-export function tell(value, digits = 0, unit = "") {
+/** Format a number with 0 to 2 digits after the point, or a dash where there is none. */
+export function formatNumber(value, digits = 0, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = formats[digits].format(Math.abs(value));
   return `${value < 0 && /[1-9]/.test(text) ? MINUS : ""}${text}${unit && `\u202f${unit}`}`;
 }
 
-export const percent = (share, digits = 0) => tell(share === null ? null : 100 * share, digits, "%");
-export const milliseconds = (seconds, digits = 1) => tell(seconds === null ? null : 1000 * seconds, digits, "ms");
-export const dbfs = (value) => tell(value, 0, "dBFS");
+export const percent = (share, digits = 0) => formatNumber(share === null ? null : 100 * share, digits, "%");
+export const milliseconds = (seconds, digits = 1) => formatNumber(seconds === null ? null : 1000 * seconds, digits, "ms");
+export const dbfs = (value) => formatNumber(value, 0, "dBFS");
 
-/** Set the rows of a definition list, touching only what has changed. */
+/** Set the rows of a definition list; unchanged rows are left alone. */
 export function list(node, rows) {
   if (node.children.length !== rows.length) {
     node.replaceChildren(...rows.map(() => {
@@ -36,7 +36,7 @@ export function list(node, rows) {
   });
 }
 
-/** Set a text, if it is another one: a screen reader need not hear it twice. */
+/** Set a text only if it changed, so that a screen reader does not repeat it. */
 export function put(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
@@ -46,30 +46,30 @@ export function showLink(node, counters, gauges) {
   const total = counters.packets_received + counters.packets_lost;
   const warn = (count) => (count ? "warn" : "");
   list(node, [
-    ["received", tell(counters.packets_received), "packets that arrived and were genuine"],
-    ["lost", `${tell(counters.packets_lost)} · ${percent(gauges.loss_ratio ?? ratio(counters.packets_lost, total), 1)}`,
-      "packets that never came, or too late; share in the last seconds", warn(counters.packets_lost)],
-    ["recovered", tell(counters.packets_recovered), "lost packets whose sound came with the next ones"],
-    ["concealed", tell(counters.packets_concealed), "lost packets whose sound was guessed", warn(counters.packets_concealed)],
-    ["late", tell(counters.packets_late), "packets dropped because they came after their turn", warn(counters.packets_late)],
-    ["duplicated", tell(counters.packets_duplicated), "packets that came more than once"],
-    ["rejected", tell(counters.packets_rejected), "datagrams that were not genuine", warn(counters.packets_rejected)],
-    ["skipped", tell(counters.packets_skipped), "packets too old to be judged after a stall"],
+    ["received", formatNumber(counters.packets_received), "authentic packets received"],
+    ["lost", `${formatNumber(counters.packets_lost)} · ${percent(gauges.loss_ratio ?? ratio(counters.packets_lost, total), 1)}`,
+      "packets never received, or too late; share of the last seconds", warn(counters.packets_lost)],
+    ["recovered", formatNumber(counters.packets_recovered), "lost packets recovered from redundancy in the next ones"],
+    ["concealed", formatNumber(counters.packets_concealed), "lost packets whose sound was concealed", warn(counters.packets_concealed)],
+    ["late", formatNumber(counters.packets_late), "packets received after their place was filled, and dropped", warn(counters.packets_late)],
+    ["duplicated", formatNumber(counters.packets_duplicated), "packets received more than once"],
+    ["rejected", formatNumber(counters.packets_rejected), "datagrams that failed authentication", warn(counters.packets_rejected)],
+    ["skipped", formatNumber(counters.packets_skipped), "packets too old for a prediction, after a stall"],
     ["jitter", milliseconds(gauges.jitter, 2), "RFC 3550"],
-    ["playout delay", milliseconds(gauges.playout_delay), "how long sound waits for late packets"],
-    ["clock skew", tell(gauges.clock_skew_ppm, 0, "ppm"), "how much faster the other side's sound clock runs"],
-    ["bitrate", tell(gauges.bitrate_bps === null ? null : gauges.bitrate_bps / 1000, 0, "kbit/s"), "all headers included"],
-    ["round trip", milliseconds(gauges.round_trip), "to the other side and back"],
-    ["redundancy", tell(gauges.redundancy), "earlier packets carried in each packet"],
+    ["playout delay", milliseconds(gauges.playout_delay), "time that sound waits for late packets"],
+    ["clock skew", formatNumber(gauges.clock_skew_ppm, 0, "ppm"), "how much faster the peer's sound clock runs"],
+    ["bitrate", formatNumber(gauges.bitrate_bps === null ? null : gauges.bitrate_bps / 1000, 0, "kbit/s"), "all headers included"],
+    ["round trip", milliseconds(gauges.round_trip), "to the peer and back"],
+    ["redundancy", formatNumber(gauges.redundancy), "earlier packets carried in each packet"],
   ]);
 }
 
-/** The latency budget: a bar of stages, its key, and the end-to-end figure measured apart. */
+/** The latency budget: a bar of stages, its key, and the end-to-end latency, which is measured independently. */
 export function showLatency({ stack, stages, total }, gauges) {
-  const budget = Object.keys(STAGE_WORDS).map((stage) => [stage, gauges[`latency_${stage}`]]);
+  const budget = Object.keys(STAGES).map((stage) => [stage, gauges[`latency_${stage}`]]);
   const known = budget.filter(([, seconds]) => seconds !== null);
-  const sum = known.reduce((so_far, [, seconds]) => so_far + seconds, 0);
-  put(total, gauges.latency_total === null ? "not measured yet" : `${milliseconds(gauges.latency_total)} from end to end`);
+  const sum = known.reduce((subtotal, [, seconds]) => subtotal + seconds, 0);
+  put(total, gauges.latency_total === null ? "not measured yet" : `${milliseconds(gauges.latency_total)} end to end`);
   if (stack.children.length !== budget.length) {
     stack.replaceChildren(...budget.map(([stage]) => Object.assign(document.createElement("i"), { className: stage })));
   }
@@ -78,12 +78,12 @@ export function showLatency({ stack, stages, total }, gauges) {
     ? `Latency budget: ${known.map(([stage, seconds]) => `${stage} ${milliseconds(seconds)}`).join(", ")}`
     : "Latency budget: not measured yet";
   list(stages, [
-    ...budget.map(([stage, seconds]) => [STAGE_WORDS[stage], milliseconds(seconds, 2), "median", stage]),
-    ["sum of stages", known.length ? milliseconds(sum, 2) : "–", "to be compared with the figure from end to end", "sum"],
+    ...budget.map(([stage, seconds]) => [STAGES[stage], milliseconds(seconds, 2), "median", stage]),
+    ["sum of stages", known.length ? milliseconds(sum, 2) : "–", "compare with the end-to-end latency", "sum"],
   ]);
 }
 
-/** What is wrong, in words with what to do; nothing at all when all is well. */
+/** Faults as texts with the next step; empty without faults. */
 export function showFaults(node, faults) {
   const texts = faults.map((fault) => fault.text);
   if (node.dataset.texts === texts.join("\n")) return;

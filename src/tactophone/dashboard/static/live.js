@@ -1,22 +1,22 @@
-// The feed: one WebSocket, binary messages in (message.py tells how they lie), wishes out.
+// The feed: one WebSocket, binary messages in (their layout: message.py), requests out.
 
 const RETRY = 1000; // ms
-const TAKEN = 4001; // close code of box.py: somebody else sits there
+const TAKEN = 4001; // close code of game/server.py: another window took over
 
-/** Split a message into its words and its tables; a table is {rows, columns, numbers}, row by row. */
+/** Split a message into its header and its tables; a table is {rows, columns, numbers}, row by row. */
 export function parse(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
-  const words = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
   const tables = {};
   let at = 4 + size;
-  for (const [name, [rows, columns = 1]] of Object.entries(words.series)) {
+  for (const [name, [rows, columns = 1]] of Object.entries(header.series)) {
     tables[name] = { rows, columns, numbers: new Float32Array(buffer, at, rows * columns) };
     at += 4 * rows * columns;
   }
-  return { words, tables };
+  return { header, tables };
 }
 
-/** Stay connected to `path`, beside the page; every message is acknowledged, and only then comes another. */
+/** Stay connected to `path` beside the page; each message is acknowledged, and the server sends few ahead of that. */
 export class Feed {
   #path;
   #socket = null;
@@ -29,8 +29,8 @@ export class Feed {
     this.#connect();
   }
 
-  send(wish) {
-    if (this.#socket.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(wish));
+  send(request) {
+    if (this.#socket.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(request));
   }
 
   #connect(query = "") {

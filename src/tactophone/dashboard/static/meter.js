@@ -1,11 +1,11 @@
-// A level meter: bar, threshold, peak that falls slowly, and a lamp that stays lit after clipping.
+// A level meter: bar, threshold, slowly falling peak, and a lamp that stays lit after clipping.
 
 import { dbfs, put } from "./figures.js";
 
 const LOWEST = -100; // dBFS
 const CLIPPED = 0.999;
 const LAMP = 3000; // ms
-const FALL = 0.25; // dB a picture
+const FALL = 0.25; // dB a frame
 
 export class Meter {
   #peak = LOWEST;

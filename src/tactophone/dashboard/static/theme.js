@@ -1,4 +1,4 @@
-// Light or dark: as the system has it, until somebody presses the button; remembered for this page's address.
+// Light or dark: the system's choice until the button is pressed; stored for this page's address.
 
 const KEY = "tactophone-theme";
 const system = matchMedia("(prefers-color-scheme: dark)");

@@ -1,4 +1,4 @@
-// The last seconds of something, as columns that a chart can draw without copying.
+// The last seconds of a signal, as columns that a chart can draw without copying.
 
 export class Track {
   #columns;
@@ -35,7 +35,7 @@ export class Track {
     return this.#columns.map((column) => column.subarray(low, this.#end));
   }
 
-  /** One value of the newest row, or NaN. */
+  /** A value of the newest row, or NaN. */
   newest(column) {
     return this.#end > this.#start ? this.#columns[column][this.#end - 1] : NaN;
   }

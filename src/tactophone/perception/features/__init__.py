@@ -1,1 +1,1 @@
-"""Windows of sound to feature vectors."""
+"""Features of windows of sound: resampling, windows, bands, spectra, waveform shapes."""

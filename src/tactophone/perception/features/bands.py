@@ -1,7 +1,7 @@
-"""What one short window tells of a surface: its loudness in bands, and how jagged its waveform is.
+"""Features of one short window: its power in bands, and the shape of its waveform.
 
-Sixteen bands, spaced evenly in mel from 40 Hz to 7.6 kHz, as powers on a log scale: rough surfaces differ from smooth
-ones up there more than under the paper's 1 kHz (docs/detector.md). Four numbers describe the newest half of the
+Sixteen bands, spaced evenly in mel from 40 Hz to 7.6 kHz, as powers on a log scale: rough and smooth surfaces differ
+more up there than under the paper's 1 kHz (docs/research/detector.md). Four values describe the newest half of the
 window's waveform: its level, its crest (peak over RMS), its clicks (fourth moment of the slope over the squared
 second: 3 for Gaussian noise, more for separate impacts) and its steepness (power of the slope over power).
 """
@@ -13,39 +13,39 @@ from numpy.typing import NDArray
 
 from tactophone.types import FloatArray
 
-BANDS = 16
+BAND_COUNT = 16
 LOWEST, HIGHEST = 40.0, 7600.0
-"""Hz. The recordings at hand hold nothing of the surface over 7.6 kHz, only their own noise floor (findings.md)."""
+"""Hz. Above 7.6 kHz public recordings contain nothing of the surface, only their own noise floor."""
 
 SHAPES = 4
-CREST = BANDS + 1
-"""Where the crest stands among the values."""
+CREST_INDEX = BAND_COUNT + 1
+"""Index of the crest among the values."""
 
-VALUES = BANDS + SHAPES
-"""Numbers that describe one channel of a window."""
+BAND_VALUES = BAND_COUNT + SHAPES
+"""Values that describe one channel of a window."""
 
 FLOOR = 1e-9
-"""Power that counts as nothing, -90 dBFS in a band: what is under it is the converter's noise."""
+"""Power added to each band, -90 dBFS: what is under it is the converter's noise."""
 
 FAINT = 1e-12
-"""The same for a waveform's moments, which are taken of all bands together."""
+"""The same for a waveform's moments, which cover all bands together."""
 
-SHAPED = np.array([[1, -0.5, 0, -1], [0, 0, -2, 1], [0, 0, 1, 0], [0, 1, 0, 0]], np.float32)
-"""Makes the four shapes (level, crest, clicks, steepness: columns) of the logarithms of what is measured (rows): power,
-the slope's power and its fourth moment, peak."""
+_SHAPE_MATRIX = np.array([[1, -0.5, 0, -1], [0, 0, -2, 1], [0, 0, 1, 0], [0, 1, 0, 0]], np.float32)
+"""From the logarithms of four measures (rows: power, the slope's power and fourth moment, peak) to the four shapes
+(columns: level, crest, clicks, steepness)."""
 
 
-class BandFeatures(NamedTuple):
+class WindowSpectrum(NamedTuple):
     """A window, channels first: its sound ``(..., channels, samples)``, and its powers ``(..., channels, 2 * bins)``.
 
-    Powers are those of the real and of the imaginary part of each bin of the tapered spectrum, in turn.
+    Powers are those of the real and of the imaginary part of each bin of the tapered spectrum, alternating.
     """
 
     sound: FloatArray
     powers: FloatArray
 
 
-class Bands:
+class BandFeatures:
     """Describes windows of a fixed size and rate.
 
     Parameters
@@ -57,27 +57,27 @@ class Bands:
 
     Examples
     --------
-    >>> bands = Bands(512, 16_000)
-    >>> bands.describe(bands.hear(np.zeros((512, 2), np.float32))).shape
+    >>> bands = BandFeatures(512, 16_000)
+    >>> bands.describe(bands.spectrum(np.zeros((512, 2), np.float32))).shape
     (2, 20)
     """
 
     def __init__(self, size: int, sample_rate: int) -> None:
         # A periodic Hann window; its power and that of the two sides of a real spectrum are divided out, so that
-        # the bands of white noise read its power per bin whatever the size.
+        # the bands of white noise show its power per bin at any size.
         taper = np.hanning(size + 1)[:-1]
         power = np.square(taper).sum() * size / 2
-        # A row for the real and one for the imaginary part of each bin, as they lie in memory. Single precision is
-        # half the time, and its errors lie 120 dB under the loudest band.
+        # A row for the real and one for the imaginary part of each bin, in their order in memory. Single precision
+        # takes half the time, and its errors are 120 dB under the loudest band.
         self._banks = np.repeat(design_bands(size, sample_rate) / power, 2, axis=0).astype(np.float32)
         self._taper = taper.astype(np.float32)
-        self._floors = np.array([FLOOR] * BANDS + [FAINT, FAINT, FAINT**2, FAINT**0.5], np.float32)
+        self._floors = np.array([FLOOR] * BAND_COUNT + [FAINT, FAINT, FAINT**2, FAINT**0.5], np.float32)
         self._newest = size // 2
         slopes = self._newest - 1
-        self._scales = np.array([1.0] * BANDS + [1 / self._newest, 1 / slopes, 1 / slopes, 1], np.float32)
+        self._scales = np.array([1.0] * BAND_COUNT + [1 / self._newest, 1 / slopes, 1 / slopes, 1], np.float32)
 
-    def hear(self, window: FloatArray) -> BandFeatures:
-        """Take a window's spectrum.
+    def spectrum(self, window: FloatArray) -> WindowSpectrum:
+        """Return a window's spectrum.
 
         Parameters
         ----------
@@ -85,33 +85,38 @@ class Bands:
             Shape ``(..., samples, channels)``; leading axes are a batch.
         """
         sound = np.ascontiguousarray(window.swapaxes(-1, -2))
-        spectrum = np.fft.rfft(sound * self._taper).view(np.float32)
-        return BandFeatures(sound, spectrum * spectrum)
+        # Complex bins viewed as floats: real and imaginary parts alternate, and one product squares both.
+        # With an output array, NumPy's FFT need not look up its type, which takes a third longer.
+        bins = np.empty((*sound.shape[:-1], sound.shape[-1] // 2 + 1), np.complex64)
+        parts = np.fft.rfft(sound * self._taper, out=bins).view(np.float32)
+        return WindowSpectrum(sound, np.multiply(parts, parts, out=parts))
 
-    def describe(self, heard: BandFeatures) -> FloatArray:
+    def describe(self, spectrum: WindowSpectrum) -> FloatArray:
         """Describe each channel.
 
         Returns
         -------
-        Shape ``(..., channels, VALUES)``: log10 of the power in each band, then the four shapes.
+        Shape ``(..., channels, BAND_VALUES)``: log10 of the power in each band, then the four shapes.
         """
-        sound, powers = heard
-        values = np.empty((*sound.shape[:-1], VALUES), np.float32)
-        np.matmul(powers, self._banks, out=values[..., :BANDS])
-        _measure(sound[..., -self._newest :], out=values[..., BANDS:])
+        sound, powers = spectrum
+        # Bands and waveform measures stand side by side in one array, so that they are scaled and logged together.
+        values = np.empty((*sound.shape[:-1], BAND_VALUES), np.float32)
+        np.matmul(powers, self._banks, out=values[..., :BAND_COUNT])
+        _measure(sound[..., -self._newest :], out=values[..., BAND_COUNT:])
         values *= self._scales
         values += self._floors
         np.log10(values, out=values)
-        values[..., BANDS:] = values[..., BANDS:] @ SHAPED
+        values[..., BAND_COUNT:] = values[..., BAND_COUNT:] @ _SHAPE_MATRIX
         return values
 
 
 def design_bands(size: int, sample_rate: int) -> NDArray[np.float64]:
-    """Make triangular bands that overlap by half; shape ``(size // 2 + 1, BANDS)``, each column sums to 1.
+    """Return triangular bands that overlap by half; shape ``(size // 2 + 1, BAND_COUNT)``, each column sums to 1.
 
     Source: the mel scale of O'Shaughnessy, "Speech Communication" (1987), 2595 log10(1 + f / 700).
     """
-    edges = _from_mel(np.linspace(_to_mel(LOWEST), _to_mel(HIGHEST), BANDS + 2))
+    lowest, highest = 2595 * np.log10(1 + np.array([LOWEST, HIGHEST]) / 700)
+    edges = 700 * (10 ** (np.linspace(lowest, highest, BAND_COUNT + 2) / 2595) - 1)
     bins = np.fft.rfftfreq(size, 1 / sample_rate)[:, None]
     low, middle, high = edges[:-2], edges[1:-1], edges[2:]
     bands = np.clip(np.minimum((bins - low) / (middle - low), (high - bins) / (high - middle)), 0, None)
@@ -129,11 +134,3 @@ def _measure(sound: FloatArray, *, out: FloatArray) -> None:
     out[..., 1] = np.vecdot(slope, slope)
     out[..., 2] = np.vecdot(squares, squares)
     out[..., 3] = np.maximum.reduce(np.abs(sound), axis=-1)
-
-
-def _to_mel(frequency: float) -> float:
-    return float(2595 * np.log10(1 + frequency / 700))
-
-
-def _from_mel(mel: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(700 * (10 ** (mel / 2595) - 1))

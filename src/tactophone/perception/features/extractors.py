@@ -1,4 +1,4 @@
-"""What the network of each kind of model is shown of a window."""
+"""The features of each kind of model."""
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
@@ -14,30 +14,28 @@ from tactophone.types import CONTACT, FloatArray
 
 
 class Extractor(Protocol):
-    """Window to features, as a model's network wants them."""
+    """Turns windows into the features that a model's network takes."""
 
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
-        """Give the features, shape ``(features,)``, of the newest window, shape ``(samples, channels)``."""
-        ...
+        """Return the features, shape ``(features,)``, of the newest window, shape ``(samples, channels)``."""
 
     def reset(self) -> None:
-        """Become as new."""
-        ...
+        """Return to the initial state."""
 
 
 class MagnitudesExtractor:
-    """Gives the paper's features: magnitudes of each channel's spectrum."""
+    """Returns the paper's features: magnitudes of each channel's spectrum."""
 
     def __init__(self, card: ModelCard) -> None:
         del card
 
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
-        """Give the magnitudes."""
+        """Return the magnitudes."""
         del contact
         return magnitudes(window)
 
     def reset(self) -> None:
-        """Do nothing: each window speaks for itself."""
+        """Do nothing: there is no state."""
 
 
 EXTRACTORS: Mapping[str, Callable[[ModelCard], Extractor]] = MappingProxyType(
@@ -50,14 +48,16 @@ EXTRACTORS: Mapping[str, Callable[[ModelCard], Extractor]] = MappingProxyType(
 )
 """The extractor of each kind of model."""
 
+SUPPORTS_MISSING_CHANNEL = frozenset({"texture", "cues"})
+"""Kinds whose features are NaN where a channel is missing, and whose networks can do without it."""
 
-def level_of(extractor: Extractor, rule: LoudnessRule) -> Callable[[FloatArray], float]:
-    """Give what tells a window's level by a rule: the extractor itself, where it takes the spectrum that it needs."""
+
+def level_meter(extractor: Extractor, rule: LoudnessRule) -> Callable[[FloatArray], float]:
+    """Return the function that measures a window's level in dBFS by a rule.
+
+    It is the extractor's own method where the extractor computes the spectrum that the rule needs.
+    """
     if isinstance(extractor, TextureExtractor) and rule == "banded":
         return extractor.level_dbfs
     loudness = LOUDNESS[rule]
     return lambda window: loudness(window[:, CONTACT])
-
-
-SUPPORTS_MISSING_CHANNEL = frozenset({"texture", "cues"})
-"""Kinds whose features are NaN where a channel is missing, and whose networks can do without it."""

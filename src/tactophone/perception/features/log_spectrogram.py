@@ -1,6 +1,6 @@
-"""The time-frequency picture that a convolutional network looks at, as for tyre noise on road surfaces.
+"""The log spectrogram that a convolutional network classifies, as for tyre noise on road surfaces.
 
-A quarter of a second of the contact and air microphones as log band powers, band by band over time.
+A quarter of a second of the contact and air microphones as log band powers over time.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from tactophone.perception.model_file import ModelCard
 from tactophone.types import FloatArray
 
 SPAN, STRIDE = 512, 160
-"""Samples of each column of the picture, and from one to the next: 32 and 10 ms at 16 kHz."""
+"""Samples of each column, and from one to the next: 32 and 10 ms at 16 kHz."""
 
 
 class LogSpectrogramExtractor:
-    """Gives the picture of each window, flattened; features of kind ``scalogram``."""
+    """Returns the spectrogram of each window, flattened; features of kind ``scalogram``."""
 
     def __init__(self, card: ModelCard) -> None:
         self._taper = np.hanning(SPAN + 1)[:-1].astype(np.float32)
@@ -23,22 +23,14 @@ class LogSpectrogramExtractor:
         self._banks = (design_bands(SPAN, card.sample_rate) / power).astype(np.float32)
 
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
-        """Give log10 of the band powers, in the order channel, band, time."""
+        """Return log10 of the band powers, in the order channel, band, time."""
         del contact
         pieces = sliding_window_view(window, SPAN, axis=0)[::STRIDE]
         spectra = np.fft.rfft(pieces * self._taper)
         powers = (np.square(spectra.real) + np.square(spectra.imag)) @ self._banks
-        picture: FloatArray = np.log10(powers + FLOOR, dtype=np.float32)
-        return picture.transpose(1, 2, 0).reshape(-1)
+        spectrogram: FloatArray = np.log10(powers + FLOOR, dtype=np.float32)
+        # From (time, channel, band).
+        return spectrogram.transpose(1, 2, 0).reshape(-1)
 
     def reset(self) -> None:
-        """Do nothing: each window speaks for itself."""
-
-
-def picture_columns(window_size: int) -> int:
-    """Columns of the picture of a window.
-
-    >>> picture_columns(4096)
-    23
-    """
-    return (window_size - SPAN) // STRIDE + 1
+        """Do nothing: there is no state."""

@@ -1,13 +1,13 @@
-"""Brings sound to the rate that a model wants, the same to the bit in one piece or in a thousand.
+"""Resamples sound to the rate of a model, bit-equal at any block size.
 
 A rational resampler: between two rates in lowest terms ``up / down``, output sample ``n`` lies at input position
-``n * down / up``, and is the sum of the input samples around it, weighted by a windowed sinc whose cut-off lies just
-under the lower of the two Nyquist frequencies. There are ``up`` different sets of weights, one a fractional position.
+``n * down / up``, and is the sum of the input samples around it, weighted by a windowed sinc whose cut-off is just
+under the lower of the two Nyquist frequencies. There are ``up`` sets of weights, one for each fractional position.
 
-The kernel is the paper's authors' own for 48 to 2 kHz (torchaudio's default: a Hann-windowed sinc of six zeros a
+For 48 to 2 kHz the kernel is that of the paper's authors (torchaudio's default: a Hann-windowed sinc of six zeros a
 side, rolling off at 0.99 of the Nyquist frequency): 293 taps, half of which are the delay of 3.04 ms.
 
-Library resamplers do not serve here: soxr's stream was measured to hold 150 to 600 ms back at this ratio.
+Library resamplers do not serve here: soxr's stream delays sound by 150 to 600 ms at this ratio (measured).
 """
 
 import math
@@ -34,9 +34,9 @@ class Resampler:
     Attributes
     ----------
     reach
-        Input samples on either side that have a part in an output sample.
+        Input samples on either side that contribute to an output sample.
     latency
-        The same in seconds: how much later an output sample is known than its own moment.
+        The same in seconds: the delay from an output sample's own time to its availability.
 
     Examples
     --------
@@ -57,55 +57,52 @@ class Resampler:
         self.reset()
 
     def reset(self) -> None:
-        """Become as new."""
+        """Return to the initial state."""
         # Channels first and each contiguous, for speed. The stream is preceded by silence; `_kept` begins at input
         # sample `_first`.
         self._kept: FloatArray = np.zeros((self._channels, self.reach), np.float32)
         self._first = -self.reach
-        self._given = 0
+        self._returned = 0
 
     def push(self, samples: FloatArray) -> FloatArray:
-        """Take sound in, shape ``(samples, channels)``; give the output samples that it completes, alike."""
+        """Take sound, shape ``(samples, channels)``; return the output samples that it completes, alike."""
         self._kept = np.concatenate((self._kept, samples.T), axis=1)
         return self._samples_before(self._first + self._kept.shape[1] - self.reach)
 
     def flush(self) -> FloatArray:
-        """Give the output samples that only silence after the end still completes."""
+        """Return the output samples that only silence after the end completes."""
         end = self._first + self._kept.shape[1]
         self._kept = np.concatenate((self._kept, np.zeros((self._channels, self.reach), np.float32)), axis=1)
         return self._samples_before(end)
 
     def _samples_before(self, position: int) -> FloatArray:
-        """The output samples not given yet that lie before an input position."""
+        """Return the output samples before an input position that were not returned yet."""
         ready = -(-position * self._up // self._down)
-        if ready <= self._given:
+        if ready <= self._returned:
             return np.empty((0, self._channels), np.float32)
-        windows, weights = self._around(self._given, ready)
-        # A dot product a sample: its rounding depends on the number of taps alone. That of a matrix product, faster
-        # still, changes with the number of rows.
+        windows, weights = self._around(self._returned, ready)
+        # A dot product for each sample: its rounding depends on the number of taps alone. A matrix product is faster,
+        # but its rounding changes with the number of rows.
         output: FloatArray = np.vecdot(windows, weights).T
-        self._given = ready
-        self._forget(ready * self._down // self._up - self.reach)
+        self._returned = ready
+        unneeded = max(0, min(ready * self._down // self._up - self.reach - self._first, self._kept.shape[1]))
+        self._kept = self._kept[:, unneeded:]
+        self._first += unneeded
         return output
 
     def _around(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
-        """The input around each output sample of a stretch, shape ``(channels, samples, taps)``, and its weights."""
+        """Return the input around output samples, shape ``(channels, samples, taps)``, and its weights."""
         taps = self._kernels.shape[1]
         if self._up == 1:
-            # What is kept begins with what the next sample needs, and whole hops further on lie those after it.
+            # The kept sound begins with what the next output sample needs; those after it are whole hops further on.
             return _windows(self._kept, taps, hop=self._down)[:, : end - start], self._kernels
         places = np.arange(start, end) * self._down
         starts = places // self._up - self.reach - self._first
         return _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
 
-    def _forget(self, before: int) -> None:
-        unneeded = max(0, min(before - self._first, self._kept.shape[1]))
-        self._kept = self._kept[:, unneeded:]
-        self._first += unneeded
-
 
 def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
-    """Make the weights of each fractional position, shape ``(up, taps)``; each set sums to 1.
+    """Return the weights of each fractional position, shape ``(up, taps)``; each set sums to 1.
 
     Source: windowed-sinc interpolation with a Hann window, J. O. Smith, "Digital Audio Resampling" (CCRMA, 2002).
 
@@ -132,7 +129,7 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
 
 
 def _windows(kept: FloatArray, taps: int, *, hop: int) -> FloatArray:
-    """View stretches of ``taps`` samples, shape ``(channels, starts, taps)``; NumPy's own takes longer."""
+    """Return a view of stretches, shape ``(channels, starts, taps)``; NumPy's `sliding_window_view` takes longer."""
     channels, size = kept.shape
     shape = (channels, max(0, size - taps + hop) // hop, taps)
     return np.ndarray(shape, np.float32, kept, strides=(kept.strides[0], 4 * hop, 4))

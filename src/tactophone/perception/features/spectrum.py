@@ -1,7 +1,7 @@
-"""What the paper's network sees of a window: the magnitudes of its spectrum, channel after channel.
+"""The features of the paper's network: the magnitudes of a window's spectrum, channel after channel.
 
-Not normalised, on purpose (paper, section III): how loud the air microphone is against the contact microphone tells
-rough from smooth.
+They are not normalised (paper, section III): the level of the air microphone relative to the contact microphone
+separates rough from smooth.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from tactophone.types import FloatArray
 
 
 def magnitudes(window: FloatArray) -> FloatArray:
-    """Give the magnitude of each channel's real FFT, concatenated.
+    """Return the magnitude of each channel's real FFT, concatenated.
 
     Parameters
     ----------
@@ -28,10 +28,10 @@ def magnitudes(window: FloatArray) -> FloatArray:
     >>> float(magnitudes(np.ones((512, 2), np.float32))[257])
     512.0
     """
-    # The one transpose of the house: sound is (samples, channels), a spectrum is (channels, bins).
+    # Sound is (samples, channels), a spectrum is (channels, bins).
     sound = window.swapaxes(-1, -2)
     *batch, channels, size = sound.shape
-    # Given where to write, NumPy's FFT need not find out of what kind that should be, which takes it a third longer.
+    # With an output array, NumPy's FFT need not look up its type, which takes a third longer.
     spectra = np.empty((*batch, channels, size // 2 + 1), np.complex64)
     flat: FloatArray = np.abs(np.fft.rfft(sound, out=spectra)).reshape(*batch, -1)
     return flat

@@ -1,15 +1,15 @@
-"""Our own detector's ear: short windows, and a memory of the surface so far that starts unsure and can be surprised.
+"""Features of the texture detector: running statistics of short windows, restarted where the surface changes.
 
-A window of 32 ms is quick but knows little; the paper's of 256 ms knows more but still holds the last surface. So
-each short window is described (:mod:`tactophone.perception.features.bands`), and the mean and deviation of its description are
-remembered with an exponential fading. A touch begins with what touches are like *on average*, worth a few windows:
-nothing is believed before there is evidence, and the first evidence moves belief at once.
+A window of 32 ms is quick but holds little information; the paper's of 256 ms holds more, but also still the last
+surface. So each short window is described (:mod:`tactophone.perception.features.bands`), and the exponentially weighted
+mean and deviation of these descriptions are the features. A touch starts with a *prior*, the moments of an average
+touch, worth a few windows: the first prediction is uncertain, and the first evidence changes it at once.
 
-An edge under a finger that does not lift is a new surface without a new touch, and what fades would linger. So the
-newest windows are held against what was remembered before them: where they lie farther off than a finger's changes of
-speed and press ever bring them, the memory begins anew with them.
+An edge under a finger that does not lift is a new surface without a new touch, and the old one would linger in the
+statistics. So the newest windows are compared with the statistics before them: where they differ more than a finger's
+changes of speed and pressure ever make them differ, the statistics restart with the newest windows.
 
-A channel that is digital silence is missing: its features are NaN, and the model judges by the other.
+A channel that is digital silence is missing: its features are NaN, and the model uses the other.
 """
 
 from collections import deque
@@ -18,183 +18,188 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.features.bands import VALUES, BandFeatures, Bands
+from tactophone.perception.features.bands import BAND_VALUES, BandFeatures, WindowSpectrum
 from tactophone.perception.features.loudness import band_of_powers
 from tactophone.perception.model_file import ModelCard
 from tactophone.types import CONTACT, FloatArray
 
 FADING = 10.0
-"""Windows (of 10 ms) by which a memory fades to 1/e."""
+"""Windows (of 10 ms) after which the weight of a window has fallen to 1/e."""
 
 PRIOR_WINDOWS = 3.0
-"""Windows that the average touch is worth at the start of a touch."""
+"""Windows that the prior is worth at the start of a touch."""
 
 FORGET_AFTER = 25
-"""Windows without contact after which the next one is a new touch: a stroke that turns stands still, and is heard no
-more, for up to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
+"""Windows without contact after which the next one is a new touch: a stroke that turns stands still, inaudible, for up
+to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
 
 NEWEST = 3.0
-"""Windows by which what is held against the memory fades: two of 32 ms hardly overlap at this distance."""
+"""Windows by which the newest mean fades: two of 32 ms hardly overlap at this distance."""
 
 BEFORE = 5
-"""Windows that the memory is older than what is held against it, or an edge would be in both."""
+"""Windows by which the running mean precedes the newest mean that it is compared with, or an edge would be in both."""
 
 SETTLED = 6
-"""Windows that a memory holds at least before anything can surprise it."""
+"""Windows that the running mean holds at least before a change can be detected."""
 
-LEAST_VARIANCE = 1e-4
-"""Keeps the root of what is left of a variance after rounding from being NaN; of no weight against any real one."""
+MIN_VARIANCE = 1e-4
+"""Keeps the root of a variance from being NaN after rounding; negligible beside any real variance."""
 
 SILENT_POWER = 1e-14
-"""Mean square, -140 dBFS, under which a channel carries nothing: even a good microphone's noise is far over it."""
+"""Mean square, -140 dBFS, under which a channel carries no signal: even a good microphone's noise is far over it."""
 
 Moments = NDArray[np.float64]
 """Mean and mean square of descriptions, shape ``(2, channels, values)``."""
 
-Surprise = NDArray[np.float64]
-"""Turns how far a channel's mean has moved into a vector that is longer than 1 once in a hundred windows on one and
-the same surface, shape ``(channels, values, values)``; zeros are never surprised."""
+ChangeMetric = NDArray[np.float64]
+"""A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
+than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
 
 
 class RunningStatistics:
-    """Remembers what a surface was like so far.
+    """Exponentially weighted moments of descriptions, restarted where the surface changes.
 
     Parameters
     ----------
-    surprise
-        See :data:`Surprise`.
+    change_metric
+        See :data:`ChangeMetric`.
 
     Attributes
     ----------
-    moments
-        Of the descriptions so far, the newest weighing most, those of the average touch counting as zero; a view.
-    left
-        Weight that the average touch still has: ``moments + left * prior`` is what is believed.
+    prior_weight
+        Weight that the prior still has: ``moments + prior_weight * prior`` are the moments to use.
 
     Examples
     --------
-    >>> memory = RunningStatistics(np.zeros((1, 1, 1)))
+    >>> statistics = RunningStatistics(np.zeros((1, 1, 1)))
     >>> for _ in range(100):
-    ...     memory.push(np.array([[3.0]]), contact=True)
-    >>> memory.moments.round(2).tolist(), round(memory.left, 4)
+    ...     statistics.push(np.array([[3.0]]), contact=True)
+    >>> statistics.moments.round(2).tolist(), round(statistics.prior_weight, 4)
     ([[[3.0]], [[9.0]]], 0.0)
     """
 
-    def __init__(self, surprise: Surprise) -> None:
-        self._surprise = surprise
-        # The memory and what is held against it fade side by side, each with its own weight.
-        self._nothing = np.zeros((2, 2, *surprise.shape[:2]))
+    def __init__(self, change_metric: ChangeMetric) -> None:
+        self._change_metric = change_metric
+        # Two sets of moments, (2, 2, channels, values), fade side by side, each with its own weight: the running ones
+        # and the newest ones.
+        self._zeros = np.zeros((2, 2, *change_metric.shape[:2]))
         self._weights = np.zeros((2, 1, 1, 1))
-        self._now = np.zeros((2, *surprise.shape[:2]))
+        self._window = np.zeros((2, *change_metric.shape[:2]))
         self.reset()
 
     @property
     def moments(self) -> Moments:
-        """What is remembered of the descriptions so far."""
-        remembered: Moments = self._both[0]
-        return remembered
+        """Moments of the descriptions so far, the newest weighing most, the prior counting as zero; a view."""
+        running: Moments = self._both[0]
+        return running
 
     def reset(self) -> None:
         """Begin a new touch."""
-        self._both = self._nothing
-        self.left = 1.0
+        self._both = self._zeros
+        self.prior_weight = 1.0
         self._count = self._since = self._quiet = 0
-        self._before: deque[tuple[Moments, float]] = deque(maxlen=BEFORE)
+        self._history: deque[tuple[Moments, float]] = deque(maxlen=BEFORE)
 
     def push(self, description: FloatArray, *, contact: bool) -> None:
-        """Take a window's description in, shape ``(channels, values)``; without contact it is not learnt."""
+        """Add a window's description, shape ``(channels, values)``; without contact it is left out."""
         if contact:
-            self._learn(description)
+            self._add(description)
             self._quiet = 0
             return
         self._quiet += 1
         if self._quiet == FORGET_AFTER:
             self.reset()
 
-    def moved(self) -> NDArray[np.float64] | None:
-        """Tell how far the newest mean lies from what was remembered before it; nothing while too little was."""
+    def shift(self) -> NDArray[np.float64] | None:
+        """Return the newest mean less the running mean before it, ``(channels, values)``; None until settled."""
         if self._count < BEFORE + SETTLED:
             return None
-        before, left = self._before[0]
-        return np.asarray(self._both[1, 0] - before[0] / (1 - left))
+        before, prior_weight = self._history[0]
+        return np.asarray(self._both[1, 0] - before[0] / (1 - prior_weight))
 
-    def _learn(self, description: FloatArray) -> None:
-        self._now[0] = description
-        np.square(description, out=self._now[1])
-        self._before.append((self._both[0], self.left))
+    def _add(self, description: FloatArray) -> None:
+        self._window[0] = description
+        np.square(description, out=self._window[1])
+        self._history.append((self._both[0], self.prior_weight))
         self._count += 1
         self._since += 1
+        # A plain average over the first windows (of which the prior is worth PRIOR_WINDOWS), exponential afterwards.
         weight = max(1 / FADING, 1 / (self._count + PRIOR_WINDOWS))
         self._weights[0], self._weights[1] = weight, max(1 / NEWEST, 1 / self._since)
-        self._both = self._both + self._weights * (self._now - self._both)
-        self.left *= 1 - weight
-        moved = self.moved()
-        if moved is not None and self._surprises(moved):
-            self._begin_anew()
+        # A new array, as the history holds views of the old one.
+        self._both = self._both + self._weights * (self._window - self._both)
+        self.prior_weight *= 1 - weight
+        shift = self.shift()
+        if shift is not None and self._is_change(shift):
+            self._restart()
 
-    def _surprises(self, moved: NDArray[np.float64]) -> bool:
-        far = moved[:, None] @ self._surprise
-        return bool(np.maximum.reduce(np.vecdot(far, far), axis=None) > 1)
+    def _is_change(self, shift: NDArray[np.float64]) -> bool:
+        distance = shift[:, None] @ self._change_metric
+        return bool(np.maximum.reduce(np.vecdot(distance, distance), axis=None) > 1)
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
+        """Replace the running moments by the newest ones, as if only those windows had been in the touch."""
         self._count = round(NEWEST)
-        self.left = PRIOR_WINDOWS / (self._count + PRIOR_WINDOWS)
-        self._both = np.stack(((1 - self.left) * self._both[1], self._both[1]))
+        self.prior_weight = PRIOR_WINDOWS / (self._count + PRIOR_WINDOWS)
+        self._both = np.stack(((1 - self.prior_weight) * self._both[1], self._both[1]))
 
 
 class TextureExtractor:
-    """Gives the features of kind ``texture``: channel after channel, means then deviations, ``2 * VALUES`` each.
+    """Returns the features of kind ``texture``: channel after channel, means then deviations, ``2 * BAND_VALUES`` each.
 
     Parameters
     ----------
     card
-        Its settings hold ``prior``, the moments of the average touch, and ``surprise``: see :data:`Surprise`.
+        Its settings hold ``prior``, the moments of the average touch, and ``change_metric``: see :data:`ChangeMetric`.
     """
 
     def __init__(self, card: ModelCard) -> None:
-        self._bands = Bands(card.window_size, card.sample_rate)
+        channels = card.channels
+        self._bands = BandFeatures(card.window_size, card.sample_rate)
         self._window: FloatArray | None = None
-        self._heard = self._bands.hear(np.zeros((card.window_size, card.channels), np.float32))
-        self._prior = _read(card.settings["prior"], "prior", (2, card.channels, VALUES))
-        self._memory = RunningStatistics(_read(card.settings["surprise"], "surprise", (card.channels, VALUES, VALUES)))
+        self._spectrum = self._bands.spectrum(np.zeros((card.window_size, channels), np.float32))
+        self._prior = _read_array(card, "prior", (2, channels, BAND_VALUES))
+        self._statistics = RunningStatistics(_read_array(card, "change_metric", (channels, BAND_VALUES, BAND_VALUES)))
 
     def level_dbfs(self, window: FloatArray) -> float:
-        """Give the banded level of the first channel, from the spectrum that the features need too."""
-        return band_of_powers(self._hear(window).powers[CONTACT], len(window))
+        """Return the banded level of the first channel, from the spectrum that the features need too."""
+        return band_of_powers(self._spectrum_of(window).powers[CONTACT], len(window))
 
     def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
-        """Give the features of the touch so far; NaN for a channel that is missing."""
-        heard, self._window = self._hear(window), None
-        self._memory.push(self._bands.describe(heard), contact=contact)
-        features = texture_features(self._memory.moments + self._memory.left * self._prior)
-        powers = np.vecdot(heard.sound, heard.sound)
-        if min(powers.tolist()) < SILENT_POWER * len(window):
-            features[powers < SILENT_POWER * len(window)] = np.nan
+        """Return the features of the touch so far; NaN for a channel that is missing."""
+        spectrum, self._window = self._spectrum_of(window), None
+        statistics = self._statistics
+        statistics.push(self._bands.describe(spectrum), contact=contact)
+        features = texture_features(statistics.moments + statistics.prior_weight * self._prior)
+        energies = np.vecdot(spectrum.sound, spectrum.sound)
+        if min(energies.tolist()) < SILENT_POWER * len(window):
+            features[energies < SILENT_POWER * len(window)] = np.nan
         return features.reshape(-1)
 
     def reset(self) -> None:
-        """Become as new."""
-        self._memory.reset()
+        """Return to the initial state."""
+        self._statistics.reset()
 
-    def _hear(self, window: FloatArray) -> BandFeatures:
-        """Take a window's spectrum, once for its level and its features."""
+    def _spectrum_of(self, window: FloatArray) -> WindowSpectrum:
+        """Compute a window's spectrum once, for its level and its features."""
         if window is not self._window:
-            self._window, self._heard = window, self._bands.hear(window)
-        return self._heard
+            self._window, self._spectrum = window, self._bands.spectrum(window)
+        return self._spectrum
 
 
 def texture_features(moments: Moments) -> FloatArray:
-    """Give means and deviations of what is remembered: shape ``(..., 2 * values)`` from ``(2, ..., values)``."""
+    """Return means and deviations: shape ``(..., 2 * values)`` from moments ``(2, ..., values)``."""
     mean, square = moments
     values = mean.shape[-1]
     features = np.empty((*mean.shape[:-1], 2 * values), np.float32)
     features[..., :values] = mean
-    np.sqrt(np.maximum(square - mean * mean, LEAST_VARIANCE), out=features[..., values:], casting="same_kind")
+    np.sqrt(np.maximum(square - mean * mean, MIN_VARIANCE), out=features[..., values:], casting="same_kind")
     return features
 
 
-def _read(entries: Sequence[object], name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+def _read_array(card: ModelCard, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    entries: Sequence[object] = card.settings[name]
     array = np.asarray(entries, np.float64)
     if array.shape != shape:
-        raise ValueError(f"{name} of shape {array.shape}, wanted {shape}")
+        raise ValueError(f"{name} of shape {array.shape}, but it must be {shape}")
     return array

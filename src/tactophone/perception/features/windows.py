@@ -1,8 +1,8 @@
-"""Cuts sound into the windows that a model judges.
+"""Cuts sound into windows.
 
-Window ``k`` ends ``size + floor(k * hop)`` samples into the stream. The hop is a fraction because the paper judges at
-every sound buffer: 512 samples at 48 kHz are 21 1/3 samples at 2 kHz, so that its windows end now 21, now 22 samples
-apart. Only windows full of real sound are judged: the first one ends ``size`` samples into the stream.
+Window ``k`` ends ``size + floor(k * hop)`` samples into the stream. The hop is a fraction because the paper classifies
+at every sound buffer: 512 samples at 48 kHz are 21 1/3 samples at 2 kHz, so that its windows end 21 or 22 samples
+apart. Every window is full of real sound: the first one ends ``size`` samples into the stream.
 """
 
 from fractions import Fraction
@@ -13,7 +13,7 @@ from tactophone.types import FloatArray
 
 
 class Windower:
-    """Keeps the newest sound and gives each window as soon as it is complete.
+    """Keeps the newest sound and returns each window as soon as it is complete.
 
     Parameters
     ----------
@@ -41,13 +41,13 @@ class Windower:
         self.reset()
 
     def reset(self) -> None:
-        """Become as new."""
+        """Return to the initial state."""
         self._kept: FloatArray = np.empty((0, self._channels), np.float32)
-        self._first = 0
+        self._first = 0  # index in the stream of the first sample kept
         self._count = 0
 
     def push(self, samples: FloatArray) -> list[tuple[int, FloatArray]]:
-        """Take sound in; give each completed window with the index of the sample after its last.
+        """Take sound; return each completed window with the index of the sample after its last.
 
         A window has shape ``(size, channels)`` and is a view: use it before the next push.
         """
@@ -57,14 +57,11 @@ class Windower:
             start = end - self._size - self._first
             windows.append((end, self._kept[start : start + self._size]))
             self._count += 1
-        self._forget(self._next_end() - self._size)
+        unneeded = max(0, self._next_end() - self._size - self._first)
+        self._kept = self._kept[unneeded:]
+        self._first += unneeded
         return windows
 
     def _next_end(self) -> int:
-        # In whole numbers, as products of fractions take as long as a spectrum.
+        # In integers, as products of fractions take as long as a spectrum.
         return self._size + self._count * self._hop.numerator // self._hop.denominator
-
-    def _forget(self, before: int) -> None:
-        unneeded = max(0, before - self._first)
-        self._kept = self._kept[unneeded:]
-        self._first += unneeded

@@ -1,4 +1,4 @@
-"""What `tactophone calibrate` found out about a set-up, as a file that the other commands read."""
+"""The calibration file: `tactophone calibrate` writes it, other commands read it."""
 
 import dataclasses
 import tomllib
@@ -10,27 +10,27 @@ from tactophone.errors import ConfigError
 from tactophone.perception.sensor_health.faults import Reference
 
 CLIPPED = 0.05
-"""Share of a half second that is a fault in a set-up whose gain was found good: more than a bang, a knob was turned."""
+"""Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
 
 _TABLE = "calibration"
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A set-up that was found good: this finger, these microphones, this gain; one entry a channel where several.
+    """Levels of a set-up (a finger, its microphones, their gain); one entry for each channel where several.
 
     Parameters
     ----------
     made, source
-        When, in ISO 8601, and from what.
+        Date and time in ISO 8601, and the name of the source.
     sample_rate
         In Hz.
     false_alarms_per_minute
-        Chosen: touches felt in a minute of silence.
+        Chosen: false contacts in a minute of silence.
     threshold_dbfs
-        Level of the contact microphone from which there is contact, as :class:`ContactGate` takes it.
+        Level of the contact microphone from which there is contact, for :class:`ContactGate`.
     window_dbfs
-        The same for a whole window of 256 ms, as in the paper: lower, as long levels vary less.
+        The same for a whole window of 256 ms, as in the paper: lower, as a level over a longer time varies less.
     floor_dbfs, hum_dbfs
         Level and hum in silence.
     stroke_dbfs, peak_dbfs
@@ -55,13 +55,10 @@ class Calibration:
 
     @property
     def reference(self) -> Reference:
-        """What sensor faults are held against."""
-        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, self._contrast_db)
-
-    @property
-    def _contrast_db(self) -> float:
+        """The normal state that sensor faults are compared with."""
         levels = (self.floor_dbfs, self.stroke_dbfs)
-        return min(contact - air for contact, air in levels) if self.channels > 1 else 0.0
+        contrast_db = min(contact - air for contact, air in levels) if self.channels > 1 else 0.0
+        return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db)
 
     def write(self, path: Path) -> None:
         """Write the file.
@@ -79,12 +76,12 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file back.
+        """Read a file.
 
         Raises
         ------
         ConfigError
-            If it is missing, or not what :meth:`write` writes.
+            If it is missing, or not a file of :meth:`write`.
         """
         again = "make one with `tactophone calibrate`"
         try:
@@ -93,7 +90,7 @@ class Calibration:
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-            raise ConfigError(f"{path}: no calibration file ({type(error).__name__}: {error}); {again}") from None
+            raise ConfigError(f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}") from None
 
 
 def _toml(value: Any) -> str:

@@ -1,14 +1,14 @@
-"""Sensor faults at run time: each sign is looked for in the vitals, and a fault is named when its sign persists.
+"""Sensor faults at run time: a fault is reported when its sign persists in the signal statistics.
 
-A contact microphone feels force, an air microphone hears acceleration: so contact sound is the louder and the duller of
-the two at the gains of any sensible set-up. That order is what tells swapped microphones and a covered one. A sign is
-there, not there, or cannot be seen (hum under a loud stroke; a covered microphone in silence): what cannot be seen
-neither raises a fault nor ends it.
+A contact microphone measures force, an air microphone acceleration: so contact sound is the louder and the duller of
+the two at the gains of any sensible set-up. That order reveals swapped microphones and a covered one. A sign is
+present, absent or hidden (hum under a loud stroke; a covered microphone in silence): a hidden one neither raises a
+fault nor ends it.
 """
 
 import enum
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -16,14 +16,14 @@ from tactophone.perception.sensor_health.signal_statistics import ChannelStatist
 from tactophone.types import AIR, CONTACT, AudioBlock
 
 RAISE_AFTER = 3
-"""Measures in a row with the sign: with the half second that each looks back, a fault is named within 0.875 s."""
+"""Consecutive measures with the sign: with the half second that each covers, a fault is reported within 0.875 s."""
 
 HEAL_AFTER = 8
-"""Measures in a row without it: a second, so that a loose plug does not flicker."""
+"""Consecutive measures without it: a second, so that a loose plug does not flicker."""
 
 
-class Kind(enum.StrEnum):
-    """What can be wrong with microphones."""
+class FaultKind(enum.StrEnum):
+    """What can be wrong with a microphone."""
 
     DEAD = "dead"
     CLIPPED = "clipped"
@@ -38,62 +38,69 @@ class Kind(enum.StrEnum):
 class SensorFault:
     """A fault and the channel that has it; ``SWAPPED`` and ``ALIKE`` concern both.
 
-    >>> print(SensorFault(Kind.DEAD, AIR))
-    air microphone dead: no sound comes from it; look to its plug, cable and supply
+    >>> print(SensorFault(FaultKind.DEAD, AIR))
+    air microphone dead: no sound comes from it; check its plug, cable and supply
     """
 
-    kind: Kind
+    kind: FaultKind
     channel: int | None = None
 
     @property
     def code(self) -> str:
         """For programs: ``air-dead``."""
-        return str(self.kind) if self.channel is None else f"{CHANNELS[self.channel]}-{self.kind}"
+        return str(self.kind) if self.channel is None else f"{MICROPHONES[self.channel]}-{self.kind}"
 
     def __str__(self) -> str:
-        found, remedy = WORDS[self.kind]
-        who = "microphones" if self.channel is None else f"{CHANNELS[self.channel]} microphone"
-        return f"{who} {self.kind.replace('offset', 'off centre')}: {found}; {remedy}"
+        sign, remedy = _MESSAGES[self.kind]
+        subject = "microphones" if self.channel is None else f"{MICROPHONES[self.channel]} microphone"
+        return f"{subject} {self.kind.replace('offset', 'off centre')}: {sign}; {remedy}"
 
 
-CHANNELS = ("contact", "air")
+MICROPHONES = ("contact", "air")
 
-WORDS: Mapping[Kind, tuple[str, str]] = MappingProxyType(
+_MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
     {
-        Kind.DEAD: ("no sound comes from it", "look to its plug, cable and supply"),
-        Kind.CLIPPED: ("its loud parts are cut off", "turn its gain down"),
-        Kind.OFFSET: ("its sound has a constant part (DC)", "look to the interface's coupling and the supply"),
-        Kind.HUM: ("mains hum stands over its noise", "mend its shield or ground, keep away from supplies"),
-        Kind.COVERED: ("it hardly hears what the contact microphone feels", "open the case or clear its port"),
-        Kind.SWAPPED: ("channel 1 sounds like the contact microphone", "exchange the two plugs"),
-        Kind.ALIKE: ("both channels carry the same sound", "switch off direct monitoring and mono mixing"),
+        FaultKind.DEAD: ("no sound comes from it", "check its plug, cable and supply"),
+        FaultKind.CLIPPED: ("its loud parts are cut off", "turn its gain down"),
+        FaultKind.OFFSET: ("its sound has a constant part (DC)", "check the interface's coupling and the supply"),
+        FaultKind.HUM: ("mains hum stands out from its noise", "mend its shield or ground, keep away from supplies"),
+        FaultKind.COVERED: (
+            "a touch that the contact microphone picks up hardly reaches it",
+            "open the case or clear its port",
+        ),
+        FaultKind.SWAPPED: ("channel 1 sounds like the contact microphone", "exchange the two plugs"),
+        FaultKind.ALIKE: ("both channels carry the same sound", "switch off direct monitoring and mono mixing"),
     }
 )
-"""What was found, and what to do, for each kind."""
+"""The sign and the remedy of each kind."""
 
 FAULTS = (
-    *(SensorFault(kind, channel) for kind in (Kind.DEAD, Kind.CLIPPED, Kind.OFFSET, Kind.HUM) for channel in (0, 1)),
-    SensorFault(Kind.COVERED, AIR),
-    SensorFault(Kind.SWAPPED),
-    SensorFault(Kind.ALIKE),
+    *(
+        SensorFault(kind, channel)
+        for kind in (FaultKind.DEAD, FaultKind.CLIPPED, FaultKind.OFFSET, FaultKind.HUM)
+        for channel in (0, 1)
+    ),
+    SensorFault(FaultKind.COVERED, AIR),
+    SensorFault(FaultKind.SWAPPED),
+    SensorFault(FaultKind.ALIKE),
 )
-"""All that can be named."""
+"""All faults that can be reported."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What a set-up sounded like when it was good; the defaults hold for any set-up, less sharply.
+    """Levels of a set-up without faults; the defaults hold for any set-up, less sharply.
 
     Parameters
     ----------
     threshold_dbfs
-        Contact level over which there is touch.
+        Level of the contact channel from which there is contact.
     floor_dbfs, hum_dbfs
         Level and hum of each channel in silence.
     clipped
-        Largest share of clipped samples that is still taken for sound.
+        Largest share of clipped samples that is no fault.
     contrast_db
-        By how much contact is louder than air, in silence or when stroked, whichever is less; 0 if unknown.
+        By how much contact is louder than air, in silence or during a stroke, whichever is less; 0 if unknown.
     """
 
     threshold_dbfs: float = -26.0
@@ -109,72 +116,74 @@ SILENCE_DBFS = -90.0
 """No microphone and preamplifier is so quiet, but three steps of a 16-bit converter are."""
 
 DEAD_DROP_DB = 20.0
-"""A room may fall silent, a microphone's own noise may not."""
+"""Under the calibrated floor: a room may fall silent, but a microphone's own noise does not."""
 
 OFFSET = 0.05
 """Of full scale: -26 dBFS, the level of the paper's contact threshold."""
 
 HUM_RISE_DB = 8.0
-"""Over the hum that the set-up always had."""
+"""Over the hum of the set-up at its calibration."""
 
 HARMLESS_HUM_DBFS = -45.0
-"""Of this no detector here takes notice."""
+"""Hum under this changes no prediction."""
 
-ALIKENESS = 0.97
-"""Two microphones in one stroke reach 0.9; copies fall short of 1 only by the codec's noise."""
+MAX_CORRELATION = 0.97
+"""Two microphones on one stroke reach 0.9; copies fall short of 1 only by the codec's noise."""
 
-_ELECTRIC = (Kind.DEAD, Kind.CLIPPED, Kind.OFFSET)
+_ELECTRIC = (FaultKind.DEAD, FaultKind.CLIPPED, FaultKind.OFFSET)
 _CLEAR_DB = 9.0
 _MARGIN_DB = 3.0
 _DULLER_DB = 1.0
 _STRONG_DB = 6.0
 
 
-class FaultWatch:
-    """Names what is wrong with the microphones, as the sound streams by; the same at any block size.
+class FaultDetector:
+    """Finds faults of the microphones in a stream of sound; the same at any block size.
 
     Examples
     --------
     >>> import numpy as np
-    >>> watch = FaultWatch(48_000, Reference())
+    >>> detector = FaultDetector(48_000, Reference())
     >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
     >>> sound[:, AIR] = 0
-    >>> watch.push(AudioBlock(sound, 48_000))
-    >>> [fault.code for fault in watch.faults]
+    >>> detector.push(AudioBlock(sound, 48_000))
+    >>> [fault.code for fault in detector.faults]
     ['air-dead']
     """
 
     def __init__(self, sample_rate: int, reference: Reference | None = None) -> None:
         self.sample_rate = sample_rate
-        self._signs = SignalStatistics(sample_rate)
+        self._statistics = SignalStatistics(sample_rate)
         self._reference = reference or UNCALIBRATED
         self.reset()
 
     @property
     def cell_size(self) -> int:
-        """Samples between two looks."""
-        return self._signs.cell_size
+        """Samples between two measures."""
+        return self._statistics.cell_size
 
     @property
     def faults(self) -> tuple[SensorFault, ...]:
-        """What is wrong now; where both channels are in doubt, nothing is said of one."""
-        named = tuple(fault for fault in FAULTS if self._present[fault])
-        return tuple(fault for fault in named if fault.channel is None) or named
+        """Faults present now; where one concerns both channels, those of single channels are left out."""
+        present = tuple(fault for fault in FAULTS if self._present[fault])
+        return tuple(fault for fault in present if fault.channel is None) or present
 
     def push(self, block: AudioBlock) -> None:
-        """Take sound in."""
-        for vitals in self._signs.push(block):
-            for fault, sign in signs(vitals, self._reference).items():
-                self._weigh(fault, sign)
+        """Take sound."""
+        for statistics in self._statistics.push(block):
+            for fault, sign in find_signs(statistics, self._reference).items():
+                self._update(fault, sign)
 
     def reset(self) -> None:
-        """Become as new: nothing is known to be wrong."""
-        self._signs.reset()
+        """Return to the initial state: no faults."""
+        self._statistics.reset()
         self._present = dict.fromkeys(FAULTS, False)
         self._streak = dict.fromkeys(FAULTS, 0)
 
-    def _weigh(self, fault: SensorFault, sign: bool | None) -> None:
+    def _update(self, fault: SensorFault, sign: bool | None) -> None:
+        """Count measures that contradict the present state; enough of them in a row change it."""
         if sign is None:
+            # A hidden sign breaks the row towards a fault, but not the row towards its end.
             self._streak[fault] *= self._present[fault]
             return
         self._streak[fault] = 0 if sign is self._present[fault] else self._streak[fault] + 1
@@ -182,82 +191,77 @@ class FaultWatch:
             self._present[fault], self._streak[fault] = sign, 0
 
 
-def signs(vitals: ChannelStatistics, reference: Reference) -> dict[SensorFault, bool | None]:
-    """Look for the sign of each fault; ``None`` where it cannot be seen just now, or another fault hides it."""
-    channels = range(len(vitals.level_dbfs))
-    if max(vitals.level_dbfs) < SILENCE_DBFS and reference == UNCALIBRATED:
-        # Digital silence is how files and paused sources sound, too; only a calibration knows what silence is here.
+def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[SensorFault, bool | None]:
+    """Return whether the sign of each fault is present; ``None`` where it is hidden by the sound or another fault."""
+    channels = range(len(statistics.level_dbfs))
+    if max(statistics.level_dbfs) < SILENCE_DBFS and reference == UNCALIBRATED:
+        # Files and paused sources are digital silence too; only a calibration gives the level of silence here.
         return dict.fromkeys(FAULTS)
     found: dict[SensorFault, bool | None] = {}
     for channel in channels:
-        dead = vitals.level_dbfs[channel] < SILENCE_DBFS
-        clipped = vitals.clipped[channel] > reference.clipped
-        found[SensorFault(Kind.DEAD, channel)] = dead
-        found[SensorFault(Kind.CLIPPED, channel)] = None if dead else clipped
-        found[SensorFault(Kind.OFFSET, channel)] = None if clipped else abs(vitals.offset[channel]) > OFFSET
+        dead = statistics.level_dbfs[channel] < SILENCE_DBFS
+        clipped = statistics.clipped[channel] > reference.clipped
+        found[SensorFault(FaultKind.DEAD, channel)] = dead
+        found[SensorFault(FaultKind.CLIPPED, channel)] = None if dead else clipped
+        found[SensorFault(FaultKind.OFFSET, channel)] = None if clipped else abs(statistics.offset[channel]) > OFFSET
     paired = len(channels) > 1 and not any(found.values())
-    alike = paired and abs(vitals.likeness) > ALIKENESS
-    swapped = paired and not alike and _swapped(vitals, reference)
+    alike = paired and abs(statistics.correlation) > MAX_CORRELATION
+    swapped = paired and not alike and _swapped(statistics, reference)
     for channel in channels:
         hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
-        found[SensorFault(Kind.HUM, channel)] = None if hidden else _hum(vitals, reference, channel)
+        found[SensorFault(FaultKind.HUM, channel)] = None if hidden else _hum(statistics, reference, channel)
         if not hidden:
-            found[SensorFault(Kind.DEAD, channel)] = _dead(vitals, reference, channel)
+            found[SensorFault(FaultKind.DEAD, channel)] = _dead(statistics, reference, channel)
     if len(channels) > 1:
         hidden = alike or swapped or any(found.values())
-        found[SensorFault(Kind.ALIKE)] = alike if paired else None
-        found[SensorFault(Kind.SWAPPED)] = swapped if paired else None
-        found[SensorFault(Kind.COVERED, AIR)] = None if hidden else _covered(vitals, reference)
+        found[SensorFault(FaultKind.ALIKE)] = alike if paired else None
+        found[SensorFault(FaultKind.SWAPPED)] = swapped if paired else None
+        found[SensorFault(FaultKind.COVERED, AIR)] = None if hidden else _covered(statistics, reference)
     return found
 
 
-def explain(faults: Iterable[SensorFault]) -> str:
-    """Say in one line what is wrong."""
-    return ". ".join(str(fault) for fault in faults)
+def _dead(statistics: ChannelStatistics, reference: Reference, channel: int) -> bool:
+    return statistics.level_dbfs[channel] < max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
 
 
-def _dead(vitals: ChannelStatistics, reference: Reference, channel: int) -> bool:
-    return vitals.level_dbfs[channel] < max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
-
-
-def _hum(vitals: ChannelStatistics, reference: Reference, channel: int) -> bool | None:
-    """Hum is there when it stands clear of the noise in its bands, and not there when that noise could not hide it."""
+def _hum(statistics: ChannelStatistics, reference: Reference, channel: int) -> bool | None:
+    """Hum is present when it is clear of the noise in its bands, and absent when that noise could not hide it."""
     limit = max(reference.hum_dbfs[channel] + HUM_RISE_DB, HARMLESS_HUM_DBFS)
-    hum, masking = vitals.hum_dbfs[channel], vitals.masking_dbfs[channel]
+    hum, masking = statistics.hum_dbfs[channel], statistics.masking_dbfs[channel]
     if hum > limit and hum > masking + _CLEAR_DB:
         return True
     return False if max(hum, masking) < limit else None
 
 
-def _covered(vitals: ChannelStatistics, reference: Reference) -> bool | None:
-    """The air microphone falls under its floor; or a touch leaves it there, or reaches it as a thud only.
+def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None:
+    """Whether the air microphone is under its floor, or a touch leaves it there or reaches it only as a thud.
 
-    A thud is duller than what the contact microphone makes of the same touch.
+    A thud is duller than the same touch on the contact microphone.
     """
-    touch_db = vitals.level_dbfs[CONTACT] - reference.threshold_dbfs
-    heard_db = vitals.level_dbfs[AIR] - reference.floor_dbfs[AIR]
+    touch_db = statistics.level_dbfs[CONTACT] - reference.threshold_dbfs
+    air_db = statistics.level_dbfs[AIR] - reference.floor_dbfs[AIR]
     # A room may have become quieter since it was calibrated; but not while something in it is touched.
-    if heard_db < (-_MARGIN_DB if touch_db > 0 else -_CLEAR_DB):
+    if air_db < (-_MARGIN_DB if touch_db > 0 else -_CLEAR_DB):
         return True
     if touch_db < _STRONG_DB:
         return None
-    fainter = vitals.level_dbfs[AIR] < vitals.level_dbfs[CONTACT] - _STRONG_DB
-    return heard_db < _MARGIN_DB or (fainter and vitals.tilt_db(AIR) < vitals.tilt_db(CONTACT))
+    fainter = statistics.level_dbfs[AIR] < statistics.level_dbfs[CONTACT] - _STRONG_DB
+    return air_db < _MARGIN_DB or (fainter and statistics.tilt_db(AIR) < statistics.tilt_db(CONTACT))
 
 
-def _swapped(vitals: ChannelStatistics, reference: Reference) -> bool:
-    """Besides hum, of which either can have too much, channel 1 is the louder one, where it never was or is the duller.
+def _swapped(statistics: ChannelStatistics, reference: Reference) -> bool:
+    """Whether channel 1, without hum, is the louder one, and is also duller or was never the louder one at calibration.
 
-    Without a calibration the gains could be such that air is louder, so there it must sound like contact, too.
+    Without a calibration the gains could be such that air is louder, so there it must also be duller, as contact is.
     """
-    contact, air = (_without_hum(vitals, channel) for channel in (CONTACT, AIR))
+    contact, air = (_without_hum(statistics, channel) for channel in (CONTACT, AIR))
     if air < contact + _MARGIN_DB:
         return False
-    duller = vitals.treble_dbfs[AIR] - air < vitals.treble_dbfs[CONTACT] - contact - _DULLER_DB
+    duller = statistics.treble_dbfs[AIR] - air < statistics.treble_dbfs[CONTACT] - contact - _DULLER_DB
     return duller or reference.contrast_db > _CLEAR_DB
 
 
-def _without_hum(vitals: ChannelStatistics, channel: int) -> float:
-    power = 10 ** (vitals.level_dbfs[channel] / 10) - 10 ** (vitals.hum_dbfs[channel] / 10)
-    # A hundredth of the hum escapes its bands: what is under that is not told from it.
-    return 10 * math.log10(max(power, 0.02 * 10 ** (vitals.level_dbfs[channel] / 10)))
+def _without_hum(statistics: ChannelStatistics, channel: int) -> float:
+    power = 10 ** (statistics.level_dbfs[channel] / 10) - 10 ** (statistics.hum_dbfs[channel] / 10)
+    # A hundredth of the hum escapes its bands: the rest must be above that to be anything else.
+    return 10 * math.log10(max(power, 0.02 * 10 ** (statistics.level_dbfs[channel] / 10)))

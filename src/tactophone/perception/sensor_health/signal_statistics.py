@@ -1,7 +1,7 @@
-"""What the microphones tell of themselves: half a second of sound in a few numbers, eight times a second.
+"""Statistics of each microphone's signal: half a second of sound in a few numbers, eight times a second.
 
-Everything is measured under 4 kHz, on sound averaged down to about 8 kHz, so that a codec's bandwidth does not move it;
-only clipping is looked for in the sound as it came. Measures lie on a fixed grid of cells, whatever the block size.
+Everything is measured under 4 kHz, on sound averaged down to about 8 kHz, so that a codec's bandwidth does not change
+it; only clipping is measured on the original sound. Measures lie on a fixed grid of cells, whatever the block size.
 """
 
 from collections import deque
@@ -16,20 +16,20 @@ CELL = 0.125
 """Seconds between two measures."""
 
 CELLS = 4
-"""Cells a measure looks back: half a second tells 50 Hz from 60 Hz and holds several strokes of a wiggle."""
+"""Cells that a measure covers: half a second separates 50 Hz from 60 Hz and holds several strokes of a wiggle."""
 
 MAINS = (50, 60)
 """Hz."""
 
 LOWEST_DBFS = -150.0
-"""Given for digital silence: under the last bit of any converter, and still a number."""
+"""Level of digital silence: under the last bit of any converter, and still finite."""
 
 _BASS_RATE = 1000
 _TREBLE_STEPS = 8
 _HARMONICS = 7
 _FULL_SCALE = 0.99
 _LOUD = 0.1
-"""A converter's or preamplifier's rail gives equal neighbours; quiet sound of few bits has them too, so only here."""
+"""Neighbours that are equal over this level are against a rail; in quiet sound of few bits they are not."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +47,10 @@ class ChannelStatistics:
     clipped
         Share of samples at full scale or flat against a rail.
     hum_dbfs, masking_dbfs
-        RMS of the mains' harmonics, and of the noise in the same narrow bands, which can hide so much hum.
+        RMS of the mains' harmonics, and of the noise in the same narrow bands, which can hide hum of that level.
     mains
-        Which of 50 and 60 Hz the hum is nearer to, in Hz.
-    likeness
+        50 or 60, whichever has more power in its harmonics, in Hz.
+    correlation
         Correlation of the two channels' treble, -1 to 1; 0 with one channel.
     """
 
@@ -62,10 +62,10 @@ class ChannelStatistics:
     hum_dbfs: tuple[float, ...]
     masking_dbfs: tuple[float, ...]
     mains: int
-    likeness: float
+    correlation: float
 
     def tilt_db(self, channel: int) -> float:
-        """How bright a channel is: treble over level, in dB; the same at any gain."""
+        """Brightness of a channel: treble over level, in dB; independent of gain."""
         return self.treble_dbfs[channel] - self.level_dbfs[channel]
 
 
@@ -74,21 +74,21 @@ class SignalStatistics:
 
     Examples
     --------
-    >>> signs = SignalStatistics(48_000)
+    >>> statistics = SignalStatistics(48_000)
     >>> tone = np.sin(2 * np.pi * 50 * np.arange(48_000) / 48_000).astype(np.float32)
-    >>> measured = signs.push(AudioBlock(np.stack([tone, 0 * tone], axis=1) / 2, 48_000))
+    >>> measured = statistics.push(AudioBlock(np.stack([tone, 0 * tone], axis=1) / 2, 48_000))
     >>> len(measured), round(measured[-1].hum_dbfs[0], 1), measured[-1].mains
     (5, -9.1, 50)
     """
 
     def __init__(self, sample_rate: int) -> None:
         self._rate = sample_rate
-        self._bass_step = max(1, sample_rate // (_BASS_RATE * _TREBLE_STEPS))
-        self.cell_size = round(CELL * _BASS_RATE) * _TREBLE_STEPS * self._bass_step
+        self._decimation = max(1, sample_rate // (_BASS_RATE * _TREBLE_STEPS))
+        self.cell_size = round(CELL * _BASS_RATE) * _TREBLE_STEPS * self._decimation
         self.reset()
 
     def push(self, block: AudioBlock) -> list[ChannelStatistics]:
-        """Take sound in; give the measures that it completes, oldest first."""
+        """Take sound; return the measures that it completes, oldest first."""
         measured, rest = [], block.samples
         while len(rest):
             taken = min(self.cell_size - self._filled, len(rest))
@@ -100,10 +100,10 @@ class SignalStatistics:
         return measured
 
     def reset(self) -> None:
-        """Become as new."""
+        """Return to the initial state."""
         self._parts: list[FloatArray] = []
         self._filled = 0
-        self._slow: deque[NDArray[np.float64]] = deque(maxlen=CELLS)
+        self._decimated: deque[NDArray[np.float64]] = deque(maxlen=CELLS)
         self._clipped: deque[NDArray[np.float64]] = deque(maxlen=CELLS)
 
     def _close(self, end: int) -> list[ChannelStatistics]:
@@ -111,28 +111,30 @@ class SignalStatistics:
         self._parts, self._filled = [], 0
         with np.errstate(invalid="ignore", over="ignore"):
             self._clipped.append(_clipped(cell))
-            slow = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-4, 4).astype(np.float64)
-        self._slow.append(slow.reshape(-1, self._bass_step, cell.shape[1]).mean(axis=1))
-        if len(self._slow) < CELLS:
+            finite = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-4, 4).astype(np.float64)
+        self._decimated.append(finite.reshape(-1, self._decimation, cell.shape[1]).mean(axis=1))
+        if len(self._decimated) < CELLS:
             return []
         clipped = np.mean(self._clipped, axis=0)
-        return [_measure(np.concatenate(self._slow), clipped, rate=self._rate / self._bass_step, end=end / self._rate)]
+        return [
+            _measure(np.concatenate(self._decimated), clipped, rate=self._rate / self._decimation, end=end / self._rate)
+        ]
 
 
-def _measure(slow: NDArray[np.float64], clipped: NDArray[np.float64], *, rate: float, end: float) -> ChannelStatistics:
-    treble = np.diff(slow, axis=0)
-    hums = {mains: _hum(slow, mains, rate / _TREBLE_STEPS) for mains in MAINS}
-    mains = max(MAINS, key=lambda one: float(hums[one][0].max()))
+def _measure(sound: NDArray[np.float64], clipped: NDArray[np.float64], *, rate: float, end: float) -> ChannelStatistics:
+    treble = np.diff(sound, axis=0)
+    hums = {mains: _hum(sound, mains, rate / _TREBLE_STEPS) for mains in MAINS}
+    mains = max(MAINS, key=lambda frequency: float(hums[frequency][0].max()))
     return ChannelStatistics(
         end,
-        level_dbfs=_dbfs(slow.var(axis=0)),
+        level_dbfs=_dbfs(sound.var(axis=0)),
         treble_dbfs=_dbfs(np.square(treble).mean(axis=0)),
-        offset=tuple(slow.mean(axis=0).tolist()),
+        offset=tuple(sound.mean(axis=0).tolist()),
         clipped=tuple(clipped.tolist()),
         hum_dbfs=_dbfs(hums[mains][0]),
         masking_dbfs=_dbfs(hums[mains][1]),
         mains=mains,
-        likeness=_likeness(treble),
+        correlation=_correlation(treble),
     )
 
 
@@ -143,13 +145,13 @@ def _clipped(cell: FloatArray) -> NDArray[np.float64]:
     return np.asarray(railed.mean(axis=0))
 
 
-def _hum(slow: NDArray[np.float64], mains: int, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Power of a mains frequency's harmonics, and of the noise in their bands, a channel each."""
-    bass = slow.reshape(-1, _TREBLE_STEPS, slow.shape[1]).mean(axis=1)
+def _hum(sound: NDArray[np.float64], mains: int, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the power of the mains' harmonics, and of the noise in their bands; shape ``(channels,)`` each."""
+    bass = sound.reshape(-1, _TREBLE_STEPS, sound.shape[1]).mean(axis=1)
     shape = np.hanning(len(bass) + 1)[:-1, None]
     # The main lobe of a Hann window, three bins, holds all but 0.1 % of a tone; one-sided, so twice its power.
     power = 2 * np.abs(np.fft.rfft((bass - bass.mean(axis=0)) * shape, axis=0)) ** 2 / (len(bass) * (shape**2).sum())
-    total, masking = np.zeros(slow.shape[1]), np.zeros(slow.shape[1])
+    total, masking = np.zeros(sound.shape[1]), np.zeros(sound.shape[1])
     for harmonic in range(1, _HARMONICS + 1):
         centre = round(harmonic * mains * len(bass) / rate)
         around = np.concatenate([power[centre - 7 : centre - 2], power[centre + 3 : centre + 8]])
@@ -160,7 +162,7 @@ def _hum(slow: NDArray[np.float64], mains: int, rate: float) -> tuple[NDArray[np
     return total, masking
 
 
-def _likeness(treble: NDArray[np.float64]) -> float:
+def _correlation(treble: NDArray[np.float64]) -> float:
     if treble.shape[1] < 2:
         return 0.0
     contact, air = treble[:, CONTACT], treble[:, AIR]

@@ -1,4 +1,4 @@
-"""The catalogue of named objects: what they are made of, how they are held, and how rough they truly are."""
+"""The catalogue of named objects: surface, material, mounting, and true roughness."""
 
 import functools
 import tomllib
@@ -8,9 +8,9 @@ from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
+from tactophone.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.errors import DatasetError
 from tactophone.simulation.physics.modes import Body, Mounting
-from tactophone.simulation.physics.roughness import Roughness, roughness
 from tactophone.simulation.physics.surface import SPACING, Grains, Pits, Ridges, Surface, height_profile
 from tactophone.simulation.physics.track import Material
 from tactophone.types import Touch
@@ -22,13 +22,13 @@ TEST = frozenset({20, 21, 22})
 """The authors' test objects; 20 is spare."""
 
 SCENARIOS = (Mounting.HELD, Mounting.TABLE, Mounting.BOX)
-"""The paper's acoustic scenarios, in which everything that can be moved may stand."""
+"""The paper's acoustic scenarios, for all movable objects."""
 
 _UNITS = {"_um": 1e-6, "_mm": 1e-3, "_mm_s": 1e-3, "_gpa": 1e9}
 
 
 @dataclass(frozen=True, slots=True)
-class TestObject:
+class SimulatedObject:
     """An object of the catalogue.
 
     Parameters
@@ -36,15 +36,15 @@ class TestObject:
     number, name
         The number is that of the authors' files, up to 22.
     surface, material
-        The statistics of its height, and what a tip meets there besides.
+        Statistics of its height, and its other properties.
     substance
-        What it is made of, in words.
+        What it is made of, as text.
     label
-        A person's word: ``SMOOTH`` or ``ROUGH``.
+        As people labelled it: ``SMOOTH`` or ``ROUGH``.
     body, mounting
-        How it is built and held.
+        How it is built and mounted.
     length
-        Metres that a stroke may use.
+        Length available for a stroke, in m.
     mass
         In kg.
     """
@@ -62,7 +62,7 @@ class TestObject:
 
     @property
     def roughness(self) -> Roughness:
-        """The truth about it: Ra and Rq of the profile that it is simulated with."""
+        """Ra and Rq of the simulated profile."""
         return surface_roughness(self.surface)
 
     @property
@@ -73,39 +73,39 @@ class TestObject:
 
 @functools.cache
 def surface_roughness(surface: Surface) -> Roughness:
-    """Ra and Rq of a surface's profile."""
-    return roughness(height_profile(surface), SPACING)
+    """Return Ra and Rq of a surface's profile."""
+    return measure_profile(height_profile(surface), step=SPACING, cutoff=COARSE_CUTOFF, periodic=True)
 
 
 @functools.cache
-def catalogue() -> tuple[TestObject, ...]:
-    """All objects, by number."""
+def catalogue() -> tuple[SimulatedObject, ...]:
+    """Return all objects, ordered by number."""
     tables = _read()
-    return tuple(_thing(entry, tables["surfaces"]) for entry in tables["objects"])
+    return tuple(_object(entry, tables["surfaces"]) for entry in tables["objects"])
 
 
-def find(name: str) -> TestObject:
+def find(name: str) -> SimulatedObject:
     """Find an object by its number or name.
 
     >>> find("3").name, find("lava stone").label
     ('polished marble', <Touch.ROUGH: 2>)
     """
-    for thing in catalogue():
-        if name in (thing.name, str(thing.number)):
-            return thing
-    names = ", ".join(f"{thing.number} {thing.name}" for thing in catalogue())
-    raise DatasetError(f"{name!r} is no object of the catalogue; there are {names}")
+    for obj in catalogue():
+        if name in (obj.name, str(obj.number)):
+            return obj
+    names = ", ".join(f"{obj.number} {obj.name}" for obj in catalogue())
+    raise DatasetError(f"{name!r} is not an object of the catalogue; there are {names}")
 
 
 @functools.cache
 def surface(name: str) -> tuple[Surface, Material]:
-    """A surface of the catalogue by name, with what a tip meets there; some belong to no object, such as the mat."""
+    """Return a surface of the catalogue and its material; some, such as the mat, belong to no object."""
     return _surface(name, _read()["surfaces"][name])
 
 
 @functools.cache
 def published_ra() -> Mapping[str, tuple[float, float]]:
-    """Range of Ra in m that a source gives, by surface, where one does."""
+    """Return published ranges of Ra in m, by surface, where a source gives one."""
     tables = _read()["surfaces"]
     ranges = {name: table["published_ra_um"] for name, table in tables.items() if "published_ra_um" in table}
     return MappingProxyType({name: (low * 1e-6, high * 1e-6) for name, (low, high) in ranges.items()})
@@ -113,12 +113,12 @@ def published_ra() -> Mapping[str, tuple[float, float]]:
 
 @functools.cache
 def _read() -> Mapping[str, Any]:
-    return tomllib.loads(resources.files("tactophone.simulation").joinpath("catalogue.toml").read_text("utf-8"))
+    return tomllib.loads(resources.files("tactophone.simulation.content").joinpath("catalogue.toml").read_text("utf-8"))
 
 
-def _thing(entry: Mapping[str, Any], surfaces: Mapping[str, Any]) -> TestObject:
+def _object(entry: Mapping[str, Any], surfaces: Mapping[str, Any]) -> SimulatedObject:
     shape, material = _surface(entry["surface"], surfaces[entry["surface"]])
-    return TestObject(
+    return SimulatedObject(
         number=entry["number"],
         name=entry["name"],
         surface=shape,

@@ -11,14 +11,15 @@ import numpy as np
 
 from tactophone.dataset import Recording
 from tactophone.simulation.content.movement import Script, Visit, explore, log_uniform
-from tactophone.simulation.content.render_store import RenderMetadata, read_metadata_of, tell, write_sound
-from tactophone.simulation.physics.scene import Scene, five_stones, shuffled
+from tactophone.simulation.content.render_store import RenderMetadata, read_render_metadata, touch_segments, write_sound
+from tactophone.simulation.content.stone_order import shuffled
+from tactophone.simulation.physics.scene import Scene, five_stones
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
-from tactophone.simulation.physics.source import RATE, SimulatedFinger, Truth
-from tactophone.types import FloatArray, Touch
+from tactophone.simulation.physics.source import SimulatedFinger, Truth
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 VERSION = "1"
-"""Raise it when the same seed sounds different."""
+"""Raise it when the same seed gives other sound."""
 
 DAYS = (1, 2)
 
@@ -29,8 +30,8 @@ _START = (-0.05, 0.035)
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """One exploration of all five stones, left to right; a day has one set-up and one order of stones a run."""
+class CompetitionRun:
+    """One exploration of all five stones, left to right; each day has its set-up, each run its order of stones."""
 
     day: int
     number: int
@@ -42,8 +43,8 @@ class Run:
         return f"day_{self.day}_run_{self.number}"
 
     @property
-    def recipe(self) -> str:
-        """What the sound depends on."""
+    def fingerprint(self) -> str:
+        """Everything that the sound depends on."""
         return f"competition {VERSION} {self.seed} {self.name}"
 
     @property
@@ -57,8 +58,8 @@ class Run:
         return shuffled(int(np.random.SeedSequence([self.seed, self.day, self.number]).generate_state(1)[0]))
 
 
-def render_run(run: Run) -> tuple[FloatArray, Truth]:
-    """Render a run of about half a minute: both microphones, motors and hall, and the truth."""
+def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
+    """Render a run of about half a minute: sound ``(samples, 2)`` with motors and hall, and the ground truth."""
     rng = np.random.default_rng([0xC0, run.seed, run.day, run.number])
     script = Script(rng, x=_START[0], y=_START[1])
     script.hover(rng.uniform(1, 2.5))
@@ -68,26 +69,26 @@ def render_run(run: Run) -> tuple[FloatArray, Truth]:
                       slips=rng.random() < SLIP_SHARE)  # fmt: skip
         explore(script, placed, visit)
     script.hover(1.0)
-    setup = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION)
-    finger = SimulatedFinger(scene, script.moves, setup=setup, seed=[0xC1, run.seed, run.day, run.number], place=_START)
-    return finger.render(round(script.time * RATE)).samples, finger.truth
+    session = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION)
+    seed = [0xC1, run.seed, run.day, run.number]
+    finger = SimulatedFinger(scene, script.moves, session=session, seed=seed, place=_START)
+    return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
 
 
-def make_run(folder: Path, run: Run, *, bits: int = 16) -> Run:
-    """Write a run's sound, and beside it its truth: ``start,end,stone,touch``, stones counted from 1, 6 the mat."""
+def write_run(folder: Path, run: CompetitionRun, *, bits: int = 16) -> None:
+    """Write a run's sound and a CSV file of its truth: ``start,end,stone,touch``; stones count from 1, 6 is the mat."""
     path = folder / f"{run.name}.flac"
-    story = read_metadata_of(path)
-    if story is None or story.recipe != run.recipe:
+    metadata = read_render_metadata(path)
+    if metadata is None or metadata.fingerprint != run.fingerprint:
         samples, truth = render_run(run)
-        story = RenderMetadata(run.recipe, *tell(truth.thing, run.scene))
-        write_sound(path, samples, story, bits=bits)
-    _write_truth(folder / f"{run.name}.csv", story)
-    return run
+        metadata = RenderMetadata(run.fingerprint, *touch_segments(truth.object_index, run.scene))
+        write_sound(path, samples, metadata, bits=bits)
+    _write_truth(folder / f"{run.name}.csv", metadata)
 
 
-def run_recording(folder: Path, run: Run) -> Recording:
-    """What the manifest says of a run that has been made."""
-    story = read_metadata_of(folder / f"{run.name}.flac")
+def run_recording(folder: Path, run: CompetitionRun) -> Recording:
+    """Return the manifest's entry of a run that has been written."""
+    metadata = read_render_metadata(folder / f"{run.name}.flac")
     properties = {
         "stones": " ".join(label.name.lower() for label in run.order),
         "truth": f"{run.name}.csv",
@@ -102,29 +103,29 @@ def run_recording(folder: Path, run: Run) -> Recording:
         take=f"run_{run.number}",
         scenario="competition",
         session=f"day {run.day}",
-        segments=story.segments if story else (),
+        segments=metadata.segments if metadata else (),
         properties=MappingProxyType(properties),
     )
 
 
-def make_finals(folder: Path, runs: Sequence[Run], *, bits: int = 16) -> list[Path]:
+def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16) -> list[Path]:
     """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and ``..._rough.wav``."""
     written = []
     for day in sorted({run.day for run in runs}):
-        takes = [render_run(run) for run in runs if run.day == day]
+        rendered = [render_run(run) for run in runs if run.day == day]
         for label in (Touch.SMOOTH, Touch.ROUGH):
-            sound = np.concatenate([samples[truth.touch == label] for samples, truth in takes])
+            sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
             write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)
             written.append(path)
     return written
 
 
-def _write_truth(path: Path, story: RenderMetadata) -> None:
+def _write_truth(path: Path, metadata: RenderMetadata) -> None:
     unfinished = path.with_name(f".{path.name}.{os.getpid()}")
     with unfinished.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["start", "end", "stone", "touch"])
-        for segment, thing in zip(story.segments, story.things, strict=True):
-            writer.writerow([segment.start, segment.end, thing + 1 if thing >= 0 else "", segment.word])
+        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
+            writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])
     os.replace(unfinished, path)

@@ -1,9 +1,14 @@
 """The demonstration: a finger strokes a smooth stone, then a rough one, and slips off its edge."""
 
-import numpy as np
+from pathlib import Path
 
+import numpy as np
+import soundfile
+
+from tactophone.dataset import Recording, write_metadata
 from tactophone.simulation.content.catalogue import find
 from tactophone.simulation.content.movement import Script, Visit, explore
+from tactophone.simulation.content.render_store import touch_segments
 from tactophone.simulation.physics.scene import row
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
@@ -15,9 +20,9 @@ _START = (-0.03, 0.035)
 
 
 def demonstration(seed: int = 0) -> SimulatedFinger:
-    """Make the finger, with all that it will do in about ten seconds; the same seed does the same.
+    """Return a finger with a script of about ten seconds, drawn from the seed.
 
-    The stones are those of the competition, which no model that ships has been trained on.
+    The stones are those of the competition, on which no shipped model was trained.
     """
     rng = np.random.default_rng([0xDE30, seed])
     scene = row([find("smooth competition stone"), find("rough competition stone")])
@@ -26,5 +31,18 @@ def demonstration(seed: int = 0) -> SimulatedFinger:
     for placed, slips in zip(scene.placed, (False, True), strict=True):
         explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
-    setup = SessionVariation.draw(seed, COMPETITION)
-    return SimulatedFinger(scene, script.moves, setup=setup, seed=seed, duration=script.time, place=_START)
+    session = SessionVariation.draw(seed, COMPETITION)
+    return SimulatedFinger(scene, script.moves, session=session, seed=seed, duration=script.time, place=_START)
+
+
+def write_demonstration(folder: Path, *, seed: int) -> Path:
+    """Write the demonstration's sound and its labels as a data set of one recording; return the path of the sound."""
+    path, finger = folder / "microphones.wav", demonstration(seed)
+    indices = []
+    with soundfile.SoundFile(path, "w", finger.sample_rate, finger.channels, "PCM_24") as file, finger:
+        for block in finger:
+            file.write(block.samples)
+            indices.append(finger.truth.object_index)
+    segments, _ = touch_segments(np.concatenate(indices), finger.scene)
+    write_metadata(folder, [Recording(path, "competition stones", channels=("contact", "air"), segments=segments)])
+    return path

@@ -1,4 +1,4 @@
-"""The full data set: every object, mounting and take, rendered by several processes, resumable after a kill."""
+"""The paper's data set: every object, mounting and take, rendered by several processes; resumes after a kill."""
 
 import hashlib
 from collections.abc import Iterator, Sequence
@@ -11,43 +11,51 @@ from types import MappingProxyType
 import numpy as np
 
 from tactophone.dataset import Recording, write_metadata
-from tactophone.simulation.content.catalogue import SCENARIOS, TEST, TestObject
-from tactophone.simulation.content.movement import TAKES, Take, take_moves
-from tactophone.simulation.content.render_store import RenderMetadata, read_metadata_of, tell, through_opus, write_sound
+from tactophone.dataset.motion_intervals import MotionInterval, write_slides
+from tactophone.simulation.content.catalogue import SCENARIOS, TEST, SimulatedObject
+from tactophone.simulation.content.movement import take_moves
+from tactophone.simulation.content.render_store import (
+    RenderMetadata,
+    read_render_metadata,
+    through_opus,
+    touch_segments,
+    write_sound,
+)
+from tactophone.simulation.content.takes import TAKES, Take
 from tactophone.simulation.physics.finger import FLEXURE
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.simulation.physics.motion import Hand, Move
 from tactophone.simulation.physics.scene import Scene, single
 from tactophone.simulation.physics.session_variation import SessionVariation
-from tactophone.simulation.physics.source import RATE, SimulatedFinger, Truth
-from tactophone.types import FloatArray, Touch
+from tactophone.simulation.physics.source import SimulatedFinger, Truth
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 VERSION = "1"
-"""Of the simulation; raise it when the same seed sounds different, and old files are made anew."""
+"""Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
 
 DURATION = 30.0
 """Seconds of a take, as in the paper."""
 
 SLIDING = 0.005
-"""Metres a second from which a finger slides; free exploration has 2 to 20 cm/s (simulation.movement)."""
+"""Speed in m/s from which a finger slides; free exploration has 2 to 20 cm/s (simulation.movement)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
-    """How files are made and named.
+class RenderOptions:
+    """How recordings are rendered and named.
 
     Parameters
     ----------
     duration
-        Seconds a take.
+        Seconds of a take.
     seed
-        Another seed gives other sessions, strokes and noise.
+        Of sessions, strokes and noise.
     opus
-        Pass the sound through Opus and back.
+        Whether the sound passes through Opus.
     authors_layout
         ``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``.
     bits
-        16 or 24 a sample.
+        16 or 24 per sample.
     """
 
     duration: float = DURATION
@@ -58,149 +66,148 @@ class Style:
 
 
 @dataclass(frozen=True, slots=True)
-class Job:
-    """One recording to make: an object, mounted somehow, and a take of it."""
+class RenderJob:
+    """One recording: an object in a mounting, and a take of it."""
 
-    thing: TestObject
+    object: SimulatedObject
     mounting: Mounting
     take: Take
-    style: Style
+    options: RenderOptions
 
     @property
     def name(self) -> str:
-        """The file's path from the data set's folder."""
-        if self.style.authors_layout:
-            return f"opus/stereo/{self.thing.number:02}_{self.take.name}.wav"
-        folder = f"{self.thing.number:02}-{self.thing.name.replace(', ', '-').replace(' ', '-').lower()}"
+        """Path of the file, relative to the data set's folder."""
+        if self.options.authors_layout:
+            return f"opus/stereo/{self.object.number:02}_{self.take.name}.wav"
+        folder = f"{self.object.number:02}-{self.object.name.replace(', ', '-').replace(' ', '-').lower()}"
         return f"{folder}/{self.mounting}/{self.take.name}.flac"
 
     @property
-    def recipe(self) -> str:
+    def fingerprint(self) -> str:
         """A hash of everything that the sound depends on."""
         return hashlib.sha256(f"{VERSION} {self!r} {SessionVariation()!r} {FLEXURE!r}".encode()).hexdigest()[:16]
 
     @property
     def session(self) -> int:
-        """The number that draws the set-up: the seven takes of an object in a mounting share one."""
-        return int(np.random.SeedSequence([self.style.seed, self.thing.number, list(Mounting).index(self.mounting)])
-                   .generate_state(1)[0])  # fmt: skip
+        """Seed of the set-up, which the seven takes of an object in a mounting share."""
+        mounting = list(Mounting).index(self.mounting)
+        return int(np.random.SeedSequence([self.options.seed, self.object.number, mounting]).generate_state(1)[0])
 
 
-def plan(
-    things: Sequence[TestObject], style: Style, *, scenarios: bool = False, takes: Sequence[Take] = TAKES
-) -> tuple[Job, ...]:
-    """List the recordings: each object as the catalogue mounts it, or, if it can be moved, in all three scenarios."""
+def plan_dataset(
+    objects: Sequence[SimulatedObject],
+    options: RenderOptions,
+    *,
+    scenarios: bool = False,
+    takes: Sequence[Take] = TAKES,
+) -> tuple[RenderJob, ...]:
+    """List the recordings: each object as the catalogue mounts it, movable ones with ``scenarios`` in all three."""
     return tuple(
-        Job(thing, mounting, take, style)
-        for thing in things
-        for mounting in (SCENARIOS if scenarios and thing.movable else (thing.mounting,))
+        RenderJob(obj, mounting, take, options)
+        for obj in objects
+        for mounting in (SCENARIOS if scenarios and obj.movable else (obj.mounting,))
         for take in takes
     )
 
 
-def make(folder: Path, jobs: Sequence[Job], *, processes: int = 1) -> Iterator[Job]:
-    """Make the recordings that are not there yet; gives each job as it is done, those already done first.
+def render_dataset(folder: Path, jobs: Sequence[RenderJob], *, processes: int = 1) -> Iterator[RenderJob]:
+    """Render the missing recordings; yields each job when it is done, existing ones first.
 
-    Call :func:`finish` afterwards, even after an interruption, to write the manifest of what there is.
+    Call :func:`write_manifest` afterwards, also after an interruption.
     """
-    todo = []
+    missing = []
     for job in jobs:
-        if is_done(folder, job):
+        if _metadata(folder, job):
             yield job
         else:
-            todo.append(job)
-    if processes == 1 or len(todo) < 2:
-        yield from (_make(folder, job) for job in todo)
+            missing.append(job)
+    if processes == 1 or len(missing) < 2:
+        yield from (_write(folder, job) for job in missing)
         return
-    # The first one compiles the kernels; started together, every process would compile them for itself.
-    yield _make(folder, todo.pop(0))
+    # The first job compiles the kernels; started at once, every process would compile them again.
+    yield _write(folder, missing.pop(0))
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         try:
-            for future in as_completed([pool.submit(_make, folder, job) for job in todo]):
+            for future in as_completed([pool.submit(_write, folder, job) for job in missing]):
                 yield future.result()
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def finish(folder: Path, jobs: Sequence[Job]) -> int:
-    """Write ``metadata.csv`` for the jobs that are done; gives their number. The authors' layout has no manifest."""
-    told = [
-        (job, story) for job in jobs if (story := read_metadata_of(folder / job.name)) and story.recipe == job.recipe
-    ]
-    recordings = [recording(folder, job, story) for job, story in told]
-    if recordings and not jobs[0].style.authors_layout:
+def write_manifest(folder: Path, jobs: Sequence[RenderJob]) -> int:
+    """Write ``metadata.csv`` for the finished jobs; return their number. The authors' layout has no manifest."""
+    recordings = [_recording(folder, job, metadata) for job in jobs if (metadata := _metadata(folder, job))]
+    if recordings and not jobs[0].options.authors_layout:
         write_metadata(folder, recordings)
     return len(recordings)
 
 
-def is_done(folder: Path, job: Job) -> bool:
-    """Tell whether a recording is there, made just so."""
-    story = read_metadata_of(folder / job.name)
-    return story is not None and story.recipe == job.recipe
+def render(job: RenderJob) -> tuple[FloatArray, Truth]:
+    """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground truth."""
+    scene = single(job.object, job.mounting)
+    noise = [job.options.seed, job.session, TAKES.index(job.take)]
+    session = SessionVariation.draw(job.session)
+    finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
+    block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
+    return (through_opus(block.samples) if job.options.opus else block.samples), finger.truth
 
 
-def render(job: Job) -> tuple[FloatArray, Truth]:
-    """Render one recording: both microphones, and the truth."""
-    scene = single(job.thing, job.mounting)
-    moves = _moves(job, scene)
-    noise = [job.style.seed, job.session, TAKES.index(job.take)]
-    finger = SimulatedFinger(
-        scene, moves, setup=SessionVariation.draw(job.session), seed=noise, place=scene.placed[0].centre
-    )
-    block = finger.render(round(job.style.duration * finger.sample_rate))
-    return (through_opus(block.samples) if job.style.opus else block.samples), finger.truth
+def _metadata(folder: Path, job: RenderJob) -> RenderMetadata | None:
+    """Metadata of the job's file, or ``None`` if the file is missing or was rendered otherwise."""
+    metadata = read_render_metadata(folder / job.name)
+    return metadata if metadata and metadata.fingerprint == job.fingerprint else None
 
 
-def slides(job: Job, story: RenderMetadata) -> str:
-    """Tell when the finger slides on what it touches: stretches of ``start-end`` in seconds, divided by spaces."""
-    scene = single(job.thing, job.mounting)
-    place = scene.placed[0].centre
-    hand = Hand(scene.field, x=place[0], y=place[1], rate=RATE)
-    hand.wish(_moves(job, scene))
-    speed = np.abs(hand.follow(round(job.style.duration * RATE)).motion.speed)
-    time = np.arange(len(speed)) / RATE
-    touching = [(time >= one.start) & (time < one.end) for one in story.segments if one.contact]
+def _slides(job: RenderJob, metadata: RenderMetadata) -> tuple[MotionInterval, ...]:
+    """Intervals in which the finger touches something and moves faster than `SLIDING`."""
+    scene = single(job.object, job.mounting)
+    x, y = scene.placed[0].centre
+    hand = Hand(scene.field, x=x, y=y, rate=LIVE_SAMPLE_RATE)
+    hand.queue(_moves(job, scene))
+    speed = np.abs(hand.follow(round(job.options.duration * LIVE_SAMPLE_RATE)).motion.speed)
+    time = np.arange(len(speed)) / LIVE_SAMPLE_RATE
+    touching = [(time >= segment.start) & (time < segment.end) for segment in metadata.segments if segment.contact]
     sliding = (speed > SLIDING) & np.any([np.zeros(len(time), bool), *touching], axis=0)
-    bounds = np.flatnonzero(np.diff(np.concatenate(([0], sliding.astype(np.int8), [0])))) / RATE
-    return " ".join(f"{start:.3f}-{end:.3f}" for start, end in bounds.reshape(-1, 2))
+    # A difference of +1 is where a slide starts, one of -1 where it ends: starts and ends alternate.
+    bounds = np.flatnonzero(np.diff(np.concatenate(([0], sliding.astype(np.int8), [0])))) / LIVE_SAMPLE_RATE
+    return tuple(MotionInterval(*map(float, pair)) for pair in bounds.reshape(-1, 2))
 
 
-def recording(folder: Path, job: Job, story: RenderMetadata) -> Recording:
-    """What the manifest says of a recording."""
-    rough = job.thing.roughness
+def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Recording:
+    roughness = job.object.roughness
     properties = {
-        "object": job.thing.name,
-        "material": job.thing.substance,
+        "object": job.object.name,
+        "material": job.object.substance,
         "stroke": job.take.stroke,
         "pressure": job.take.pressure,
-        "split": "test" if job.thing.number in TEST else "train",
-        "ra_um": f"{rough.ra * 1e6:.2f}",
-        "rq_um": f"{rough.rq * 1e6:.2f}",
-        "slides": slides(job, story),
-        "seed": str(job.style.seed),
+        "split": "test" if job.object.number in TEST else "train",
+        "ra_um": f"{roughness.ra * 1e6:.2f}",
+        "rq_um": f"{roughness.rq * 1e6:.2f}",
+        "slides": write_slides(_slides(job, metadata)),
+        "seed": str(job.options.seed),
         "source": "simulated",
     }
     return Recording(
         folder / job.name,
-        job.thing.surface.name,
-        Touch(job.thing.label),
+        job.object.surface.name,
+        Touch(job.object.label),
         ("contact", "air"),
         take=job.take.name,
         scenario=str(job.mounting),
         session=f"{job.session:08x}",
-        segments=story.segments,
+        segments=metadata.segments,
         properties=MappingProxyType(properties),
     )
 
 
-def _moves(job: Job, scene: Scene) -> list[Move]:
-    seed = np.random.SeedSequence([job.style.seed, job.session, TAKES.index(job.take)])
+def _moves(job: RenderJob, scene: Scene) -> list[Move]:
+    seed = np.random.SeedSequence([job.options.seed, job.session, TAKES.index(job.take)])
     rng = np.random.default_rng(seed.spawn(1)[0])
-    return take_moves(job.take, scene.placed[0], duration=job.style.duration, rng=rng)
+    return take_moves(job.take, scene.placed[0], duration=job.options.duration, rng=rng)
 
 
-def _make(folder: Path, job: Job) -> Job:
+def _write(folder: Path, job: RenderJob) -> RenderJob:
     samples, truth = render(job)
-    segments, things = tell(truth.thing, single(job.thing, job.mounting))
-    write_sound(folder / job.name, samples, RenderMetadata(job.recipe, segments, things), bits=job.style.bits)
+    touched = touch_segments(truth.object_index, single(job.object, job.mounting))
+    write_sound(folder / job.name, samples, RenderMetadata(job.fingerprint, *touched), bits=job.options.bits)
     return job

@@ -1,4 +1,4 @@
-"""Scripts of moves: the paper's seven takes, and strokes, slips and taps to make others of.
+"""Scripts of moves: the paper's seven takes, and strokes, slips and taps to compose others.
 
 Strokes follow the minimum-jerk profile of a reaching hand (Flash & Hogan, J. Neurosci. 5, 1688, 1985), with tremor and
 drift of press about their mean. Pressures and speeds are those of free exploration of textures: 0.2 to 5 N, 2 to
@@ -7,62 +7,44 @@ drift of press about their mean. Pressures and speeds are those of free explorat
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.simulation.content.takes import Take
 from tactophone.simulation.physics.motion import LIFT, Move
-from tactophone.simulation.physics.scene import DEPTH, Placed
+from tactophone.simulation.physics.scene import DEPTH, PlacedObject
 
 STEP = 0.005
 """Seconds between two moves of a script."""
 
 TOUCH = 0.3
-"""Newtons of a gentle approach, until the finger has surely arrived."""
+"""Newtons of a gentle approach, until the finger is down."""
 
 EDGE = 0.008
-"""Metres by which a stroke overshoots an edge that it slips off."""
+"""Metres that a stroke overshoots an edge when it slips off."""
 
 PRESSURES = {"light": (0.25, 0.8), "medium": (0.8, 2.0), "strong": (2.0, 4.5)}
-"""Newtons, by the paper's word."""
+"""Newtons, by the paper's names."""
 
 SPEEDS = {"light": (0.03, 0.12), "medium": (0.04, 0.16), "strong": (0.06, 0.22)}
-"""Peak speed in m/s: who presses harder also moves faster."""
+"""Peak speed in m/s: people who press harder also move faster."""
 
 SLIPS = 0.06
 """Share of strokes that run over an edge."""
 
 
-class Take(NamedTuple):
-    """One of the paper's recordings of an object: ``stroke`` is long, short or wiggle."""
-
-    stroke: str
-    pressure: str
-
-    @property
-    def name(self) -> str:
-        """As the authors name the file; their word for strong is *loud*."""
-        if self.stroke == "wiggle":
-            return "wiggle"
-        return f"{self.stroke}_{'loud' if self.pressure == 'strong' else self.pressure}"
-
-
-TAKES = (*(Take(stroke, pressure) for stroke in ("long", "short") for pressure in PRESSURES), Take("wiggle", "medium"))
-"""The seven."""
-
-
 class Script:
-    """Writes moves down, one motion after another.
+    """A list of moves under construction, one motion after another.
 
     Parameters
     ----------
     rng
         Draws tremor, drift and pauses.
     x, y
-        Where the finger is at first, in m.
+        Place of the finger at the start, in m.
     start
-        When, in s.
+        Time of the first move, in s.
     """
 
     def __init__(self, rng: np.random.Generator, *, x: float, y: float, start: float = 0.0) -> None:
@@ -71,7 +53,7 @@ class Script:
         self.moves: list[Move] = []
 
     def hover(self, duration: float, *, x: float | None = None, y: float | None = None) -> None:
-        """Lift off, and drift to a place without touching anything."""
+        """Lift off, and move to a place in the air."""
         self._go(duration, x, y, lambda phase: np.full_like(phase, LIFT))
 
     def land(self, force: float) -> None:
@@ -80,13 +62,13 @@ class Script:
         self._go(0.12, None, None, lambda phase: TOUCH + (force - TOUCH) * _ease(phase))
 
     def stroke(self, x: float, duration: float, force: float, *, y: float | None = None) -> None:
-        """Stroke to a place, pressing about this hard."""
+        """Stroke to a place, with about this force."""
         size = max(2, round(duration / STEP))
         press = force * np.clip(1 + 0.18 * self._wander(size, 2.0) + 0.07 * self._wander(size, 9.0), 0.25, 2.2)
         self._go(duration, x, y, lambda phase: press)
 
     def wiggle(self, amplitude: float, frequency: float, duration: float, *, force: float) -> None:
-        """Rub to and fro about the place where the finger is."""
+        """Rub to and fro around the current place."""
         size = max(2, round(duration / STEP))
         time = STEP * np.arange(size)
         phase = 2 * np.pi * (frequency * time + 0.05 * self._wander(size, 0.8))
@@ -117,27 +99,23 @@ class Script:
         self.x, self.y, self.time = float(x[-1]), float(y[-1]), self.time + STEP * x.size
 
     def _wander(self, size: int, frequency: float) -> NDArray[np.float64]:
-        """Noise of unit rms that turns about ``frequency`` times a second."""
+        """Noise of unit rms with a bandwidth of about ``frequency`` Hz."""
         knots = max(4, int(size * STEP * frequency * 2) + 2)
         drawn = self.rng.standard_normal(knots)
         return np.interp(np.linspace(0, knots - 1, size), np.arange(knots), drawn)
 
 
-def take_moves(take: Take, placed: Placed, *, duration: float, rng: np.random.Generator) -> list[Move]:
-    """Script one of the paper's takes on an object; now and then a stroke slips off its edge."""
+def take_moves(take: Take, placed: PlacedObject, *, duration: float, rng: np.random.Generator) -> list[Move]:
+    """Script one of the paper's takes on an object; `SLIPS` of the strokes run over an edge."""
     middle, depth = placed.centre
     script = Script(rng, x=middle, y=depth)
     while script.time < duration:
         script.hover(rng.uniform(0.25, 0.7), x=middle + rng.uniform(-0.3, 0.3) * placed.width, y=_lane(rng, placed))
-        _exploration(take)(script, take, placed)
+        {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](script, take, placed)
     return script.moves
 
 
-def _exploration(take: Take) -> Callable[[Script, Take, Placed], None]:
-    return {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke]
-
-
-def _long(script: Script, take: Take, placed: Placed) -> None:
+def _long(script: Script, take: Take, placed: PlacedObject) -> None:
     force, speed = _effort(script.rng, take)
     script.land(force)
     left, right = placed.left + 0.01, placed.left + placed.width - 0.01
@@ -147,7 +125,7 @@ def _long(script: Script, take: Take, placed: Placed) -> None:
     script.stroke(target, _duration(abs(target - script.x), speed), force)
 
 
-def _short(script: Script, take: Take, placed: Placed) -> None:
+def _short(script: Script, take: Take, placed: PlacedObject) -> None:
     force, speed = _effort(script.rng, take)
     script.land(force)
     for _ in range(script.rng.integers(1, 4)):
@@ -156,7 +134,7 @@ def _short(script: Script, take: Take, placed: Placed) -> None:
         script.stroke(target, _duration(abs(target - script.x), speed), force)
 
 
-def _wiggle(script: Script, take: Take, placed: Placed) -> None:
+def _wiggle(script: Script, take: Take, placed: PlacedObject) -> None:
     force, speed = _effort(script.rng, take)
     script.land(force)
     amplitude = script.rng.uniform(0.004, 0.016)
@@ -169,7 +147,7 @@ def _effort(rng: np.random.Generator, take: Take) -> tuple[float, float]:
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:
-    """Draw between bounds, evenly in ratio: forces and speeds are felt so."""
+    """Draw between bounds, uniformly in the logarithm, as people perceive force and speed."""
     return float(np.exp(rng.uniform(*np.log(bounds))))
 
 
@@ -178,7 +156,7 @@ def _duration(length: float, peak: float) -> float:
     return max(0.15, 15 / 8 * length / peak)
 
 
-def _lane(rng: np.random.Generator, placed: Placed) -> float:
+def _lane(rng: np.random.Generator, placed: PlacedObject) -> float:
     return placed.near + rng.uniform(0.25, 0.75) * DEPTH
 
 
@@ -189,7 +167,7 @@ def _ease(phase: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """How a stone is explored: seconds, newtons, m/s, and whether the finger leaves it over the edge."""
+    """How an object is explored: duration (s), force (N), peak speed (m/s), and whether the finger slips off it."""
 
     duration: float
     force: float
@@ -197,8 +175,8 @@ class Visit:
     slips: bool = False
 
 
-def explore(script: Script, placed: Placed, visit: Visit) -> None:
-    """Fly to a stone, stroke it for a while, and leave it: lifting off, or slipping off its right edge."""
+def explore(script: Script, placed: PlacedObject, visit: Visit) -> None:
+    """Hover to an object, stroke it, and leave it: by lifting off, or by slipping off its right edge."""
     middle = placed.centre[0]
     script.hover(script.rng.uniform(0.8, 1.8), x=middle, y=_lane(script.rng, placed))
     begin = script.time

@@ -1,7 +1,7 @@
-"""Simulated sound on disk: whole files or none, each knowing what it is.
+"""Simulated sound on disk: complete files or none, each with its ground truth.
 
-A file is written beside its place and moved there, so that a kill leaves nothing half done. Its comment tag holds how
-it was made and what truly happened in it: a second run needs neither sound nor side file to know that it is done.
+A file is written under a temporary name and renamed, so that a kill leaves no half-written file. Its comment tag holds
+a fingerprint of its parameters and the touched objects over time: finished files need no side file.
 """
 
 import json
@@ -18,77 +18,86 @@ from numpy.typing import NDArray
 from tactophone.dataset import Segment
 from tactophone.link import Codec, round_trip
 from tactophone.simulation.physics.scene import Scene
-from tactophone.simulation.physics.source import RATE
-from tactophone.types import FloatArray, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 SHORTEST = 0.03
-"""Seconds; a shorter stretch of truth is joined to the one before it: the hop of a finger, not its will."""
+"""Seconds; a shorter segment is merged into the one before it: the finger has bounced, not moved on."""
 
 
 @dataclass(frozen=True, slots=True)
 class RenderMetadata:
-    """How a file was made (``recipe``), and what is touched when: segments, and the index of the thing in each."""
+    """A file's parameters as a ``fingerprint``, and what is touched when: segments and each one's object index."""
 
-    recipe: str
+    fingerprint: str
     segments: tuple[Segment, ...]
-    things: tuple[int, ...]
+    object_indices: tuple[int, ...]
 
 
-def write_sound(path: Path, samples: FloatArray, story: RenderMetadata, *, bits: int = 16) -> None:
-    """Write WAV or FLAC, by the path's suffix, at once and whole."""
+def write_sound(path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16) -> None:
+    """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.part")  # one name: what a kill leaves, the next run writes over
-    told = [[one.start, one.end, one.word, thing] for one, thing in zip(story.segments, story.things, strict=True)]
+    unfinished = path.with_name(f".{path.name}.part")  # always the same name: the next run overwrites what a kill left
+    segments = [
+        [segment.start, segment.end, segment.label_name, index]
+        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True)
+    ]
     try:
         with soundfile.SoundFile(
-            unfinished, "w", RATE, samples.shape[1], f"PCM_{bits}", format=path.suffix[1:].upper()
+            unfinished, "w", LIVE_SAMPLE_RATE, samples.shape[1], f"PCM_{bits}", format=path.suffix[1:].upper()
         ) as file:
-            file.comment = json.dumps({"recipe": story.recipe, "segments": told})
+            file.comment = json.dumps({"fingerprint": metadata.fingerprint, "segments": segments})
             file.write(samples)
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
 
 
-def read_metadata_of(path: Path) -> RenderMetadata | None:
-    """Give a file's story, or nothing if it is not there or not ours."""
+def read_render_metadata(path: Path) -> RenderMetadata | None:
+    """Read a file's metadata; ``None`` if the file is missing or was not written by :func:`write_sound`."""
     try:
         with soundfile.SoundFile(path) as file:
-            told = json.loads(file.comment)
-        segments = tuple(Segment(start, end, word) for start, end, word, _ in told["segments"])
-        return RenderMetadata(told["recipe"], segments, tuple(thing for *_, thing in told["segments"]))
+            comment = json.loads(file.comment)
+        segments = tuple(Segment(start, end, name) for start, end, name, _ in comment["segments"])
+        return RenderMetadata(comment["fingerprint"], segments, tuple(index for *_, index in comment["segments"]))
     except (OSError, soundfile.LibsndfileError, ValueError, KeyError, TypeError):
         return None
 
 
-def tell(things: NDArray[np.int16], scene: Scene) -> tuple[tuple[Segment, ...], tuple[int, ...]]:
-    """Tell what is touched when, from the truth's ``thing`` per sample; the ground's word is *contact*."""
-    bounds = np.concatenate([[0], np.flatnonzero(np.diff(things)) + 1, [len(things)]])
-    runs = list(_joined((int(a), int(b), int(things[a])) for a, b in pairwise(bounds) if b > a))
-    segments = tuple(Segment(round(a / RATE, 4), round(b / RATE, 4), _word(thing, scene)) for a, b, thing in runs)
-    return segments, tuple(thing for _, _, thing in runs)
+def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[tuple[Segment, ...], tuple[int, ...]]:
+    """Turn the truth's ``object_index`` per sample into segments and their object indices.
+
+    A segment is named by its object's label, the ground *contact*, the air *none*.
+    """
+    bounds = np.concatenate([[0], np.flatnonzero(np.diff(object_index)) + 1, [len(object_index)]])
+    runs = list(_merged((int(a), int(b), int(object_index[a])) for a, b in pairwise(bounds) if b > a))
+    segments = tuple(
+        Segment(round(a / LIVE_SAMPLE_RATE, 4), round(b / LIVE_SAMPLE_RATE, 4), _label_name(index, scene))
+        for a, b, index in runs
+    )
+    return segments, tuple(index for *_, index in runs)
 
 
 def through_opus(samples: FloatArray) -> FloatArray:
-    """Pass sound through the link's codec and back, its look-ahead taken off, as training sound in the paper was."""
+    """Encode and decode by the link's codec and remove its look-ahead, as the paper did with its training sound."""
     return round_trip(samples, Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000))
 
 
-def _joined(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
+def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
+    """Merge each run of ``(start, end, object)`` that is too short, or of the same object, into the one before it."""
     last: tuple[int, int, int] | None = None
-    for start, end, thing in runs:
-        if last and (thing == last[2] or end - start < SHORTEST * RATE):
+    for start, end, index in runs:
+        if last and (index == last[2] or end - start < SHORTEST * LIVE_SAMPLE_RATE):
             last = (last[0], end, last[2])
             continue
         if last:
             yield last
-        last = (start, end, thing)
+        last = (start, end, index)
     if last:
         yield last
 
 
-def _word(thing: int, scene: Scene) -> str:
-    if thing < 0:
-        return Touch.NONE.name.lower()
-    label = scene.things[thing].label
+def _label_name(index: int, scene: Scene) -> str:
+    if index < 0:
+        return "none"
+    label = scene.objects[index].label
     return "contact" if label is Touch.NONE else label.name.lower()

@@ -1,9 +1,9 @@
-"""A network that loses, delays, doubles and stalls, by a seed: the same packets meet the same fate in every run.
+"""A simulated network that loses, delays, duplicates and stalls; a seed makes it repeatable.
 
-Loss follows Gilbert and Elliott (Gilbert, Bell Syst. Tech. J. 39, 1960; Elliott, ibid. 42, 1963): the line is good, and
-loses nothing, or bad, and loses everything; it stays bad for ``burst`` packets in the mean. A burst of 1 is loss at
-random. Delay is a constant, plus an exponential queue as in a busy Wi-Fi cell, plus now and then a stall (roaming,
-scanning), during which everything waits and after which it comes in one clump.
+Loss follows the Gilbert-Elliott model (Gilbert, Bell Syst. Tech. J. 39, 1960; Elliott, ibid. 42, 1963): the good state
+loses no packet, the bad state loses every packet and lasts for ``burst`` packets on average. A burst of 1 is
+independent random loss. Delay is a constant, plus an exponential queue as in a busy Wi-Fi cell, plus occasional stalls
+(roaming, scanning), after which all held packets arrive at once.
 """
 
 import heapq
@@ -19,24 +19,24 @@ from tactophone.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class NetworkProfile:
-    """What a line does to datagrams, one way.
+    """The impairments of one direction of a link.
 
     Parameters
     ----------
     loss
-        Share of packets lost, from 0 to below 1.
+        Share of packets lost, 0 to below 1.
     burst
-        Packets lost in a row, in the mean.
+        Mean number of packets lost in a row.
     delay, jitter
-        Seconds: the constant part, and the mean of what an exponential queue adds.
+        Seconds: the constant delay, and the mean of the exponential queueing delay.
     spread
         Seconds of further delay, uniform from 0.
     duplicates
-        Share of packets that come twice.
+        Share of packets that arrive twice.
     overtaking
-        Whether packets may overtake one another; else one that queues holds up those behind it.
+        Whether packets may overtake one another; if not, a delayed packet also delays those behind it.
     stall, stall_interval
-        Seconds that a stall lasts, and mean seconds between two; none when the interval is infinite.
+        Seconds of a stall, and mean seconds between two stalls; no stalls when the interval is infinite.
     """
 
     loss: float = 0.0
@@ -51,7 +51,7 @@ class NetworkProfile:
 
     def __post_init__(self) -> None:
         if not (0 <= self.loss < 1 and self.burst >= 1 and min(self.delay, self.jitter, self.spread, self.stall) >= 0):
-            raise ConfigError(f"no network is like {self}: loss is 0 to below 1, a burst at least 1, no time negative")
+            raise ConfigError(f"{self} is out of range: loss is 0 to below 1, burst at least 1, times at least 0")
 
 
 PROFILES: dict[str, NetworkProfile] = {
@@ -63,16 +63,16 @@ PROFILES: dict[str, NetworkProfile] = {
     "internet": NetworkProfile(loss=0.005, burst=1.2, delay=0.02, jitter=0.001, overtaking=True),
     "bursty": NetworkProfile(loss=0.05, burst=5.0, delay=0.002),
 }
-"""Lines by name. The Wi-Fi ones have that network's habits (milliseconds of contention, loss mostly hidden by
-retransmission, pauses while a station scans or changes its access point) at sizes that we chose, not measured."""
+"""Profiles by name. The Wi-Fi profiles model milliseconds of contention, loss mostly hidden by retransmission, and
+pauses while a station scans or changes its access point; their values are assumed, not measured."""
 
 
-def network(text: str) -> NetworkProfile:
-    """Read a line from a profile's name, with changes: ``wifi``, ``wifi,loss=0.05``, ``loss=0.1,burst=3``.
+def network_profile(text: str) -> NetworkProfile:
+    """Parse a profile's name and changes: ``wifi``, ``wifi,loss=0.05``, ``loss=0.1,burst=3``.
 
     Examples
     --------
-    >>> network("lan,loss=0.05").loss
+    >>> network_profile("lan,loss=0.05").loss
     0.05
     """
     name, *changes = text.split(",")
@@ -84,47 +84,49 @@ def network(text: str) -> NetworkProfile:
         numbers = {key: float(value) for key, value in (change.split("=") for change in changes)}
         return replace(PROFILES[name], **numbers)  # type: ignore[arg-type]
     except (ValueError, TypeError) as error:
-        raise ConfigError(f"{text!r} is no network ({error}); write for instance wifi,loss=0.05,delay=0.01") from error
+        raise ConfigError(
+            f"{text!r} is not a network ({error}); write for instance wifi,loss=0.05,delay=0.01"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True)
-class Fate:
-    """What happens to one datagram: the delays of its copies, none when it is lost."""
+class Delivery:
+    """The delays (s) of a datagram's copies: none when it is lost, two when it is duplicated."""
 
     delays: tuple[float, ...]
 
 
-def fates(profile: NetworkProfile, *, seed: int) -> Iterator[Fate]:
-    """Draw the fate of each datagram in turn, without end."""
+def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[Delivery]:
+    """Yield the delivery of each datagram in turn, without end."""
     random = np.random.default_rng(seed)
     bad = False
     recover = 1 / profile.burst
-    # The chain is bad for `loss` of the time when it turns bad this often.
+    # With this probability of leaving the good state, the chain is in the bad state for a share `loss` of the time.
     decay = recover * profile.loss / (1 - profile.loss)
     while True:
         turn, double, queue, spread = random.random(4)
-        # Without memory (burst 1) each packet is drawn afresh; else the state persists.
+        # A burst of 1 draws each packet independently; otherwise the state persists.
         bad = turn < profile.loss if profile.burst == 1 else (turn >= recover if bad else turn < decay)
         delay = profile.delay - profile.jitter * math.log1p(-queue) + profile.spread * spread
-        yield Fate(() if bad else (delay, delay) if double < profile.duplicates else (delay,))
+        yield Delivery(() if bad else (delay, delay) if double < profile.duplicates else (delay,))
 
 
-class ImpairedLine:
-    """Carries datagrams one way, late or never; time is an argument.
+class ImpairedLink:
+    """One direction of an impaired link; time is an argument.
 
     Parameters
     ----------
     profile
-        What the line is like.
+        Its impairments.
     seed
-        Gives the same fates to the same packets, whatever the time between them.
+        Gives the same deliveries to the same packets, whatever the time between them.
     lost
-        Tells of each packet in turn whether it is lost, in place of the profile's loss.
+        Whether each packet in turn is lost, instead of the profile's loss.
     """
 
     def __init__(self, profile: NetworkProfile, *, seed: int = 0, lost: Iterator[bool] | None = None) -> None:
         self._profile = profile
-        self._fates = fates(profile, seed=seed)
+        self._fates = deliveries(profile, seed=seed)
         self._lost = lost
         self._stalls = np.random.default_rng((seed, 1))
         self._stall_begins: float | None = None
@@ -134,14 +136,14 @@ class ImpairedLine:
 
     @property
     def next_due(self) -> float:
-        """When the next datagram comes out; infinite when none is under way."""
+        """When the next datagram is delivered; infinite when none is in transit."""
         return self._queue[0][0] if self._queue else math.inf
 
     def push(self, datagram: bytes, *, now: float) -> None:
         """Send a datagram."""
-        fate = next(self._fates)
-        delays = fate.delays or (self._profile.delay,)
-        if next(self._lost) if self._lost else not fate.delays:
+        delivery = next(self._fates)
+        delays = delivery.delays or (self._profile.delay,)
+        if next(self._lost) if self._lost else not delivery.delays:
             return
         for delay in delays:
             due = self._after_stall(now + delay)
@@ -150,14 +152,14 @@ class ImpairedLine:
             heapq.heappush(self._queue, (due, next(self._numbers), datagram))
 
     def pull(self, now: float) -> list[bytes]:
-        """Give what has come out by now, oldest first."""
+        """Return the datagrams delivered by ``now``, oldest first."""
         out = []
         while self._queue and self._queue[0][0] <= now:
             out.append(heapq.heappop(self._queue)[2])
         return out
 
     def _after_stall(self, due: float) -> float:
-        """Hold back what would come within a stall until its end."""
+        """Return the delivery time, postponed to the end of a stall that it falls into."""
         if not math.isfinite(self._profile.stall_interval):
             return due
         if self._stall_begins is None:

@@ -1,30 +1,29 @@
-"""An impaired line between two real sockets: the robot calls the proxy in place of the operator."""
+"""An impaired link between two real sockets: the robot calls the proxy instead of the operator."""
 
 import select
 import threading
 import time
-from types import TracebackType
 from typing import Self
 
 from tactophone.link import Endpoint, UdpSocket
-from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
+from tactophone.simulation.network.impairments import ImpairedLink, NetworkProfile
 
-_LONGEST_WAIT = 0.05
+_MAX_WAIT = 0.05
 
 
 class ImpairmentProxy:
-    """Relays datagrams both ways through two impaired lines, in a thread of its own, as a context manager.
+    """Forwards datagrams in both directions through two impaired links, in its own thread; a context manager.
 
     Parameters
     ----------
     operator
-        Where the robot's datagrams go.
+        Destination of the robot's datagrams.
     profile
-        Of each way.
+        Of each direction.
     seed
-        Of the way to the operator; the way back has the next.
+        Random seed of the direction to the operator; the other direction uses the next.
     host, port
-        Where the robot finds the proxy; port 0 lets the system choose.
+        Address for the robot; port 0 lets the system choose.
     """
 
     def __init__(
@@ -32,8 +31,8 @@ class ImpairmentProxy:
     ) -> None:
         self._operator = operator
         self._robot: Endpoint | None = None
-        self._to_operator = ImpairedLine(profile, seed=seed)
-        self._to_robot = ImpairedLine(profile, seed=seed + 1)
+        self._to_operator = ImpairedLink(profile, seed=seed)
+        self._to_robot = ImpairedLink(profile, seed=seed + 1)
         self._robot_side = UdpSocket(host, port)
         self._operator_side = UdpSocket(host)
         self._stop = threading.Event()
@@ -43,9 +42,7 @@ class ImpairmentProxy:
         self._thread.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
         self._robot_side.close()
@@ -53,17 +50,17 @@ class ImpairmentProxy:
 
     @property
     def address(self) -> Endpoint:
-        """Whom the robot calls."""
+        """The address for the robot to call."""
         return self._robot_side.address
 
     def run(self) -> None:
-        """PassthroughRenderer until the context ends."""
+        """Forward until the context ends."""
         while not self._stop.is_set():
-            self._relay(time.monotonic())
+            self._forward(time.monotonic())
 
-    def _relay(self, now: float) -> None:
+    def _forward(self, now: float) -> None:
         due = min(self._to_operator.next_due, self._to_robot.next_due)
-        select.select([self._robot_side, self._operator_side], [], [], max(0.0, min(due - now, _LONGEST_WAIT)))
+        select.select([self._robot_side, self._operator_side], [], [], max(0.0, min(due - now, _MAX_WAIT)))
         now = time.monotonic()
         for datagram, source in self._robot_side.receive(0):
             self._robot = source

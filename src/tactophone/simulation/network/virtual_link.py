@@ -1,20 +1,52 @@
-"""Both ends of the line joined in virtual time: no socket, no thread, and hours in seconds."""
+"""Both ends of a link in virtual time: no socket, no thread, and hours simulated in seconds."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
 
-from tactophone.link import Codec, Identity, Peers, ReceiveEvent, ReceiveSession, RedundancyRule, SendSession, Session
-from tactophone.simulation.network.impairments import ImpairedLine, NetworkProfile
+from tactophone.link import (
+    Address,
+    Codec,
+    Datagrams,
+    Identity,
+    Peers,
+    ReceiveSession,
+    RedundancyRule,
+    SendSession,
+    Session,
+)
+from tactophone.simulation.network.impairments import ImpairedLink, NetworkProfile
 
 ROBOT_ADDRESS, OPERATOR_ADDRESS = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
-"""Where the two would be; these hosts exist in documents alone (RFC 5737)."""
+"""Addresses reserved for documentation (RFC 5737)."""
 
-_LONGEST_HANDSHAKE = 10.0
+_CONNECT_TIMEOUT = 10.0
+
+T_co = TypeVar("T_co", covariant=True)
+T = TypeVar("T")
 
 
-def paired_ends(
+class Receiver(Protocol[T_co]):
+    """The operator's end: a `ReceiveSession`, or an `OperatorEndpoint` with its pipeline."""
+
+    @property
+    def peer(self) -> str | None:
+        """Name of the connected robot."""
+
+    def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[T_co]:
+        """Process the datagrams that arrived."""
+
+    def poll(self, now: float) -> Iterable[T_co]:
+        """Let time pass."""
+
+    def outgoing(self) -> list[tuple[bytes, Address]]:
+        """Return the datagrams to send."""
+
+
+def paired_sessions(
     codec: Codec, *, rule: RedundancyRule | None = None, reorder: int = 1
 ) -> tuple[SendSession, ReceiveSession]:
-    """Make a robot's and an operator's end that trust each other, with keys that nobody else ever sees."""
+    """Make a robot's and an operator's session that trust each other, with fresh keys."""
     robot, operator = Identity.create("robot"), Identity.create("operator")
     calling = Session(robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS)
     answering = Session(operator, Peers({robot.fingerprint: "robot"}))
@@ -22,51 +54,53 @@ def paired_ends(
 
 
 @dataclass
-class VirtualLine:
-    """A robot and an operator, and an impaired line each way.
+class VirtualLink(Generic[T]):
+    """A robot and an operator with an impaired link each way.
 
     Parameters
     ----------
-    there, back
-        From the robot to the operator, and the other way.
+    operator
+        Its session alone, or its whole endpoint; `carry` returns what that returns.
+    to_operator, to_robot
+        The two directions of the link.
     """
 
     robot: SendSession
-    operator: ReceiveSession
-    there: ImpairedLine = field(default_factory=lambda: ImpairedLine(NetworkProfile()))
-    back: ImpairedLine = field(default_factory=lambda: ImpairedLine(NetworkProfile()))
+    operator: Receiver[T]
+    to_operator: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
+    to_robot: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
 
     def connect(self, now: float) -> float:
-        """Let them find each other; returns the time at which they have.
+        """Let both ends connect; return the time at which they have.
 
         Raises
         ------
         TimeoutError
-            When they have not within ten seconds.
+            When they have not connected within ten seconds.
         """
         begun = now
-        while self.operator.session.peer is None or self.robot.session.peer is None:
+        while self.operator.peer is None or self.robot.peer is None:
             self.carry(now)
             now += 0.005
-            if now - begun > _LONGEST_HANDSHAKE:
-                raise TimeoutError(f"no session within {_LONGEST_HANDSHAKE:g} s over {self.there}")
+            if now - begun > _CONNECT_TIMEOUT:
+                raise TimeoutError(f"no session within {_CONNECT_TIMEOUT:g} s over {self.to_operator}")
         return now
 
-    def carry(self, now: float) -> list[ReceiveEvent]:
-        """Let both ends and the line work until nothing more happens at ``now``; give what the operator heard."""
+    def carry(self, now: float) -> list[T]:
+        """Run both ends and the link until nothing more happens at ``now``; return what the operator received."""
         self.robot.poll(now)
-        news = self.operator.poll(now)
-        while self._pass(now, news):
+        received = list(self.operator.poll(now))
+        while self._pass(now, received):
             pass
-        return news
+        return received
 
-    def _pass(self, now: float, news: list[ReceiveEvent]) -> bool:
+    def _pass(self, now: float, received: list[T]) -> bool:
         for datagram, _ in self.robot.outgoing():
-            self.there.push(datagram, now=now)
+            self.to_operator.push(datagram, now=now)
         for datagram, _ in self.operator.outgoing():
-            self.back.push(datagram, now=now)
-        to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.there.pull(now)]
-        to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.back.pull(now)]
-        news += self.operator.receive(to_operator, now=now)
+            self.to_robot.push(datagram, now=now)
+        to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)]
+        to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)]
+        received += self.operator.receive(to_operator, now=now)
         self.robot.receive(to_robot, now=now)
         return bool(to_operator or to_robot)

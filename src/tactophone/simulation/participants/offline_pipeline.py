@@ -1,26 +1,29 @@
-"""Sound to vibration at one go, for whoever feels whole visits: the same walk and oscillator as everywhere."""
+"""Microphone sound to vibration in one call, by the same pipeline and oscillator as everywhere."""
+
+from typing import TYPE_CHECKING
 
 from tactophone.haptics import Oscillator, Playback
-from tactophone.pipeline import Pipeline
-from tactophone.simulation.physics.source import RATE
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+
+if TYPE_CHECKING:
+    from tactophone.pipeline import Pipeline
 
 
 class OfflinePipeline:
-    """Feels both microphones' sound through a walk; every call begins anew.
+    """Renders a whole recording through a pipeline; every call starts from its initial state.
 
     Parameters
     ----------
-    walk
+    pipeline
         For two channels at 48 kHz.
     """
 
-    def __init__(self, walk: Pipeline) -> None:
-        self._walk = walk
+    def __init__(self, pipeline: "Pipeline") -> None:
+        self._pipeline = pipeline
 
     def __call__(self, samples: FloatArray) -> FloatArray:
-        """Give the vibration, 48 kHz, as long as the sound, of shape ``(samples,)``."""
-        self._walk.reset()
-        tick = self._walk.push(AudioBlock(samples, RATE))
-        oscillator = Oscillator(self._walk.limits, sample_rate=RATE)
-        return Playback(oscillator).push(tick.commands, until=len(samples) / RATE)
+        """Return the vibration, shape ``(samples,)``, of a sound of shape ``(samples, 2)``, both at 48 kHz."""
+        self._pipeline.reset()
+        step = self._pipeline.push(AudioBlock(samples, LIVE_SAMPLE_RATE))
+        oscillator = Oscillator(self._pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
+        return Playback(oscillator).push(step.commands, until=len(samples) / LIVE_SAMPLE_RATE)

@@ -1,92 +1,90 @@
-"""A simulated operator: feels five stones through the vibration alone, and picks the two rough ones.
+"""A simulated operator: explores five stones through the vibration alone, and picks the two rough ones.
 
-It learns in practice what rough and smooth feel like, with *other* stones that it is told; then it strokes stone after
-stone, adds up the evidence of what it feels, third of a second by third of a second, and leaves each when it is sure
-enough: the sequential probability ratio test (Wald 1945), which is how people and monkeys decide about vibration (Gold
-& Shadlen, Annu. Rev. Neurosci. 30, 535, 2007). It is not a person; it is the same for every method, and knows nothing
-but the vibration.
+In practice it learns the vibration of rough and smooth from *other* stones with known labels. In a round it strokes
+stone after stone, accumulates evidence every third of a second, and leaves a stone when it is sure enough: the
+sequential probability ratio test (Wald 1945), which describes how people and monkeys decide about vibration (Gold &
+Shadlen, Annu. Rev. Neurosci. 30, 535, 2007). It is not a person; it is the same for every method, and its only input is
+the vibration.
 
-Strokes are rendered and felt once, into a bank; rounds draw from it, so that a thousand rounds cost seconds.
+Visits are rendered and perceived once; rounds draw from them, so that a thousand rounds take seconds.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.simulation.content.catalogue import TEST, TestObject, catalogue
+from tactophone.simulation.content.catalogue import TEST, SimulatedObject, catalogue
 from tactophone.simulation.content.movement import Script, Visit, explore, log_uniform
-from tactophone.simulation.content.synthetic_surfaces import invent
-from tactophone.simulation.participants.fingertip_model import GLANCE, INTEGRATION, Percepts, blur, feel_waveform
+from tactophone.simulation.content.synthetic_surfaces import synthetic_object
+from tactophone.simulation.participants.fingertip_model import (
+    GLANCE,
+    INTEGRATION,
+    Percepts,
+    add_internal_noise,
+    perceive,
+)
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.simulation.physics.scene import row
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
-from tactophone.simulation.physics.source import RATE, SimulatedFinger
-from tactophone.types import FloatArray, Touch
+from tactophone.simulation.physics.source import SimulatedFinger
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
-Felt = Callable[[FloatArray], FloatArray]
-"""Both microphones of a visit to a stone, 48 kHz, to the vibration that is felt of it, as long."""
+Representation = TypeVar("Representation")
+
+SoundToVibration = Callable[[FloatArray], FloatArray]
+"""Sound of a visit, shape ``(samples, 2)`` at 48 kHz, to the rendered vibration, shape ``(samples,)``."""
 
 DISCOUNT = 0.5
-"""Weight of a piece of evidence: even so far apart they are no independent witnesses (pressure and place last)."""
+"""Weight of an observation: observations of a visit are not independent, as pressure and place last longer."""
 
 ERROR = 0.01
-"""Accepted probability of a wrong word about a stone."""
+"""Accepted probability of a wrong decision about a stone."""
 
 SHORTEST, LONGEST = 1.5, 8.0
-"""Seconds of stroking before a word is given, and after which one must be."""
+"""Seconds of stroking before a decision is allowed, and after which it is due."""
 
 TRAVEL = (1.6, 3.0)
 """Seconds from stone to stone, through a camera, with a robot's arm."""
 
-_PIECE = GLANCE * INTEGRATION
-"""Seconds of a piece of evidence."""
+_OBSERVATION = GLANCE * INTEGRATION
+"""Seconds of an observation."""
 
 
 _LABELS = (Touch.SMOOTH, Touch.ROUGH)
 
 
 @dataclass(frozen=True, slots=True)
-class Visits:
-    """Visits as they are heard: to the catalogue's training objects, and to stones that nobody has met."""
+class Visits(Generic[Representation]):
+    """Visits by label, as sound or as percepts: training objects for practice, synthetic stones for rounds."""
 
-    practice: dict[Touch, tuple[FloatArray, ...]]
-    rounds: dict[Touch, tuple[FloatArray, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class Bank:
-    """Visits as they are felt: what practice learns from, and what rounds draw from."""
-
-    practice: dict[Touch, tuple[Percepts, ...]]
-    rounds: dict[Touch, tuple[Percepts, ...]]
+    practice: dict[Touch, tuple[Representation, ...]]
+    rounds: dict[Touch, tuple[Representation, ...]]
 
 
 @dataclass(frozen=True, slots=True)
-class Round:
-    """One round.
+class OperatorRound:
+    """Result of a round.
 
     Parameters
     ----------
     success
-        Whether the two picked were the two rough.
+        Whether the two picked stones are the two rough ones.
     found
-        Whether the one that felt roughest was rough: the paper's task.
+        Whether the stone picked as roughest is rough: the paper's task.
     duration
-        Seconds from the first touch to the word, with the way between stones.
-    stroked
-        Seconds of stroking, a stone each.
+        Seconds from the first touch to the decision, travel between stones included.
     """
 
     success: bool
     found: bool
     duration: float
-    stroked: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
+class RoundSummary:
     """Shares of rounds won, and the median and quartiles of their duration in s."""
 
     success: float
@@ -95,154 +93,168 @@ class Tally:
     quartiles: tuple[float, float]
 
 
-def render_visits(*, visits: int = 12, seed: int = 0) -> Visits:
-    """Render visits to stones in the competition's box as both microphones hear them; the same for every method.
+def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
+    """Render the sound of visits to stones in the competition's box; the same for every method.
 
     Parameters
     ----------
     visits
-        Of each label, for practice and for rounds.
+        Per label, for practice and for rounds each.
     seed
         Of set-ups, strokes and noise.
     """
     return Visits(
-        practice={label: tuple(_visit(_known(label, k), [seed, 0, k]) for k in range(visits)) for label in _LABELS},
-        rounds={label: tuple(_visit(_new(label, seed, k), [seed, 1, k]) for k in range(visits)) for label in _LABELS},
+        practice={
+            label: tuple(_visit(_practice_object(label, k), [seed, 0, k]) for k in range(visits)) for label in _LABELS
+        },
+        rounds={
+            label: tuple(_visit(_new_object(label, seed, k), [seed, 1, k]) for k in range(visits)) for label in _LABELS
+        },
     )
 
 
-def make_bank(visits: Visits, felt: Felt) -> Bank:
-    """Feel all visits through a method."""
-    return Bank(practice=_felt(visits.practice, felt), rounds=_felt(visits.rounds, felt))
+def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) -> Visits[Percepts]:
+    """Compute the percepts of all visits through a method."""
+    return Visits(practice=_percepts(visits.practice, to_vibration), rounds=_percepts(visits.rounds, to_vibration))
 
 
 class Operator:
-    """Knows, from practice, how rough and smooth feel through a method.
+    """An ideal observer, trained on the percepts of rough and smooth through a method.
 
     Parameters
     ----------
     practice
-        Visits to stones whose kind it is told.
+        Visits to stones with known labels.
     seed
         Of its internal noise.
     """
 
     def __init__(self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0) -> None:
         rng = np.random.default_rng([0x0B5E, seed])
-        rows = {label: [pieces(blur(one, rng)) for one in some for _ in range(4)] for label, some in practice.items()}
+        rows = {
+            label: [observations(add_internal_noise(visit, rng)) for visit in visits for _ in range(4)]
+            for label, visits in practice.items()
+        }
         features = np.concatenate([row for label in _LABELS for row in rows[label]])
         sizes = [sum(map(len, rows[label])) for label in _LABELS]
         rough = np.repeat([label is Touch.ROUGH for label in _LABELS], sizes)
         self._mean, self._scale = np.zeros(features.shape[1]), np.ones(features.shape[1])
         self._weights = np.zeros(features.shape[1] + 1)
-        if 0 < rough.sum() < rough.size:  # else nothing was ever felt of one kind, and nothing can be learnt
+        if 0 < rough.sum() < rough.size:  # otherwise a label was never perceived, and there is nothing to learn
             self._mean, self._scale = features.mean(axis=0), features.std(axis=0) + 1e-9
             self._weights = _logistic((features - self._mean) / self._scale, rough)
 
     def evidence(self, percepts: Percepts) -> NDArray[np.float64]:
-        """Log-odds of rough that each third of a second adds."""
-        features = (pieces(percepts) - self._mean) / self._scale
+        """Return the log-odds of rough that each observation adds."""
+        features = (observations(percepts) - self._mean) / self._scale
         return DISCOUNT * (features @ self._weights[1:] + self._weights[0])
 
-    def judge(self, percepts: Percepts) -> tuple[float, float]:
-        """Stroke a stone until sure, or until time is up; gives the log-odds of rough, and the seconds it took."""
-        # Two stones of five are rough: what is thought of a stone before it is touched.
+    def decide(self, percepts: Percepts) -> tuple[float, float]:
+        """Stroke a stone until sure, or for `LONGEST` s; return the log-odds of rough and the seconds spent."""
+        # Prior: two stones of five are rough.
         odds = np.log(2 / 3) + np.cumsum(self.evidence(percepts))
         if not odds.size:
             return float(np.log(2 / 3)), LONGEST
-        time = _PIECE * np.arange(1, odds.size + 1)
+        time = _OBSERVATION * np.arange(1, odds.size + 1)
         sure = (np.abs(odds) > np.log((1 - ERROR) / ERROR)) & (time >= SHORTEST)
-        last = int(np.argmax(sure)) if sure.any() else min(odds.size, round(LONGEST / _PIECE)) - 1
+        last = int(np.argmax(sure)) if sure.any() else min(odds.size, round(LONGEST / _OBSERVATION)) - 1
         return float(odds[last]), float(time[last])
 
 
-def play(bank: Bank, *, rounds: int = 1000, seed: int = 0) -> list[Round]:
+def play_rounds(visits: Visits[Percepts], *, rounds: int = 1000, seed: int = 0) -> list[OperatorRound]:
     """Play rounds of the task; the same seed draws the same stones, visits and noise for any method."""
-    operator = Operator(bank.practice, seed=seed)
-    return [_round(operator, bank, np.random.default_rng([0x5EED, seed, number])) for number in range(rounds)]
+    operator = Operator(visits.practice, seed=seed)
+    return [_round(operator, visits, np.random.default_rng([0x5EED, seed, number])) for number in range(rounds)]
 
 
-def tally(rounds: Sequence[Round]) -> Tally:
-    """Sum rounds up."""
-    low, middle, high = np.quantile([one.duration for one in rounds], [0.25, 0.5, 0.75])
-    return Tally(
-        success=float(np.mean([one.success for one in rounds])),
-        found=float(np.mean([one.found for one in rounds])),
+def summarize_rounds(rounds: Sequence[OperatorRound]) -> RoundSummary:
+    """Compute shares and quartiles of rounds."""
+    low, middle, high = np.quantile([each.duration for each in rounds], [0.25, 0.5, 0.75])
+    return RoundSummary(
+        success=float(np.mean([each.success for each in rounds])),
+        found=float(np.mean([each.found for each in rounds])),
         duration=float(middle),
         quartiles=(float(low), float(high)),
     )
 
 
-def pieces(percepts: Percepts) -> NDArray[np.float64]:
-    """What each third of a second of touch feels like: mean level, its spread, mean pitch, and the share felt."""
+def observations(percepts: Percepts) -> NDArray[np.float64]:
+    """Return features of each third of a second with touch, shape ``(observations, 4)``.
+
+    They are mean level, its deviation, mean pitch, and the share of perceived values.
+    """
     size = percepts.level_db.size // GLANCE * GLANCE
     level = percepts.level_db[:size].reshape(-1, GLANCE)
     pitch = percepts.pitch[:size].reshape(-1, GLANCE)
-    felt = level > 0
-    count = np.maximum(felt.sum(axis=1), 1)
+    perceived = level > 0
+    count = np.maximum(perceived.sum(axis=1), 1)
     rows = np.stack(
-        [level.sum(axis=1) / count, level.std(axis=1), pitch.sum(axis=1) / count, felt.mean(axis=1)], axis=1
+        [level.sum(axis=1) / count, level.std(axis=1), pitch.sum(axis=1) / count, perceived.mean(axis=1)], axis=1
     )
-    return np.asarray(rows[felt.any(axis=1)])
+    return np.asarray(rows[perceived.any(axis=1)])
 
 
-def _known(label: Touch, number: int) -> TestObject:
-    things = [one for one in catalogue() if one.label is label and one.movable and one.number not in TEST]
-    return replace(things[number % len(things)], mounting=Mounting.MAT)
+def _practice_object(label: Touch, number: int) -> SimulatedObject:
+    objects = [obj for obj in catalogue() if obj.label is label and obj.movable and obj.number not in TEST]
+    return replace(objects[number % len(objects)], mounting=Mounting.MAT)
 
 
-def _new(label: Touch, seed: int, number: int) -> TestObject:
-    return invent(label, np.random.default_rng([0x1273, seed, number, int(label)]))
+def _new_object(label: Touch, seed: int, number: int) -> SimulatedObject:
+    return synthetic_object(label, np.random.default_rng([0x1273, seed, number, int(label)]))
 
 
-def _visit(thing: TestObject, seed: Sequence[int]) -> FloatArray:
-    """Stroke one stone on the mat in the box until no operator would go on."""
-    rng = np.random.default_rng([0x7157, *seed, int(thing.label)])
-    scene = row([thing])
+def _visit(obj: SimulatedObject, seed: Sequence[int]) -> FloatArray:
+    """Stroke a stone on the mat in the box for `LONGEST` s; return the sound."""
+    rng = np.random.default_rng([0x7157, *seed, int(obj.label)])
+    scene = row([obj])
     session = int(rng.integers(1 << 30))
     placed = scene.placed[0]
     script = Script(rng, x=placed.centre[0], y=placed.centre[1])
     visit = Visit(LONGEST, log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)), slips=rng.random() < 0.1)
     explore(script, placed, visit)
-    setup = SessionVariation.draw(session, COMPETITION)
-    finger = SimulatedFinger(scene, script.moves, setup=setup, seed=[*seed, session], place=placed.centre)
-    return finger.render(round(script.time * RATE)).samples
+    variation = SessionVariation.draw(session, COMPETITION)
+    finger = SimulatedFinger(scene, script.moves, session=variation, seed=[*seed, session], place=placed.centre)
+    return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples
 
 
-def _felt(heard: dict[Touch, tuple[FloatArray, ...]], felt: Felt) -> dict[Touch, tuple[Percepts, ...]]:
-    return {label: tuple(feel_waveform(felt(one), RATE) for one in some) for label, some in heard.items()}
+def _percepts(
+    sounds: dict[Touch, tuple[FloatArray, ...]], to_vibration: SoundToVibration
+) -> dict[Touch, tuple[Percepts, ...]]:
+    return {
+        label: tuple(perceive(to_vibration(sound), LIVE_SAMPLE_RATE) for sound in visits)
+        for label, visits in sounds.items()
+    }
 
 
-def _round(operator: Operator, bank: Bank, rng: np.random.Generator) -> Round:
+def _round(operator: Operator, visits: Visits[Percepts], rng: np.random.Generator) -> OperatorRound:
     order = [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
     order = [order[k] for k in rng.permutation(5)]
-    odds, stroked = [], []
+    odds, stroked = [], 0.0
     for label in order:
-        visits = bank.rounds[label]
-        found, time = operator.judge(blur(visits[int(rng.integers(len(visits)))], rng))
-        odds.append(found)
-        stroked.append(time)
+        choices = visits.rounds[label]
+        rough, time = operator.decide(add_internal_noise(choices[int(rng.integers(len(choices)))], rng))
+        odds.append(rough)
+        stroked += time
     picked = np.argsort(odds)[-2:]
     travel = rng.uniform(*TRAVEL, size=4).sum()
-    return Round(
+    return OperatorRound(
         success=all(order[k] is Touch.ROUGH for k in picked),
         found=order[int(np.argmax(odds))] is Touch.ROUGH,
-        duration=float(sum(stroked) + travel),
-        stroked=tuple(stroked),
+        duration=float(stroked + travel),
     )
 
 
 def _logistic(features: NDArray[np.float64], rough: NDArray[np.bool_], *, ridge: float = 1.0) -> NDArray[np.float64]:
-    """Weights, the bias first, of a logistic regression with both classes weighing the same; Newton's method."""
+    """Fit a class-balanced logistic regression by Newton's method; return its weights, the bias first."""
     rows = np.column_stack([np.ones(len(features)), features])
     share = np.where(rough, 0.5 / max(rough.sum(), 1), 0.5 / max((~rough).sum(), 1)) * len(rough)
     weights = np.zeros(rows.shape[1])
     penalty = ridge * np.diag([0.0] + [1.0] * features.shape[1])
     for _ in range(25):
-        chance = 1 / (1 + np.exp(-np.clip(rows @ weights, -30, 30)))
-        slope = rows.T @ (share * (rough - chance)) - penalty @ weights
-        curve = (rows * (share * chance * (1 - chance))[:, None]).T @ rows + penalty + 1e-9 * np.eye(rows.shape[1])
-        step = np.linalg.solve(curve, slope)
+        probability = 1 / (1 + np.exp(-np.clip(rows @ weights, -30, 30)))
+        slope = rows.T @ (share * (rough - probability)) - penalty @ weights
+        curvature = (rows * (share * probability * (1 - probability))[:, None]).T @ rows + penalty
+        step = np.linalg.solve(curvature + 1e-9 * np.eye(rows.shape[1]), slope)
         weights += step
         if np.abs(step).max() < 1e-6:
             break

@@ -1,64 +1,65 @@
-"""A simulated person who does what the guided commands ask for, so that they can be tried and tested without hardware.
+"""A simulated person who follows the instructions of guided commands, so that they run without hardware.
 
-It is a source like any other: who iterates hears the finger; who calls one of its verbs has it act from then on.
+It is a source like any other: iterating it yields the sound; its methods start a movement.
 """
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from tactophone.simulation.content.catalogue import TestObject
-from tactophone.simulation.content.movement import Script, Take, take_moves
+from tactophone.simulation.content.catalogue import SimulatedObject
+from tactophone.simulation.content.movement import Script, take_moves
+from tactophone.simulation.content.takes import Take
 from tactophone.simulation.physics.finger import Electronics
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.simulation.physics.motion import LIFT
 from tactophone.simulation.physics.scene import single
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
-from tactophone.types import AlwaysOpen, AudioBlock
+from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 
 PRESS = 1.5
 """Newtons of a stroke of medium pressure."""
 
 STROKE = 0.5
-"""Seconds of one stroke from end to end."""
+"""Seconds of a stroke from end to end."""
 
 TAP = 2.0
 """Newtons of a tap."""
 
 
 class SimulatedParticipant(AlwaysOpen):
-    """A simulated finger on an object, and someone who moves it when asked; a :class:`~tactophone.types.Source`.
+    """A simulated finger on an object, moved on request; a :class:`~tactophone.types.Source`.
 
     Parameters
     ----------
-    thing, mounting
-        What is touched, and how it is held; as the catalogue has it, if ``None``.
+    obj, mounting
+        The touched object, and its mounting (default: the catalogue's).
     gain_db
-        By how much the contact microphone's preamplifier is turned up (down, if negative).
+        Extra gain of the contact microphone's preamplifier; negative attenuates.
     seed
         Of set-up, movement and noise.
 
     Examples
     --------
     >>> from tactophone.simulation import find
-    >>> volunteer = SimulatedParticipant(find("lava stone"))
-    >>> volunteer.stroke(1.0)
-    >>> next(iter(volunteer)).size
+    >>> participant = SimulatedParticipant(find("lava stone"))
+    >>> participant.stroke(1.0)
+    >>> next(iter(participant)).size
     480
     """
 
-    sample_rate = 48_000
+    sample_rate = LIVE_SAMPLE_RATE
     channels = 2
 
     def __init__(
-        self, thing: TestObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, seed: int = 0
+        self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, seed: int = 0
     ) -> None:
-        scene = single(thing, mounting)
+        scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        setup = SessionVariation.draw(seed, amplified(Electronics(), gain_db))
-        self._finger = SimulatedFinger(scene, setup=setup, seed=seed, place=self._placed.centre)
+        session = SessionVariation.draw(seed, amplified(Electronics(), gain_db))
+        self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
         self._now = 0.0
 
     def __iter__(self) -> Iterator[AudioBlock]:
@@ -72,24 +73,24 @@ class SimulatedParticipant(AlwaysOpen):
         self._finger.move(x, y, LIFT, self._now)
 
     def stroke(self, duration: float) -> None:
-        """Stroke to and fro, without a pause."""
+        """Stroke to and fro without a pause for ``duration`` s."""
         script = self._script()
         script.land(PRESS)
         left, right = self._placed.left + 0.01, self._placed.left + self._placed.width - 0.01
         while script.time < self._now + duration:
             script.stroke(left if script.x > self._placed.centre[0] else right, STROKE, PRESS)
-        self._act(script)
+        self._perform(script)
 
     def tap(self, duration: float) -> None:
-        """Tap about twice a second."""
+        """Tap about twice a second for ``duration`` s."""
         script = self._script()
         while script.time < self._now + duration - 0.3:
             script.hover(0.2)
             script.tap(TAP)
-        self._act(script)
+        self._perform(script)
 
     def take(self, take: Take, duration: float) -> None:
-        """Explore as a take of the paper's protocol wants it."""
+        """Perform a take of the paper's protocol for ``duration`` s."""
         for move in take_moves(take, self._placed, duration=duration, rng=self._rng):
             self._finger.move(move.x, move.y, move.force, self._now + move.time)
 
@@ -97,14 +98,14 @@ class SimulatedParticipant(AlwaysOpen):
         x, y = self._placed.centre
         return Script(self._rng, x=x, y=y, start=self._now)
 
-    def _act(self, script: Script) -> None:
+    def _perform(self, script: Script) -> None:
         script.hover(0.2)
         for move in script.moves:
             self._finger.move(move.x, move.y, move.force, move.time)
 
 
 def amplified(electronics: Electronics, gain_db: float) -> Electronics:
-    """Turn the contact microphone's preamplifier up: all that comes before it grows with it."""
+    """Add gain to the contact microphone's preamplifier: signal and noise before it are amplified alike."""
     return electronics._replace(
         contact_gain=electronics.contact_gain * 10 ** (gain_db / 20),
         contact_hum_dbfs=electronics.contact_hum_dbfs + gain_db,

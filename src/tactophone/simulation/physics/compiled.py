@@ -1,8 +1,8 @@
-"""Machine code for the sample loops: numba, compiled once and kept on disk.
+"""Compiles the sample loops with numba, once, and caches the machine code on disk.
 
-The code is kept beside the source, or in the user's cache folder where the installation is read-only. Beware:
-numba looks for changes only in the file that a kernel stands in, so what a kernel calls stands in the same file; after
-changing a tuple or a constant that it takes from another, save the kernel's file too.
+The cache lies beside the source, or in the user's cache folder where the installation is read-only. Beware: numba
+detects changes only in the file that defines a kernel. Everything that a kernel calls is therefore defined in the same
+file; after changing a tuple or a constant that it imports, save the kernel's file too.
 """
 
 from collections.abc import Callable
@@ -21,5 +21,5 @@ Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 
 
 def compiled(kernel: Kernel) -> Kernel:
-    """Compile a sample loop at its first call, without the interpreter lock, strictly IEEE so that bits repeat."""
+    """Compile a sample loop at its first call, without the interpreter lock; strictly IEEE, so that bits repeat."""
     return cast(Kernel, numba.njit(cache=True, nogil=True)(kernel))

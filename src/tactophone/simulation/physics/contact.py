@@ -1,9 +1,9 @@
-"""The contact between finger and surface, sample by sample: where touch becomes force, and force becomes sound.
+"""The contact between finger and surface, sample by sample: from motion to force, and from force to sound.
 
 A chain of masses and springs is stepped at twice the sample rate, semi-implicitly (each speed before its position, so
 that springs do not gain energy): arm -> silicone -> pad -> contact -> body, and sideways joint -> silicone -> pad. The
-contact is Hunt-Crossley along the normal and LuGre along the surface; the track's height shakes it, its slope and
-patches drag on it, and what is finer than the track acts as noise.
+contact is Hunt-Crossley along the normal and LuGre along the surface; the track's height excites it, its slope and
+friction patches drag on it, and roughness finer than the track acts as noise.
 """
 
 from typing import Any
@@ -12,11 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.simulation.physics.compiled import compiled
-from tactophone.simulation.physics.contact_state import OVERSAMPLING, Array, ContactState, Ground, Motion, Pace, Ringing
+from tactophone.simulation.physics.contact_state import (
+    OVERSAMPLING,
+    Array,
+    Coefficients,
+    ContactSignals,
+    Ground,
+    Motion,
+    Ringing,
+)
 from tactophone.simulation.physics.finger import Finger
 
 _MAX_FORCE = 60.0
-"""Newtons; beyond any stroke. Keeps a careless setting from diverging."""
+"""Newtons; beyond any stroke. Keeps extreme settings from diverging."""
 
 _GRIP = 0.1
 """Share of friction that drives a body's modes, whose motion is mostly along the normal."""
@@ -25,7 +33,7 @@ _BEND = 0.25
 """Share of friction that bends the finger's shell: the pad's height over its neutral axis by its length."""
 
 _MICRO_TOP = 3000.0
-"""Hz over which it fades: the pad's mass evens it out."""
+"""Hz over which micro-roughness fades: the pad's inertia low-passes it."""
 
 _MICRO_CORNER = 40.0
 """Hz under which micro-roughness moves nothing: its wavelengths are shorter than the patch."""
@@ -39,53 +47,55 @@ def slide(
     finger: Finger,
     state: NDArray[np.void],
     ringing: Ringing,
-    heard: ContactState,
+    signals: ContactSignals,
     rate: float,
 ) -> None:
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
-    pace = Pace(step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.hiss_corner * step))
+    c = Coefficients(
+        step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.hiss_corner * step)
+    )
     s = state[0]
     for i in range(motion.position.size):
         strain, force, air, radiated = 0.0, 0.0, 0.0, 0.0
         for k in range(OVERSAMPLING):
             at = motion.position[i] + k * step * motion.speed[i]
-            heard_now = _step(
+            step_signals = _step(
                 s, finger, ground, ringing, motion.body[i], at, motion.speed[i], motion.press[i], motion.height[i],
-                noise[i, k], pace,
+                noise[i, k], c,
             )  # fmt: skip
-            strain += heard_now[0]
-            force += heard_now[1]
-            air += heard_now[2]
-            radiated += heard_now[3]
-        heard.strain[i], heard.force[i] = strain / OVERSAMPLING, force / OVERSAMPLING
-        heard.finger[i], heard.body[i] = air / OVERSAMPLING, radiated / OVERSAMPLING
+            strain += step_signals[0]
+            force += step_signals[1]
+            air += step_signals[2]
+            radiated += step_signals[3]
+        signals.strain[i], signals.force[i] = strain / OVERSAMPLING, force / OVERSAMPLING
+        signals.finger[i], signals.body[i] = air / OVERSAMPLING, radiated / OVERSAMPLING
 
 
 @compiled
 def _step(
     s: Any, finger: Finger, ground: Ground, ringing: Ringing, which: int, at: float, speed: float, press: float,
-    height: float, noise: float, pace: Pace,
+    height: float, noise: float, c: Coefficients,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     body = ground.bodies[which]
     slip = speed + s.link_speed + s.shear_speed
     track, slope, drag = _under(ground, which, at + s.link + s.shear, s.load)
-    micro = _micro_impacts(s, body, finger, abs(slip), noise, pace)
+    micro = _micro_impacts(s, body, finger, abs(slip), noise, c)
     own = ground.bodies.size
     yielding, yielding_speed = _moved(ringing, which, body.modes)
     bent, bent_speed = _moved(ringing, own, ground.flexure)
     depth = track + height + s.micro + yielding - s.pad - bent
     rate = slope * slip + micro + yielding_speed - s.pad_speed - bent_speed
     normal = _press(depth, rate, body.stiffness, finger.restitution)
-    tangential = _rub(s, body, finger, normal, slip, drag, noise, pace)
-    pad, shear, shake = _swing(s, finger, press, normal, tangential, pace.step)
+    tangential = _rub(s, body, finger, normal, slip, drag, noise, c)
+    pad, shear, shake = _swing(s, finger, press, normal, tangential, c.step)
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
-    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, pace.step)
+    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, c.step)
     air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
     radiated = 0.0
-    for b in range(ground.bodies.size):  # what was left behind still rings
+    for b in range(ground.bodies.size):  # bodies that the finger has left still ring
         push = _GRIP * tangential - normal if b == which else 0.0
-        radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, pace.step)[1]
+        radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, c.step)[1]
     s.load += 0.004 * (normal - s.load)
     return strain + bend, normal, air, radiated
 
@@ -107,12 +117,12 @@ def _under(ground: Ground, which: int, at: float, load: float) -> tuple[float, f
 
 
 @compiled
-def _micro_impacts(s: Any, body: Any, finger: Finger, slip: float, noise: float, pace: Pace) -> float:
-    """Speed in m/s of what is finer than the track, as noise under 3 kHz, growing as speed^0.75; moves ``s.micro``."""
-    s.micro_noise += pace.micro * (noise - s.micro_noise)
-    unit = np.sqrt((2 - pace.micro) / pace.micro)  # of a one-pole low-pass fed with white noise
+def _micro_impacts(s: Any, body: Any, finger: Finger, slip: float, noise: float, c: Coefficients) -> float:
+    """Surface speed (m/s) of roughness finer than the track: noise under 3 kHz, growing as speed^0.75."""
+    s.micro_noise += c.micro * (noise - s.micro_noise)
+    unit = np.sqrt((2 - c.micro) / c.micro)  # of a one-pole low-pass fed with white noise
     speed = body.micro_speed * np.sqrt(slip * 10.0 * np.sqrt(slip * 10.0)) * unit * s.micro_noise
-    s.micro += pace.step * (speed - 2 * np.pi * _MICRO_CORNER * s.micro)
+    s.micro += c.step * (speed - 2 * np.pi * _MICRO_CORNER * s.micro)
     return speed
 
 
@@ -126,18 +136,20 @@ def _press(depth: float, rate: float, stiffness: float, restitution: float) -> f
 
 
 @compiled
-def _rub(s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, pace: Pace) -> float:
+def _rub(
+    s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, c: Coefficients
+) -> float:
     """LuGre friction, solved implicitly, with the track's drag and the noise of micro-slips; in N, against the slip."""
     if normal <= 0.0:
         s.bristle *= 0.98
         return 0.0
     speed = abs(slip)
     limit = body.kinetic + (body.static - body.kinetic) / (1.0 + (slip / body.stribeck_speed) ** 2)
-    bristle = (s.bristle + pace.step * slip) / (1.0 + pace.step * finger.bristle_stiffness * speed / limit)
-    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / pace.step
+    bristle = (s.bristle + c.step * slip) / (1.0 + c.step * finger.bristle_stiffness * speed / limit)
+    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / c.step
     s.bristle = bristle
-    s.friction_noise += pace.friction * (noise - s.friction_noise)
-    unit = np.sqrt((2 - pace.friction) / pace.friction)
+    s.friction_noise += c.friction * (noise - s.friction_noise)
+    unit = np.sqrt((2 - c.friction) / c.friction)
     hiss = body.hiss * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
     return hiss - normal * (min(max(friction, -1.5), 1.5) + drag)
 
@@ -146,7 +158,7 @@ def _rub(s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: fl
 def _swing(
     s: Any, finger: Finger, press: float, normal: float, tangential: float, step: float
 ) -> tuple[float, float, float]:
-    """Step arm, pad and joint; gives the accelerations of the pad, of the pad sideways, and of the finger (m/s^2)."""
+    """Step arm, pad and joint; return the accelerations of pad, pad sideways and finger (m/s^2)."""
     silicone = finger.pad_stiffness * (s.arm - s.pad) + finger.pad_damping * (s.arm_speed - s.pad_speed)
     push = -press - finger.arm_damping * s.arm_speed - silicone
     if s.arm > finger.arm_rest:  # the end stop over the hovering finger
@@ -171,24 +183,24 @@ def _swing(
 
 @compiled
 def _moved(ringing: Ringing, row: int, count: int) -> tuple[float, float]:
-    """Displacement (m) and speed of the contact by all of a body's modes."""
-    where, fast = 0.0, 0.0
+    """Displacement (m) and speed (m/s) of the contact, summed over a body's modes."""
+    displacement, speed = 0.0, 0.0
     for j in range(count):
-        where += ringing.displacement[row, j]
-        fast += ringing.speed[row, j]
-    return where, fast
+        displacement += ringing.displacement[row, j]
+        speed += ringing.speed[row, j]
+    return displacement, speed
 
 
 @compiled
 def _ring(ground: Ground, ringing: Ringing, row: int, count: int, force: float, step: float) -> tuple[float, float]:
-    """Step a body's modes under a force; gives the piezo's newtons and the pascals that they radiate."""
+    """Step a body's modes under a force; return the force at the piezo (N) and the radiated pressure (Pa)."""
     strain, pressure = 0.0, 0.0
     for j in range(count):
         mode = ground.modes[row, j]
-        was, speed = ringing.displacement[row, j], ringing.speed[row, j]
-        pull = force * mode.mobility - mode.damping * speed - mode.stiffness * was
+        previous, speed = ringing.displacement[row, j], ringing.speed[row, j]
+        pull = force * mode.mobility - mode.damping * speed - mode.stiffness * previous
         ringing.speed[row, j] = speed + step * pull
-        ringing.displacement[row, j] = was + step * ringing.speed[row, j]
+        ringing.displacement[row, j] = previous + step * ringing.speed[row, j]
         strain += mode.strain * ringing.displacement[row, j]
         pressure += mode.radiation * pull
     return strain, pressure

@@ -1,4 +1,4 @@
-"""What the contact's kernel is given, keeps and gives: values and records, laid out as machine code takes them."""
+"""Inputs, state and outputs of the contact kernel, as tuples and records that numba can compile."""
 
 from typing import NamedTuple
 
@@ -33,8 +33,8 @@ OVERSAMPLING = 2
 
 
 class Motion(NamedTuple):
-    """What the hand does in a block, per sample: position along the track (m), speed (m/s), press (N), what is under
-    the finger, and the height in m at which that stands."""
+    """The hand's motion in a block, per sample: position along the track (m), speed (m/s), press (N), index of the body
+    under the finger, and that body's height (m)."""
 
     position: Array
     speed: Array
@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """All that can be touched: tracks ``(bodies, SIZE)`` of a power of two, their spacing, and records of the bodies.
+    """All that can be touched: tracks ``(bodies, SIZE)``, SIZE a power of two, their spacing (m), and the bodies.
 
     ``modes`` has a row for each body and, last, one for the finger itself, of which ``flexure`` modes are in use.
     """
@@ -65,16 +65,16 @@ class Ringing(NamedTuple):
     speed: Array
 
 
-class Pace(NamedTuple):
-    """Seconds a step, and the coefficients of the one-pole low-passes of micro-roughness and friction noise."""
+class Coefficients(NamedTuple):
+    """Length of a step (s), and the coefficients of the one-pole low-passes of micro-roughness and friction noise."""
 
     step: float
     micro: float
     friction: float
 
 
-class ContactState(NamedTuple):
-    """What a block gives, per sample: force at the piezo and at the contact (N), pressure from finger and body (Pa)."""
+class ContactSignals(NamedTuple):
+    """The kernel's output, per sample: force at piezo and contact (N), pressure from finger and body (Pa)."""
 
     strain: Array
     force: Array

@@ -1,4 +1,4 @@
-"""The finger: what it weighs, how it gives, and how its two microphones hear it.
+"""The finger: masses, springs and dampers, and the sensitivity of its two microphones.
 
 Values are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III). They were
 chosen within the cited ranges so that levels come out as the paper reports them: noise floor of the contact microphone
@@ -11,7 +11,7 @@ from tactophone.simulation.physics.modes import Mode
 
 
 class Finger(NamedTuple):
-    """Mechanics of finger, pad and arm; a tuple, so that the kernel takes it as it is. SI units.
+    """Mechanics of finger, pad and arm; a tuple, so that the compiled kernel can take it. SI units.
 
     Parameters
     ----------

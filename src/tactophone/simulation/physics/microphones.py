@@ -1,8 +1,8 @@
-"""From force and pressure to full scale: transducers, room, noise, hum, motors and the preamplifier's rails.
+"""From force and pressure to digital full scale: transducers, room, noise, hum, motors and clipping.
 
 The piezo is a capacitance into the preamplifier's input resistance, a second-order high-pass here; the MEMS has its
-vent. Between a body in a box and the air microphone stand the box's resonances. Noise is drawn from the block's own
-normals, so that it does not depend on block size.
+vent. In a box, the box's resonances filter a body's sound on its way to the air microphone. Noise is made from the
+normals of each sample, so that it does not depend on block size.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tactophone.simulation.physics.compiled import compiled
-from tactophone.simulation.physics.contact_state import Array, ContactState
+from tactophone.simulation.physics.contact_state import Array, ContactSignals
 from tactophone.simulation.physics.finger import Electronics
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.types import FloatArray
@@ -55,7 +55,7 @@ class Electrics(NamedTuple):
 
 
 class Microphones:
-    """Two microphones and what they plug into; keeps its state between blocks."""
+    """Two microphones with preamplifiers and converters; keeps its state between blocks."""
 
     def __init__(self, electronics: Electronics, cavity: Mounting, *, seed: np.random.SeedSequence, rate: int) -> None:
         rng = np.random.default_rng(seed)
@@ -63,10 +63,13 @@ class Microphones:
         self._electrics = _wire(electronics, cavity, rng, rate)
         self._position = 0
 
-    def convert(self, heard: ContactState, motor: Array, normals: Array) -> FloatArray:
-        """Give contact and air, shape ``(samples, 2)``; ``motor`` is its activity (0-1), ``normals`` the noise."""
-        out = np.empty((heard.strain.size, 2), np.float32)
-        _convert(heard, motor, normals, self._electrics, self._position, float(self._rate), out)
+    def convert(self, signals: ContactSignals, motor: Array, normals: Array) -> FloatArray:
+        """Return contact and air, shape ``(samples, 2)``, from -1 to 1.
+
+        ``motor`` is the motors' activity (0-1), shape ``(samples,)``; ``normals`` is unit noise ``(samples, NORMALS)``.
+        """
+        out = np.empty((signals.strain.size, 2), np.float32)
+        _convert(signals, motor, normals, self._electrics, self._position, float(self._rate), out)
         self._position += len(out)
         return out
 
@@ -162,7 +165,7 @@ def _motor(electrics: Electrics, activity: float, normal: float, rate: float) ->
 
 @compiled
 def _convert(
-    heard: ContactState,
+    signals: ContactSignals,
     motor: Array,
     normals: NDArray[np.float64],
     e: Electrics,
@@ -171,12 +174,12 @@ def _convert(
     out: FloatArray,
 ) -> None:
     g = e.gains
-    for i in range(heard.strain.size):
+    for i in range(signals.strain.size):
         whine = _motor(e, motor[i], normals[i, 4], rate)
-        contact = g[0] * _filtered(heard.strain[i], e.contact.sections, e.contact.state)
+        contact = g[0] * _filtered(signals.strain[i], e.contact.sections, e.contact.state)
         contact += e.hum[(position + i) % e.hum.size] + g[2] * normals[i, 0]
         contact += g[3] * _filtered(normals[i, 1], e.rumble.sections, e.rumble.state) + g[6] * whine
-        pressure = heard.finger[i] + _filtered(heard.body[i], e.cavity.sections, e.cavity.state)
+        pressure = signals.finger[i] + _filtered(signals.body[i], e.cavity.sections, e.cavity.state)
         air = g[1] * _filtered(pressure, e.air.sections, e.air.state) + g[5] * normals[i, 3]
         air += g[4] * _filtered(normals[i, 2], e.room.sections, e.room.state) + g[7] * whine
         out[i, 0] = min(max(contact, -1.0), _CEILING)

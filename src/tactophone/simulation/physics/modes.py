@@ -1,4 +1,4 @@
-"""What rings: the modes of a body by how it is held, of the finger, and of the room around them.
+"""Vibration modes: of a body, by its construction and mounting.
 
 A body is a handful of damped masses on springs that the contact force drives; each moves the contact and radiates.
 Frequencies and dampings are drawn within ranges from plate and shell formulas for bodies of that size (Blevins,
@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 MODE = np.dtype([(name, np.float64) for name in ("stiffness", "mobility", "damping", "radiation", "strain")])
-"""A mode as the kernel wants it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per metre."""
+"""A mode as the kernel takes it: omega^2, 1 / modal mass, 2 zeta omega, Pa per m/s^2, and piezo newtons per metre."""
 
 
 class Body(enum.StrEnum):
-    """How a thing is built, which decides how it rings."""
+    """How an object is built, which decides its modes."""
 
     BLOCK = "block"
     SHELL = "shell"
@@ -34,7 +34,7 @@ class Body(enum.StrEnum):
 
 
 class Mounting(enum.StrEnum):
-    """How it is held: three scenarios for what can be moved, ``MAT`` for the competition's box, or its own place."""
+    """How an object is held: three scenarios for movable ones, ``MAT`` in the competition's box, ``FIXED`` in place."""
 
     HELD = "held"
     TABLE = "table"
@@ -44,7 +44,7 @@ class Mounting(enum.StrEnum):
 
 
 class Mode(NamedTuple):
-    """One resonance: Hz, kg, fraction of critical damping, Pa per m/s^2, share of the force that the piezo feels."""
+    """One resonance: Hz, kg, fraction of critical damping, Pa per m/s^2, share of the force that reaches the piezo."""
 
     frequency: float
     mass: float
@@ -53,96 +53,76 @@ class Mode(NamedTuple):
     strain: float = 0.0
 
 
+_Bounds = tuple[float, float]
+
+
 class _Range(NamedTuple):
     """Bounds of one mode's frequency, mass, damping and radiation; a mass may be relative to the body's own."""
 
-    frequency: tuple[float, float]
-    mass: tuple[float, float]
-    damping: tuple[float, float]
-    radiation: tuple[float, float]
+    frequency: _Bounds
+    mass: _Bounds
+    damping: _Bounds
+    radiation: _Bounds
     relative: bool = False
 
 
+def _ranges(
+    frequencies: list[_Bounds], mass: _Bounds, damping: _Bounds, radiation: _Bounds, *, relative: bool = False
+) -> tuple[_Range, ...]:
+    """Bounds of modes that differ in frequency only."""
+    return tuple(_Range(frequency, mass, damping, radiation, relative) for frequency in frequencies)
+
+
 _OWN: dict[Body, tuple[_Range, ...]] = {
-    # The bulk modes of a fist-sized stone lie over 2.5 kHz; all of it that moves is the contact's surroundings.
+    # The bulk modes of a fist-sized stone lie over 2.5 kHz; what moves is only the contact's surroundings.
     Body.BLOCK: (
-        _Range((2600, 4200), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
-        _Range((4300, 6000), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
-        _Range((6200, 8200), (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
+        *_ranges([(2600, 4200), (4300, 6000), (6200, 8200)], (0.45, 0.45), (0.014, 0.05), (8e-4, 8e-4), relative=True),
     ),
     # A cast shell, 3 to 5 mm thick: light local modes from 250 Hz up.
     Body.SHELL: (
-        _Range((240, 460), (0.10, 0.20), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
-        _Range((500, 880), (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
-        _Range((1000, 1700), (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
-        _Range((1800, 2800), (0.06, 0.06), (0.05, 0.07), (1.0e-3, 1.0e-3), relative=True),
+        *_ranges([(240, 460)], (0.10, 0.20), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
+        *_ranges([(500, 880), (1000, 1700)], (0.10, 0.18), (0.03, 0.07), (1.2e-3, 2.4e-3), relative=True),
+        *_ranges([(1800, 2800)], (0.06, 0.06), (0.05, 0.07), (1.0e-3, 1.0e-3), relative=True),
     ),
-    Body.WALL: (
-        _Range((80, 130), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
-        _Range((200, 320), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
-        _Range((460, 700), (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),
-    ),
-    Body.PANE: (
-        _Range((120, 180), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
-        _Range((270, 380), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
-        _Range((480, 640), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
-        _Range((820, 1100), (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),
-    ),
+    Body.WALL: (*_ranges([(80, 130), (200, 320), (460, 700)], (8, 20), (0.04, 0.08), (8e-3, 1.2e-2)),),
+    Body.PANE: (*_ranges([(120, 180), (270, 380), (480, 640), (820, 1100)], (0.3, 0.7), (0.03, 0.06), (1.5e-3, 3e-3)),),
     Body.SHEET: (
-        _Range((60, 90), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
-        _Range((140, 200), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
-        _Range((260, 350), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
-        _Range((470, 600), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
-        _Range((800, 1000), (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
+        *_ranges([(60, 90), (140, 200), (260, 350), (470, 600), (800, 1000)], (0.5, 1.0), (0.025, 0.05), (2e-3, 4e-3)),
     ),
     Body.TABLETOP: (
-        _Range((55, 80), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
-        _Range((130, 180), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
-        _Range((240, 320), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
-        _Range((400, 520), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
-        _Range((650, 820), (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
+        *_ranges([(55, 80), (130, 180), (240, 320), (400, 520), (650, 820)], (4, 9), (0.02, 0.04), (8e-3, 1.2e-2)),
     ),
 }
 
 _HELD_BY: dict[Mounting, tuple[_Range, ...]] = {
     # The palm's tissue under the stone, then the hand on the wrist (Dong et al. 2005).
     Mounting.HELD: (
-        _Range((14, 28), (1, 1), (0.3, 0.5), (1e-4, 1e-4), relative=True),
-        _Range((70, 130), (2.5, 2.5), (0.2, 0.35), (1e-4, 1e-4), relative=True),
+        *_ranges([(14, 28)], (1, 1), (0.3, 0.5), (1e-4, 1e-4), relative=True),
+        *_ranges([(70, 130)], (2.5, 2.5), (0.2, 0.35), (1e-4, 1e-4), relative=True),
     ),
     # The stone rocks on its three points; the tabletop below it booms.
     Mounting.TABLE: (
-        _Range((170, 320), (1, 1), (0.06, 0.14), (6e-4, 6e-4), relative=True),
-        _Range((55, 85), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
-        _Range((120, 180), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
-        _Range((220, 330), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
-        _Range((380, 560), (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
+        *_ranges([(170, 320)], (1, 1), (0.06, 0.14), (6e-4, 6e-4), relative=True),
+        *_ranges([(55, 85), (120, 180), (220, 330), (380, 560)], (5, 12), (0.02, 0.05), (1e-2, 1e-2)),
     ),
     # Cardboard: light panels, lossy.
-    Mounting.BOX: (
-        _Range((60, 100), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
-        _Range((140, 220), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
-        _Range((280, 430), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
-        _Range((520, 780), (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),
-    ),
+    Mounting.BOX: (*_ranges([(60, 100), (140, 220), (280, 430), (520, 780)], (0.9, 2.0), (0.03, 0.06), (3e-3, 6e-3)),),
     # The stone on a rubber mat, in a wooden box.
     Mounting.MAT: (
-        _Range((55, 110), (1, 1), (0.12, 0.25), (6e-4, 6e-4), relative=True),
-        _Range((70, 120), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
-        _Range((190, 300), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
-        _Range((420, 640), (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
+        *_ranges([(55, 110)], (1, 1), (0.12, 0.25), (6e-4, 6e-4), relative=True),
+        *_ranges([(70, 120), (190, 300), (420, 640)], (1.7, 3.2), (0.03, 0.06), (3e-3, 6e-3)),
     ),
     Mounting.FIXED: (),
 }
 
 
 def body_modes(body: Body, mounting: Mounting, *, mass: float, rng: np.random.Generator) -> list[Mode]:
-    """Draw the modes of a body of this mass in kg, held this way."""
+    """Draw the modes of a body of this mass (kg) in this mounting."""
     return [_draw(bounds, mass, rng) for bounds in (*_OWN[body], *_HELD_BY[mounting])]
 
 
 def mode_table(modes: Sequence[Mode], size: int | None = None) -> NDArray[np.void]:
-    """Lay modes out for the kernel, filled up to ``size`` with modes that nothing moves."""
+    """Make the kernel's table of modes, padded to ``size`` with modes of zero mobility."""
     table = np.zeros(len(modes) if size is None else size, MODE)
     for row, mode in zip(table, modes, strict=False):
         omega = 2 * np.pi * mode.frequency

@@ -1,8 +1,8 @@
-"""Where the hand goes: moves given now and then become a smooth path, and the path a place on what lies below it.
+"""The hand's motion: sparse moves become a smooth path, and the path a position on the surface below it.
 
-A *move* is a wish: at this time, be here and press this hard. Pointers report about a hundred a second; an arm is
-smoother than that, so a three-pole low-pass stands between wish and path. The finger is over whatever's footprint holds
-it, or over the ground between them; edges are rounded.
+A *move* is a target: at this time, be at this place and press with this force. Pointers report about a hundred a
+second; an arm moves more smoothly, so a three-pole low-pass leads from target to path. Below the finger is the object
+whose footprint contains it, or the ground between footprints; edges are rounded.
 """
 
 from collections import deque
@@ -17,7 +17,7 @@ from tactophone.simulation.physics.compiled import compiled
 from tactophone.simulation.physics.contact_state import Array, Motion
 
 LIFT = -0.5
-"""Newtons pressed while hovering: less than nothing, so that the finger rises."""
+"""Newtons pressed while hovering: negative, so that the finger rises."""
 
 _PATH_CORNER = 14.0
 """Hz; a hand's voluntary movement ends near 10 Hz (Brooks, "Telerobotic response requirements", IEEE SMC 1990)."""
@@ -29,13 +29,13 @@ HAND = np.dtype(
     [
         (name, np.float64)
         for name in (
-            *("x", "y", "x_speed", "y_speed", "x_wish", "y_wish", "x_eased", "y_eased"),
-            *("press", "press_rate", "press_wish", "press_eased"),
+            *("x", "y", "x_speed", "y_speed", "x_target", "y_target", "x_eased", "y_eased"),
+            *("press", "press_rate", "press_target", "press_eased"),
             *("along", "x_direction", "y_direction", "sign"),
         )
     ]
 )
-"""The hand's state: place and speed, wish and eased wish, press likewise, and the place along the track."""
+"""The hand's state: place and speed, target and low-passed target, press likewise, and the position along the track."""
 
 
 class Move(NamedTuple):
@@ -48,7 +48,7 @@ class Move(NamedTuple):
 
 
 class Field(NamedTuple):
-    """Footprints ``(things, 4)``: left, bottom, width, depth; their height over the ground and edge rounding, in m."""
+    """Footprints ``(objects, 4)``: left, bottom, width, depth; their height over the ground and edge rounding, in m."""
 
     footprints: Array
     height: float
@@ -57,7 +57,7 @@ class Field(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Where the finger was, per sample: ``x, y`` in m, and the motion over the tracks below it."""
+    """The finger's path, per sample: ``x, y`` in m, and its motion over the tracks."""
 
     x: Array
     y: Array
@@ -65,7 +65,7 @@ class Path:
 
 
 class Hand:
-    """Follows moves; gives the same path at any block size."""
+    """Follows moves; the path does not depend on the block size."""
 
     def __init__(self, field: Field, *, x: float, y: float, rate: int) -> None:
         self._field, self._rate = field, rate
@@ -73,18 +73,18 @@ class Hand:
         self._position = 0
         self._state = np.zeros(1, HAND)
         for axis, place in (("x", x), ("y", y)):
-            for name in (axis, f"{axis}_wish", f"{axis}_eased"):
+            for name in (axis, f"{axis}_target", f"{axis}_eased"):
                 self._state[name] = place
-        for name in ("press", "press_wish", "press_eased"):
+        for name in ("press", "press_target", "press_eased"):
             self._state[name] = LIFT
         self._state["x_direction"] = self._state["sign"] = 1.0
 
-    def wish(self, moves: Iterable[Move]) -> None:
+    def queue(self, moves: Iterable[Move]) -> None:
         """Queue moves, oldest first; one whose time has passed takes effect at the next sample."""
         self._moves.extend((float(round(move.time * self._rate)), *move[1:]) for move in moves)
 
     def follow(self, size: int) -> Path:
-        """Go on for ``size`` samples."""
+        """Return the path of the next ``size`` samples."""
         moves = self._due(size)
         x, y, along, speed, press, height = (np.empty(size) for _ in range(6))
         motion = Motion(along, speed, press, np.empty(size, np.int64), height)
@@ -108,7 +108,7 @@ def _follow(
     taken = 0
     for i in range(x.size):
         while taken < len(moves) and moves[taken, 0] <= position + i:
-            s.x_wish, s.y_wish, s.press_wish = moves[taken, 1], moves[taken, 2], moves[taken, 3]
+            s.x_target, s.y_target, s.press_target = moves[taken, 1], moves[taken, 2], moves[taken, 3]
             taken += 1
         _approach(s, step)
         speed = _advance(s, step)
@@ -119,23 +119,23 @@ def _follow(
 
 @compiled
 def _approach(s: Any, step: float) -> None:
-    """One pole, then a critically damped pair, towards the wish."""
+    """One pole, then a critically damped pair, towards the target."""
     omega = 2 * np.pi * _PATH_CORNER
-    s.x_eased += 2.0 * omega * step * (s.x_wish - s.x_eased)
-    s.y_eased += 2.0 * omega * step * (s.y_wish - s.y_eased)
+    s.x_eased += 2.0 * omega * step * (s.x_target - s.x_eased)
+    s.y_eased += 2.0 * omega * step * (s.y_target - s.y_eased)
     s.x_speed += step * (omega * omega * (s.x_eased - s.x) - 2 * omega * s.x_speed)
     s.y_speed += step * (omega * omega * (s.y_eased - s.y) - 2 * omega * s.y_speed)
     s.x += step * s.x_speed
     s.y += step * s.y_speed
     omega = 2 * np.pi * _PRESS_CORNER
-    s.press_eased += 2.0 * omega * step * (s.press_wish - s.press_eased)
+    s.press_eased += 2.0 * omega * step * (s.press_target - s.press_eased)
     s.press_rate += step * (omega * omega * (s.press_eased - s.press) - 2 * omega * s.press_rate)
     s.press += step * s.press_rate
 
 
 @compiled
 def _advance(s: Any, step: float) -> float:
-    """Move along the track by the way gone; a reversal of direction goes back over the same ground. Gives the speed."""
+    """Advance along the track by the distance moved; a reversal goes back over the same track. Returns the speed."""
     speed = np.sqrt(s.x_speed * s.x_speed + s.y_speed * s.y_speed)
     if speed > 1e-4:
         x, y = s.x_speed / speed, s.y_speed / speed
@@ -151,7 +151,7 @@ def _advance(s: Any, step: float) -> float:
 
 @compiled
 def _below(x: float, y: float, field: Field) -> tuple[int, float]:
-    """What is under the finger, and how high it stands; the ground comes after the last footprint."""
+    """Index and height (m) of the body under the finger; the ground has the index after the last footprint."""
     for k in range(len(field.footprints)):
         left, bottom, width, depth = field.footprints[k]
         inside = min(x - left, left + width - x, y - bottom, bottom + depth - y)

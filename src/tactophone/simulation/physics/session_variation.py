@@ -1,4 +1,4 @@
-"""One recording session's set-up: this finger, these microphones, this room; no two are quite alike."""
+"""The set-up of one recording session: finger, microphones and room vary a little from session to session."""
 
 from dataclasses import dataclass, field
 from typing import Self
@@ -10,14 +10,14 @@ from tactophone.simulation.physics.finger import Electronics, Finger
 
 @dataclass(frozen=True, slots=True)
 class SessionVariation:
-    """What stays the same through a session.
+    """What is constant within a session.
 
     Parameters
     ----------
     finger, electronics
         Mechanics and microphones.
     seed
-        Draws how the objects ring and the phase of the hum.
+        Draws the objects' modes and the phase of the hum.
     """
 
     finger: Finger = field(default_factory=Finger)
@@ -26,7 +26,7 @@ class SessionVariation:
 
     @classmethod
     def draw(cls, seed: int, electronics: Electronics | None = None) -> Self:
-        """Draw a session: gains within a decibel or so, silicone and microphone places within a tenth or two."""
+        """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %."""
         rng = np.random.default_rng([0x5E75, seed])
         finger, wired = Finger(), electronics or Electronics()
         closeness = rng.uniform(0.85, 1.2)
@@ -50,4 +50,4 @@ class SessionVariation:
 
 
 COMPETITION = Electronics(room_dbfs=-48.0, motor_air_dbfs=-50.0, motor_contact_dbfs=-43.0)
-"""A hall full of people, and a robot that runs."""
+"""A hall full of people, and running motors."""

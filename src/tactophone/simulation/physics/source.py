@@ -1,4 +1,4 @@
-"""The simulated finger: moves in, two microphones out; a peer of a sound device."""
+"""The simulated finger: moves in, the sound of two microphones out; the same contract as a sound device."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tactophone.simulation.physics.compiled import compiled
 from tactophone.simulation.physics.contact import slide
-from tactophone.simulation.physics.contact_state import BODY, OVERSAMPLING, STATE, ContactState, Ground, Ringing
+from tactophone.simulation.physics.contact_state import BODY, OVERSAMPLING, STATE, ContactSignals, Ground, Ringing
 from tactophone.simulation.physics.finger import FLEXURE, Finger
 from tactophone.simulation.physics.microphones import NORMALS, Microphones
 from tactophone.simulation.physics.modes import body_modes, mode_table
@@ -17,16 +17,13 @@ from tactophone.simulation.physics.scene import Scene
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.surface import SPACING
 from tactophone.simulation.physics.track import Material, track
-from tactophone.types import AlwaysOpen, AudioBlock
-
-RATE = 48_000
-"""Hz; the only rate at which the finger is simulated."""
+from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 
 MOTOR_SPEED = 0.15
 """Metres a second at which the arm's motors are at their loudest."""
 
 HOLD = 0.02
-"""Seconds for which a touch outlasts the force: a finger that hops from grain to grain has not left the stone."""
+"""Seconds that a touch outlasts the force: a finger that bounces from grain to grain has not left the object."""
 
 PAD_HEIGHT = 0.7e-6
 """Rms height in m of the pad's own micro-roughness."""
@@ -34,22 +31,22 @@ PAD_HEIGHT = 0.7e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What truly happened in a block, per sample.
+    """Ground truth of a block, per sample.
 
     Parameters
     ----------
     touch
         int8: :class:`~tactophone.types.Touch`; ``NONE`` on the ground, which is neither smooth nor rough.
-    thing
-        int16: index into the scene's ``placed``; their number on the ground; -1 in the air.
+    object_index
+        int16: index into the scene's ``objects``, of which the ground is the last; -1 in the air.
     force
-        Of contact, in N.
+        Contact force, in N.
     x, y
-        The finger's place, in m.
+        Place of the finger, in m.
     """
 
     touch: NDArray[np.int8]
-    thing: NDArray[np.int16]
+    object_index: NDArray[np.int16]
     force: NDArray[np.float32]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
@@ -58,23 +55,23 @@ class Truth:
 class SimulatedFinger(AlwaysOpen):
     """A finger over a scene, as a :class:`~tactophone.types.Source`.
 
-    It renders as fast as it is asked and reads no clock: live, its caller paces it. The same moves and seeds give the
-    same samples, to the bit, whatever the block sizes.
+    It renders on demand and reads no clock: in a live system, the caller paces it. The same moves and seeds give
+    bit-equal samples at any block size.
 
     Parameters
     ----------
     scene
-        What lies under it.
+        Objects and ground under it.
     moves
-        What it shall do, oldest first; more can be given at any time by :meth:`move`.
-    setup, seed
-        The session, and the seed of all noise.
+        Its moves, oldest first; :meth:`move` adds more at any time.
+    session, seed
+        The session's set-up, and the seed of all noise.
     duration
         Seconds after which iteration ends; never, if ``None``.
     block_size
-        Samples a block of iteration.
+        Samples per block of iteration.
     place
-        Where it hovers at first, in m.
+        Where it hovers at the start, in m.
 
     Examples
     --------
@@ -91,33 +88,36 @@ class SimulatedFinger(AlwaysOpen):
         scene: Scene,
         moves: Iterable[Move] = (),
         *,
-        setup: SessionVariation | None = None,
+        session: SessionVariation | None = None,
         seed: int | Sequence[int] = 0,
         duration: float | None = None,
         block_size: int = 480,
         place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        setup = setup or SessionVariation()
+        session = session or SessionVariation()
         self.scene = scene
-        self._finger = setup.finger
-        self._end = None if duration is None else round(duration * RATE)
+        self._finger = session.finger
+        self._end = None if duration is None else round(duration * LIVE_SAMPLE_RATE)
         self._block_size, self._position = block_size, 0
-        self._hand = Hand(scene.field, x=place[0], y=place[1], rate=RATE)
-        self._hand.wish(moves)
+        self._hand = Hand(scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE)
+        self._hand.queue(moves)
         self._rng = np.random.default_rng(np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)]))
-        self._ground = _ground(scene, setup)
-        self._state, self._ringing = _rest(self._ground, setup.finger)
+        self._ground = _ground(scene, session)
+        self._state, self._ringing = _rest(self._ground, session.finger)
         self._microphones = Microphones(
-            setup.electronics, scene.cavity, seed=np.random.SeedSequence([0x3E35, setup.seed]), rate=RATE
+            session.electronics,
+            scene.cavity,
+            seed=np.random.SeedSequence([0x3E35, session.seed]),
+            rate=LIVE_SAMPLE_RATE,
         )
-        self._labels = np.array([thing.label for thing in scene.things], np.int8)
-        self._since_touch = np.array([RATE, -1])
+        self._labels = np.array([obj.label for obj in scene.objects], np.int8)
+        self._since_touch = np.array([LIVE_SAMPLE_RATE, -1])
         self.truth = _nothing()
 
     @property
     def sample_rate(self) -> int:
         """In Hz."""
-        return RATE
+        return LIVE_SAMPLE_RATE
 
     @property
     def channels(self) -> int:
@@ -130,47 +130,49 @@ class SimulatedFinger(AlwaysOpen):
             yield self.render(min(self._block_size, left))
 
     def move(self, x: float, y: float, force: float, time: float | None = None) -> None:
-        """Wish to be at ``x, y`` (m) pressing with ``force`` (N; negative lifts), at ``time`` (s) or as soon as it can.
+        """Queue a target: ``x, y`` (m) and ``force`` (N; negative lifts), at ``time`` (s) or now.
 
         May be called from any thread.
         """
-        self._hand.wish([Move(self._position / RATE if time is None else time, x, y, force)])
+        self._hand.queue([Move(self._position / LIVE_SAMPLE_RATE if time is None else time, x, y, force)])
 
     def render(self, size: int) -> AudioBlock:
-        """Go on for ``size`` samples; what truly happened in them is in ``truth`` afterwards."""
+        """Return the next ``size`` samples; their ground truth is in ``truth`` afterwards."""
         path = self._hand.follow(size)
         normals = self._rng.standard_normal((size, OVERSAMPLING + NORMALS))
-        heard = ContactState(*(np.empty(size) for _ in ContactState._fields))
+        signals = ContactSignals(*(np.empty(size) for _ in ContactSignals._fields))
         noise = np.ascontiguousarray(normals[:, :OVERSAMPLING])
-        slide(path.motion, noise, self._ground, self._finger, self._state, self._ringing, heard, float(RATE))
+        slide(
+            path.motion, noise, self._ground, self._finger, self._state, self._ringing, signals, float(LIVE_SAMPLE_RATE)
+        )
         motor = np.minimum(1.0, np.abs(path.motion.speed) / MOTOR_SPEED)
-        samples = self._microphones.convert(heard, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
-        thing = np.empty(size, np.int16)
-        _touched(heard.force, path.motion.body, thing, self._since_touch, int(HOLD * RATE))
-        touch = np.where(thing < 0, np.int8(0), self._labels[thing])
-        self.truth = Truth(touch, thing, heard.force.astype(np.float32), path.x, path.y)
-        block = AudioBlock(samples, RATE, self._position)
+        samples = self._microphones.convert(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
+        index = np.empty(size, np.int16)
+        _touched(signals.force, path.motion.body, index, self._since_touch, int(HOLD * LIVE_SAMPLE_RATE))
+        touch = np.where(index < 0, np.int8(0), self._labels[index])
+        self.truth = Truth(touch, index, signals.force.astype(np.float32), path.x, path.y)
+        block = AudioBlock(samples, LIVE_SAMPLE_RATE, self._position)
         self._position += size
         return block
 
 
-def _ground(scene: Scene, setup: SessionVariation) -> Ground:
-    """Lay out all that can be touched for the kernel."""
-    things = scene.things
-    tracks = [track(thing.surface, thing.material, setup.finger.tip_radius) for thing in things]
+def _ground(scene: Scene, session: SessionVariation) -> Ground:
+    """Make the kernel's tables of all that can be touched."""
+    objects = scene.objects
+    tracks = [track(obj.surface, obj.material, session.finger.tip_radius) for obj in objects]
     modes = [
-        body_modes(thing.body, thing.mounting, mass=thing.mass, rng=np.random.default_rng([setup.seed, 7, k]))
-        for k, thing in enumerate(things)
+        body_modes(obj.body, obj.mounting, mass=obj.mass, rng=np.random.default_rng([session.seed, 7, k]))
+        for k, obj in enumerate(objects)
     ]
-    bodies = np.zeros(len(things), BODY)
-    for body, thing, ringing in zip(bodies, things, modes, strict=True):
-        _fill(body, thing.material, setup.finger)
+    bodies = np.zeros(len(objects), BODY)
+    for body, obj, ringing in zip(bodies, objects, modes, strict=True):
+        _fill(body, obj.material, session.finger)
         body["modes"] = len(ringing)
     size = max(len(FLEXURE), *map(len, modes))
     return Ground(
-        light=np.stack([one.light for one in tracks]),
-        heavy=np.stack([one.heavy for one in tracks]),
-        friction=np.stack([one.friction for one in tracks]),
+        light=np.stack([each.light for each in tracks]),
+        heavy=np.stack([each.heavy for each in tracks]),
+        friction=np.stack([each.friction for each in tracks]),
         spacing=SPACING,
         bodies=bodies,
         modes=np.stack([mode_table(ringing, size) for ringing in (*modes, FLEXURE)]),
@@ -199,11 +201,15 @@ def _nothing() -> Truth:
 
 @compiled
 def _touched(
-    force: NDArray[np.float64], body: NDArray[np.int64], thing: NDArray[np.int16], since: NDArray[np.int64], hold: int
+    force: NDArray[np.float64],
+    body: NDArray[np.int64],
+    object_index: NDArray[np.int16],
+    since: NDArray[np.int64],
+    hold: int,
 ) -> None:
-    """What is touched at each sample; ``since`` holds samples since the last force, and what it came from."""
+    """Write the touched object's index per sample; ``since`` holds the samples since the last force, and its object."""
     for i in range(force.size):
         since[0] += 1
         if force[i] > 0.0:
             since[0], since[1] = 0, body[i]
-        thing[i] = since[1] if since[0] <= hold else -1
+        object_index[i] = since[1] if since[0] <= hold else -1

@@ -1,8 +1,8 @@
 """Surfaces as statistics of their height.
 
-A surface is the sum of what makes it up: a self-affine profile (rms height, roll-off wavelength, Hurst exponent),
-grains that stand out of it, pits, ridges that repeat, and waviness. From these a periodic profile of 0.655 m is
-drawn, always the same for the same surface. All lengths in metres.
+A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst exponent),
+grains, pits, periodic ridges, and waviness. From these a periodic profile of 0.655 m is
+drawn, the same at every call for the same surface. All lengths in metres.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ SIZE = 1 << 17
 """Samples of a profile: 0.655 m, longer than any stroke, and quick to transform."""
 
 FINEST = 20e-6
-"""Shortest wavelength drawn; what is finer acts as noise (:class:`~tactophone.simulation.physics.track.Material`)."""
+"""Shortest wavelength drawn; finer roughness acts as noise (:class:`~tactophone.simulation.physics.track.Material`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Pits:
 
 @dataclass(frozen=True, slots=True)
 class Ridges:
-    """Ridges that repeat every ``period``, as of a weave, a mesh or a brushed sheet; ``height`` is the amplitude."""
+    """Periodic ridges, one every ``period``, as of a weave, a mesh or a brushed sheet; ``height`` is the amplitude."""
 
     period: float
     height: float
@@ -58,7 +58,7 @@ class Surface:
     Parameters
     ----------
     name, seed
-        Its name, and the seed from which its profile is drawn.
+        Identifier, and the seed of its profile.
     rms_height
         Of the self-affine part, in m.
     rolloff
@@ -69,7 +69,7 @@ class Surface:
     waviness
         Rms height in m of form and waviness, of wavelengths between 3 and 20 mm.
     grains, pits, ridges
-        What else stands out of it, or into it.
+        Features added to the profile.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What a fingertip of a given radius and softness traces of a surface, and the friction that it meets there.
+"""The track of a fingertip of given radius and softness over a surface: height, and friction along the way.
 
 A round tip never reaches the floor of a groove narrower than itself: its centre follows the envelope of the profile,
 the grey dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). Its contact patch then averages
@@ -17,7 +17,7 @@ from tactophone.simulation.physics.compiled import compiled
 from tactophone.simulation.physics.surface import FINEST, SIZE, SPACING, Profile, Surface, height_profile, self_affine
 
 LIGHT, HEAVY = 0.25, 4.0
-"""Newtons for which the patch is worked out; loads between them are interpolated."""
+"""Newtons for which the patch is computed; loads between them are interpolated."""
 
 
 PATCH = 1.5e-3
@@ -26,7 +26,7 @@ PATCH = 1.5e-3
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What the tip feels of a surface besides its shape.
+    """Properties of a surface besides its shape.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Material:
     asperity_radius
         Radius in m of the summits that carry the load; sets contact stiffness and patch.
     micro_height
-        Rms height in m of what is finer than the profile; its impacts are felt as noise.
+        Rms height in m of what is finer than the profile; its impacts act as noise.
     kinetic, static
         Friction coefficients at speed and at rest. The difference is what lets a tip stick and slip; it is *largest* on
         polished surfaces, where the true contact area is large (Persson, J. Chem. Phys. 115, 3840, 2001).
@@ -45,9 +45,9 @@ class Material:
         Relative rms of the friction coefficient along the surface.
     hiss
         Relative rms of the friction force's noise at 0.1 m/s, from micro-slips; grows with the square root of speed.
-        Felt in the finger, hardly heard in the air: sliding sideways moves no air.
+        It reaches the piezo and hardly the air microphone: sliding sideways moves no air.
     snag_spacing, snag_strength
-        Mean distance in m of places that hold the tip and suddenly let it go, and the friction coefficient lost there.
+        Mean distance in m between places that hold the tip and suddenly release it, and the loss of friction there.
     """
 
     stiffness: float = 2.5e9
@@ -103,7 +103,7 @@ def patch_filter(height: Profile, radius: float) -> Profile:
 
 
 def _friction(traced: Profile, material: Material, rng: np.random.Generator) -> Profile:
-    """Tangential over normal force beyond plain friction: climbing the slope, patches, and snags that let go."""
+    """Tangential over normal force beyond plain friction: slope, patches of friction, and snags."""
     slope = np.gradient(patch_filter(traced, patch_radius(1.0, material)), SPACING)
     patches = self_affine(material.kinetic * material.patchiness, PATCH, hurst=0.5, rng=rng)
     uneven = patch_filter(patches + _snags(material, rng), patch_radius(LIGHT, material))
@@ -111,7 +111,7 @@ def _friction(traced: Profile, material: Material, rng: np.random.Generator) -> 
 
 
 def _snags(material: Material, rng: np.random.Generator) -> Profile:
-    """Ramps that end at a sudden: the tip is held, then let go."""
+    """Ramps that end abruptly: the tip is held, then released."""
     out = np.zeros(SIZE)
     count = rng.poisson(SIZE * SPACING / material.snag_spacing)
     strength = np.minimum(material.snag_strength * np.exp(0.6 * rng.standard_normal(count)), 1.2)

@@ -1,1 +1,1 @@
-"""Feature-based detectors: feature tracks, training sets, linear classifiers and baselines."""
+"""Recipes that learn from features: tracks of features, training sets, classifiers and their ONNX graphs."""

@@ -1,4 +1,8 @@
-"""The classical ways: rules that people made by hand, and standard learners on the features of our own detector."""
+"""Baselines: hand-made rules on cues, and standard classifiers on texture features.
+
+The only place where level and median frequency are turned into detectors; their values come from
+:mod:`tactophone.perception.features.handcrafted`.
+"""
 
 from collections.abc import Sequence
 
@@ -7,81 +11,70 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
-from tactophone.perception.features.bands import CREST, VALUES
-from tactophone.perception.features.handcrafted import CUES
-from tactophone.perception.model_file import FEATURES
-from tactophone.training.features.linear_classifier import Examples, even_weights
-from tactophone.training.features.onnx_graph import answer_nodes, build
+from tactophone.perception import BAND_VALUES, CREST_INDEX, CUES
+from tactophone.training.features.examples import Floats
+from tactophone.training.features.onnx_graph import build_known, build_linear, fill_missing
 from tactophone.training.features.training_set import TrainingSet
 
-Floats = NDArray[np.float64]
-
 RULES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")
-"""Cues that vote; the median frequency is a method of its own."""
+"""Cues that vote; the median frequency is a recipe of its own."""
 
 VOTE_STEEPNESS = 8.0
 """A cue's vote is a step, softened over an eighth of the distance between its class medians."""
 
-KNOWN = -20.0
-"""Logit of *unknown* for ways that never abstain."""
+
+def build_level(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit a threshold of level between smooth and rough."""
+    return _single_cue(training_set, "level_db")
 
 
-def build_level(lesson: TrainingSet) -> onnx.ModelProto:
-    """Find the level that parts rough from smooth."""
-    return _linear_cue(lesson, "level_db")
+def build_median_frequency(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit a threshold of median frequency between smooth and rough (it drives the stimulus in Svensson et al. 2021)."""
+    return _single_cue(training_set, "median_octaves")
 
 
-def build_median_frequency(lesson: TrainingSet) -> onnx.ModelProto:
-    """Find the median frequency that parts rough from smooth (Svensson et al. 2021 let it drive the stimulus)."""
-    return _linear_cue(lesson, "median_octaves")
-
-
-def build_rules(lesson: TrainingSet) -> onnx.ModelProto:
-    """Let each cue vote whether it is nearer to what is common on rough or on smooth surfaces; the majority wins."""
-    examples = lesson.examples
+def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
+    """Let each cue vote for the class whose median is nearer; the majority wins."""
+    examples = training_set.examples
     columns = [CUES.index(name) for name in RULES if np.isfinite(examples.features[:, CUES.index(name)]).all()]
-    smooth, rough = (np.median(examples.features[examples.rough == called], axis=0) for called in (False, True))
+    smooth, rough = (np.median(examples.features[examples.rough == label], axis=0) for label in (False, True))
     gap = np.where(np.abs(rough - smooth) < 1e-3, 1e-3, rough - smooth)
-    slopes, middle = np.zeros(len(CUES)), (rough + smooth) / 2
+    slopes = np.zeros(len(CUES))
     slopes[columns] = VOTE_STEEPNESS / gap[columns]
     nodes = [
-        *_filled("middle"),
-        helper.make_node("Sub", ["whole", "middle"], ["off"]),
+        *fill_missing("centre"),
+        helper.make_node("Sub", ["whole", "centre"], ["off"]),
         helper.make_node("Mul", ["off", "slopes"], ["steep"]),
         helper.make_node("Tanh", ["steep"], ["votes"]),
         helper.make_node("ReduceSum", ["votes", "one"], ["logit"], keepdims=1),
-        *_never_unknown(),
     ]
-    tensors = {"middle": np.nan_to_num(middle), "slopes": slopes}
-    return _model(nodes, tensors, features=len(CUES))
+    tensors = {"centre": np.nan_to_num((rough + smooth) / 2), "slopes": slopes}
+    return build_known(nodes, tensors, features=len(CUES))
 
 
-def build_logistic(lesson: TrainingSet) -> onnx.ModelProto:
-    """Fit scikit-learn's logistic regression as it comes, both classes weighing the same."""
+def build_logistic(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit scikit-learn's logistic regression with its defaults, both classes weighted the same."""
     from sklearn.linear_model import LogisticRegression
 
-    examples = lesson.examples.thinned()
-    centre, scale = _moments(examples)
+    examples = training_set.examples.thinned()
+    centre, scale = examples.moments()
     model = LogisticRegression(class_weight="balanced", solver="newton-cholesky", max_iter=50)
-    model.fit(_standard(examples, centre, scale), examples.rough)
-    return _linear(centre, model.coef_[0] / scale, float(model.intercept_[0]))
+    model.fit(examples.standardised(centre, scale), examples.rough)
+    return build_linear(centre, model.coef_[0] / scale, float(model.intercept_[0]))
 
 
-def build_surface(lesson: TrainingSet) -> onnx.ModelProto:
-    """Regress log Ra on the features, and call rough what lies over the middle between smooth and rough surfaces."""
-    weights, centre, bias, spread = fit_height(lesson)
-    heights = [
-        np.nanmean(lesson.height[lesson.examples.rough == called & np.isfinite(lesson.height)])
-        for called in (False, True)
-    ]
-    boundary = float(np.mean(heights))
-    # A normal error of this spread, read as a logistic one (logistic scale = spread * sqrt(3) / pi).
+def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
+    """Regress log Ra on the features; rough is what exceeds the middle between smooth and rough surfaces."""
+    weights, centre, bias, spread = fit_height(training_set)
+    rough, height = training_set.examples.rough, training_set.height
+    boundary = float(np.mean([np.nanmean(height[rough == label & np.isfinite(height)]) for label in (False, True)]))
+    # A normal error of this spread, taken as a logistic one (logistic scale = spread * sqrt(3) / pi).
     slope = np.pi / np.sqrt(3) / spread
-    return _linear(centre, slope * weights, float(slope * (bias - boundary)))
+    return build_linear(centre, slope * weights, float(slope * (bias - boundary)))
 
 
-def fit_height(lesson: TrainingSet) -> tuple[Floats, Floats, float, float]:
-    """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface weighing the same.
+def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]:
+    """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface weighted the same.
 
     Returns
     -------
@@ -91,49 +84,49 @@ def fit_height(lesson: TrainingSet) -> tuple[Floats, Floats, float, float]:
     Raises
     ------
     ValueError
-        If no recording tells its ``ra_um``.
+        If no recording has the property ``ra_um``.
     """
     from sklearn.linear_model import Ridge
 
-    known = np.isfinite(lesson.height)
+    known = np.isfinite(training_set.height)
     if not known.any():
-        raise ValueError("no recording tells its surface's Ra (property ra_um)")
-    examples = lesson.examples.where(known)
-    centre, scale = _moments(examples)
-    standard, weigh = _standard(examples, centre, scale), even_weights(examples.rough, examples.surface)
-    model = Ridge(alpha=0.01 * len(standard)).fit(standard, lesson.height[known], sample_weight=weigh)
-    errors = model.predict(standard) - lesson.height[known]
-    spread = float(np.sqrt(np.average(np.square(errors), weights=weigh)))
+        raise ValueError("no recording gives its surface's Ra (property ra_um)")
+    examples, height = training_set.examples.where(known), training_set.height[known]
+    centre, scale = examples.moments()
+    standard, weights = examples.standardised(centre, scale), examples.weights()
+    model = Ridge(alpha=0.01 * len(standard)).fit(standard, height, sample_weight=weights)
+    errors = model.predict(standard) - height
+    spread = float(np.sqrt(np.average(np.square(errors), weights=weights)))
     return model.coef_ / scale, centre, float(model.intercept_), spread
 
 
-def build_impulses(lesson: TrainingSet) -> onnx.ModelProto:
-    """Let the crest of the sound and how it changes say together how rough: both up, and by as much.
+def build_impulses(training_set: TrainingSet) -> onnx.ModelProto:
+    """Classify by the crest of the sound plus its variation, equally weighted.
 
-    What spectra and levels say of roughness in simulated sound, real sound of another finger and microphone
-    contradicts. That rough is more transient holds in both (and in the paper, section III-C); so nothing is learnt here
-    but the boundary and how sure to be around it (docs/detector.md). Two cues of equal weight are hard to improve on
+    What spectra and levels say about roughness in simulated sound is contradicted by real sound of another finger and
+    microphone. That rough is more transient holds in both (and in the paper, section III-C); so only the boundary and
+    the steepness around it are fitted (docs/research/detector.md). Two cues of equal weight are hard to improve on
     where samples differ from practice (Dawes, "The robust beauty of improper linear models", 1979).
     """
     from sklearn.linear_model import LogisticRegression
 
-    examples = lesson.examples.thinned()
-    centre, scale = _moments(examples)
+    examples = training_set.examples.thinned()
+    centre, scale = examples.moments()
     direction = np.zeros(len(centre))
-    direction[[CREST, VALUES + CREST]] = 0.5
+    # The means of all values come first, then their deviations.
+    direction[[CREST_INDEX, BAND_VALUES + CREST_INDEX]] = 0.5
     direction /= scale
-    peaking = (examples.features - centre) @ direction
-    weigh = even_weights(examples.rough, examples.surface)
-    model = LogisticRegression().fit(peaking[:, None], examples.rough, sample_weight=weigh)
-    return _linear(centre, model.coef_[0, 0] * direction, float(model.intercept_[0]))
+    score = (examples.features - centre) @ direction
+    model = LogisticRegression().fit(score[:, None], examples.rough, sample_weight=examples.weights())
+    return build_linear(centre, model.coef_[0, 0] * direction, float(model.intercept_[0]))
 
 
-def build_boosting(lesson: TrainingSet) -> onnx.ModelProto:
-    """Fit scikit-learn's histogram gradient boosting with mild settings, and write its trees out."""
+def build_boosting(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit scikit-learn's histogram gradient boosting with mild settings, and convert its trees."""
     from sklearn.ensemble import HistGradientBoostingClassifier
 
-    examples = lesson.examples.thinned()
-    centre, _ = _moments(examples)
+    examples = training_set.examples.thinned()
+    centre, _ = examples.moments()
     features = np.where(np.isnan(examples.features), centre, examples.features)
     model = HistGradientBoostingClassifier(
         max_iter=150, max_leaf_nodes=15, learning_rate=0.05, min_samples_leaf=100, l2_regularization=5.0,
@@ -141,26 +134,22 @@ def build_boosting(lesson: TrainingSet) -> onnx.ModelProto:
     )  # fmt: skip
     model.fit(features, examples.rough)
     trees = [stage[0].nodes for stage in model._predictors]
-    nodes = [
-        *_filled("middle"),
-        _trees_node(trees, base=float(model._baseline_prediction[0, 0])),
-        *_never_unknown(),
-    ]
-    return _model(nodes, {"middle": centre}, features=features.shape[1])
+    nodes = [*fill_missing("centre"), _trees_node(trees, base=float(model._baseline_prediction[0, 0]))]
+    return build_known(nodes, {"centre": centre}, features=features.shape[1])
 
 
 def _trees_node(trees: Sequence[NDArray[np.void]], *, base: float) -> NodeProto:
-    """Write trees as ONNX has them: node by node, children by number, a value at each leaf."""
+    """Write trees as ONNX stores them: node by node, children by number, a value at each leaf."""
     every = np.concatenate(trees)
     number = np.concatenate([np.arange(len(tree)) for tree in trees])
-    tree = np.repeat(np.arange(len(trees)), [len(one) for one in trees])
+    tree = np.repeat(np.arange(len(trees)), [len(tree) for tree in trees])
     leaf = every["is_leaf"].astype(bool)
     return helper.make_node(
         "TreeEnsembleRegressor", ["whole"], ["logit"], domain="ai.onnx.ml", n_targets=1, base_values=[base],
         nodes_treeids=tree.tolist(), nodes_nodeids=number.tolist(),
         nodes_modes=np.where(leaf, "LEAF", "BRANCH_LEQ").tolist(),
         nodes_featureids=np.where(leaf, 0, every["feature_idx"]).tolist(),
-        nodes_values=_not_above(every["num_threshold"]).tolist(),
+        nodes_values=_round_down(every["num_threshold"]).tolist(),
         nodes_truenodeids=np.where(leaf, 0, every["left"]).tolist(),
         nodes_falsenodeids=np.where(leaf, 0, every["right"]).tolist(),
         target_treeids=tree[leaf].tolist(), target_nodeids=number[leaf].tolist(),
@@ -168,60 +157,17 @@ def _trees_node(trees: Sequence[NDArray[np.void]], *, base: float) -> NodeProto:
     )  # fmt: skip
 
 
-def _not_above(thresholds: Floats) -> NDArray[np.float32]:
-    """Round thresholds to float32 downwards: features are float32, and what was over must stay over."""
+def _round_down(thresholds: Floats) -> NDArray[np.float32]:
+    """Round thresholds down to float32: features are float32, and those over a threshold must stay over it."""
     near = thresholds.astype(np.float32)
     return np.where(near > thresholds, np.nextafter(near, np.float32(-np.inf)), near)
 
 
-def _linear_cue(lesson: TrainingSet, cue: str) -> onnx.ModelProto:
+def _single_cue(training_set: TrainingSet, cue: str) -> onnx.ModelProto:
     from sklearn.linear_model import LogisticRegression
 
-    column, examples = CUES.index(cue), lesson.examples.thinned()
-    weigh = even_weights(examples.rough, examples.surface)
-    values = examples.features[:, [column]]
-    model = LogisticRegression().fit(values, examples.rough, sample_weight=weigh)
+    column, examples = CUES.index(cue), training_set.examples.thinned()
+    model = LogisticRegression().fit(examples.features[:, [column]], examples.rough, sample_weight=examples.weights())
     weights = np.zeros(len(CUES))
     weights[column] = model.coef_[0, 0]
-    return _linear(np.zeros(len(CUES)), weights, float(model.intercept_[0]))
-
-
-def _linear(centre: Floats, weights: Floats, bias: float) -> onnx.ModelProto:
-    nodes = [
-        *_filled("middle"),
-        helper.make_node("Sub", ["whole", "middle"], ["off"]),
-        helper.make_node("MatMul", ["off", "weights"], ["weighed"]),
-        helper.make_node("Add", ["weighed", "bias"], ["logit"]),
-        *_never_unknown(),
-    ]
-    return _model(nodes, {"middle": centre, "weights": weights[:, None], "bias": np.array([bias])}, len(centre))
-
-
-def _filled(middle: str) -> list[NodeProto]:
-    """Put the average where a feature is missing."""
-    return [
-        helper.make_node("IsNaN", [FEATURES], ["missing"]),
-        helper.make_node("Where", ["missing", middle, FEATURES], ["whole"]),
-    ]
-
-
-def _never_unknown() -> list[NodeProto]:
-    return [
-        helper.make_node("Mul", ["logit", "zero"], ["nothing"]),
-        helper.make_node("Add", ["nothing", "known"], ["unknown"]),
-        *answer_nodes(logit="logit", unknown="unknown"),
-    ]
-
-
-def _model(nodes: Sequence[NodeProto], tensors: dict[str, Floats], features: int) -> onnx.ModelProto:
-    constants = {"zero": np.zeros(1), "known": np.array([KNOWN]), "one": np.array([1])}
-    return build(list(nodes), {**constants, **tensors}, features=features)
-
-
-def _moments(examples: Examples) -> tuple[Floats, Floats]:
-    wide = examples.features.astype(np.float64)
-    return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
-
-
-def _standard(examples: Examples, centre: Floats, scale: Floats) -> Floats:
-    return np.asarray(np.nan_to_num((examples.features - centre) / scale))
+    return build_linear(np.zeros(len(CUES)), weights, float(model.intercept_[0]))

@@ -1,14 +1,13 @@
-"""What recordings sound like to detectors that are shown features: every window described, every touch remembered.
+"""Features of whole recordings, by the live stages.
 
-The stages are the live ones, a whole recording at a time. The average touch, with which a memory begins, is only known
-once the training recordings are chosen; as it fades out by known weights, it is added afterwards.
+The running statistics of texture features start with the moments of the average touch, which are known only once the
+training recordings are chosen. Their weight at each window is known in advance, so they are added afterwards.
 """
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -16,22 +15,27 @@ from numpy.typing import NDArray
 
 from tactophone.dataset import Recording
 from tactophone.link import Codec
-from tactophone.perception import Gate, ModelCard
-from tactophone.perception.features.bands import VALUES, Bands
-from tactophone.perception.features.extractors import EXTRACTORS
-from tactophone.perception.features.loudness import banded_dbfs
-from tactophone.perception.features.texture import SILENT_POWER, Moments, RunningStatistics, Surprise, texture_features
+from tactophone.perception import (
+    BAND_VALUES,
+    EXTRACTORS,
+    SILENT_POWER,
+    BandFeatures,
+    ChangeMetric,
+    Gate,
+    ModelCard,
+    Moments,
+    RunningStatistics,
+    banded_dbfs,
+    texture_features,
+)
+from tactophone.training.recipes import FeatureKind, Microphone, silent
 from tactophone.training.sound import read_signals
 from tactophone.types import CONTACT, FloatArray
 
-RATE = 16_000
-"""Hz at which all of these kinds hear."""
+FEATURE_RATE = 16_000
+"""Sample rate in Hz that all of these features are computed at."""
 
-Kind = Literal["texture", "cues", "scalogram"]
-
-Microphone = Literal["contact", "air"]
-
-WINDOWS: dict[Kind, tuple[int, Fraction]] = {
+WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
     "texture": (512, Fraction(160)),
     "cues": (4096, Fraction(512, 3)),
     "scalogram": (4096, Fraction(512, 3)),
@@ -41,7 +45,7 @@ WINDOWS: dict[Kind, tuple[int, Fraction]] = {
 
 @dataclass(frozen=True, slots=True)
 class FeatureSpec:
-    """How recordings are heard.
+    """Which features are extracted, from what sound.
 
     Parameters
     ----------
@@ -50,37 +54,37 @@ class FeatureSpec:
     channels
         2, or 1.
     codec
-        Sound is passed through it and back.
-    alone
-        The microphone that is heard where there is one channel; the file's first, if it has none such.
-    calm
-        Whether no memory of its is ever surprised.
+        Codec that the sound passes through first.
+    microphone
+        The microphone used where ``channels`` is 1; the file's first, if it has none of that name.
+    change_detection
+        Whether the running statistics restart where the surface changes.
     """
 
-    kind: Kind = "texture"
+    kind: FeatureKind = "texture"
     channels: int = 2
     codec: Codec | None = None
-    # Not shown: benchmarks keep results by a way's name and how its ear is written, and only one way differs here.
-    alone: Microphone = field(default="contact", repr=False)
-    calm: bool = field(default=False, repr=False)
+    microphone: Microphone = "contact"
+    change_detection: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureTrack:
-    """One recording, window by window.
+    """The features of one recording, window by window.
 
     Parameters
     ----------
     recording
-        What was heard.
+        Where they come from.
     description
-        Of kind ``texture``: shape ``(windows, channels, VALUES)``; of others: their features.
+        Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, BAND_VALUES)``; of
+        other kinds: the features, shape ``(windows, features)``.
     level_dbfs
         Banded level of the contact channel.
     start, end
         Of each window, in s.
     present
-        Whether each channel carries anything, shape ``(windows, channels)``.
+        Whether each channel carries a signal, shape ``(windows, channels)``.
     """
 
     recording: Recording
@@ -91,96 +95,112 @@ class FeatureTrack:
     present: NDArray[np.bool_]
 
     def touching(self) -> NDArray[np.bool_]:
-        """Whether the finger touches anything at each window's end, by the segments; throughout, if there are none."""
+        """Whether the segments label each window's end as contact; true throughout where there are no segments."""
         return self._in_contact(self.end) if self.recording.segments else np.ones(len(self.end), bool)
 
     def quiet(self) -> NDArray[np.bool_]:
-        """Whether each window lies wholly where nothing is touched, by the segments; not where they do not tell."""
+        """Whether each window lies in a segment without contact; false where there are no segments."""
         inside = np.zeros(len(self.end), bool)
-        for one in self.recording.segments:
-            if not one.contact:
-                inside |= (self.start >= one.start) & (self.end <= one.end)
+        for segment in self.recording.segments:
+            if not segment.contact:
+                inside |= (self.start >= segment.start) & (self.end <= segment.end)
         return inside & ~self._in_contact(self.start)
 
     def _in_contact(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
         inside = np.zeros(len(self.end), bool)
-        for one in self.recording.segments:
-            if one.contact:
-                inside |= (self.end > one.start) & (start <= one.end)
+        for segment in self.recording.segments:
+            if segment.contact:
+                inside |= (self.end > segment.start) & (start <= segment.end)
         return inside
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunningMoments:
-    """What the memory of a track's touches holds after each window: ``moments`` of shape ``(2, windows, channels,
-    values)``, and ``left``, the weight of the average touch."""
+    """The running statistics of a track after each window, without the prior.
+
+    Parameters
+    ----------
+    moments
+        Shape ``(2, windows, channels, values)``.
+    prior_weight
+        Weight of the average touch, shape ``(windows,)``.
+    """
 
     moments: Moments
-    left: NDArray[np.float64]
+    prior_weight: NDArray[np.float64]
 
     def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
-        """Give what the extractor gives with this average touch: shape ``(windows, features)``."""
-        features = texture_features(self.moments + self.left[:, None, None] * prior[:, None])
+        """Return what the live extractor returns with this prior, shape ``(windows, features)``.
+
+        ``prior`` has shape ``(2, channels, values)``; ``present`` is :attr:`FeatureTrack.present`.
+        """
+        # (windows, 1, 1) * (2, 1, channels, values): each window's share of the prior, for both moments.
+        features = texture_features(self.moments + self.prior_weight[:, None, None] * prior[:, None])
         features[~present] = np.nan
         return features.reshape(len(features), -1)
 
 
-def listen(
-    recordings: Sequence[Recording], ear: FeatureSpec, *, report: Callable[[int], None] = lambda done: None
+def extract_features(
+    recordings: Sequence[Recording], spec: FeatureSpec, *, report: Callable[[int], None] = silent
 ) -> list[FeatureTrack]:
-    """Describe every window of recordings; those heard before are remembered."""
+    """Extract the features of recordings; those extracted before come from a cache."""
     tracks = []
     for done, recording in enumerate(recordings, 1):
         changed = recording.path.stat().st_mtime_ns if recording.path.is_file() else 0
-        tracks.append(_listen(recording, changed, ear))
+        tracks.append(_extract_track(recording, changed, spec))
         report(done)
     return tracks
 
 
 @functools.lru_cache(maxsize=1 << 13)
-def _listen(recording: Recording, changed_ns: int, ear: FeatureSpec) -> FeatureTrack:
-    (signal,) = read_signals([recording], channels=ear.channels, rate=RATE, codec=ear.codec, alone=ear.alone)
-    size, hop = WINDOWS[ear.kind]
+def _extract_track(recording: Recording, changed_ns: int, spec: FeatureSpec) -> FeatureTrack:
+    (signal,) = read_signals(
+        [recording], channels=spec.channels, rate=FEATURE_RATE, codec=spec.codec, microphone=spec.microphone
+    )
+    size, hop = WINDOWS[spec.kind]
     count = max(0, int((len(signal) - size) / hop) + 1)
+    # The hop may be a fraction of a sample; each start is rounded down, as in the live stage.
     starts = np.array([int(k * hop) for k in range(count)], np.intp)
     windows = sliding_window_view(np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0)
     windows = windows[starts].swapaxes(1, 2)
     level_dbfs = np.array([banded_dbfs(window[:, CONTACT]) for window in windows])
     present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
-    return FeatureTrack(recording, _describe(windows, ear), level_dbfs, starts / RATE, (starts + size) / RATE, present)
+    start, end = starts / FEATURE_RATE, (starts + size) / FEATURE_RATE
+    return FeatureTrack(recording, _describe(windows, spec), level_dbfs, start, end, present)
 
 
-def _describe(windows: FloatArray, ear: FeatureSpec) -> NDArray[np.float32]:
-    size, hop = WINDOWS[ear.kind]
-    if ear.kind == "texture":
-        bands = Bands(size, RATE)
-        return bands.describe(bands.hear(windows)).reshape(-1, ear.channels, VALUES)
-    extractor = EXTRACTORS[ear.kind](ModelCard("", ear.kind, RATE, size, hop, ear.channels, Gate(0.0)))
+def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
+    size, hop = WINDOWS[spec.kind]
+    if spec.kind == "texture":
+        bands = BandFeatures(size, FEATURE_RATE)
+        return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, BAND_VALUES)
+    extractor = EXTRACTORS[spec.kind](ModelCard("", spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(0.0)))
     return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
 
 
-def remember(track: FeatureTrack, threshold_dbfs: float, surprise: Surprise) -> RunningMoments:
-    """Remember a track's touches; contact begins at a threshold."""
-    memory = RunningStatistics(surprise)
+def accumulate(track: FeatureTrack, threshold_dbfs: float, change_metric: ChangeMetric) -> RunningMoments:
+    """Return the running statistics of a track; contact begins at a threshold."""
+    statistics = RunningStatistics(change_metric)
     moments = np.empty((len(track.description), 2, *track.description.shape[1:]))
-    left = np.empty(len(moments))
+    prior_weight = np.empty(len(moments))
     for number, (description, contact) in enumerate(_windows(track, threshold_dbfs)):
-        memory.push(description, contact=contact)
-        moments[number], left[number] = memory.moments, memory.left
-    return RunningMoments(np.moveaxis(moments, 1, 0), left)
+        statistics.push(description, contact=contact)
+        moments[number], prior_weight[number] = statistics.moments, statistics.prior_weight
+    # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
+    return RunningMoments(np.moveaxis(moments, 1, 0), prior_weight)
 
 
-# A cross-validation asks in every fold; thresholds are whole decibels, so that the answer is mostly known.
+# A cross-validation asks in every fold; thresholds are whole decibels, so that most answers are in the cache.
 @functools.lru_cache(maxsize=1 << 13)
-def movements(track: FeatureTrack, threshold_dbfs: float) -> NDArray[np.float32]:
-    """Tell how far a memory that nothing surprises moves on one surface, shape ``(windows, channels, values)``."""
-    memory = RunningStatistics(np.zeros((*track.description.shape[1:], VALUES)))
-    told = []
+def mean_shifts(track: FeatureTrack, threshold_dbfs: float) -> NDArray[np.float32]:
+    """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
+    statistics = RunningStatistics(np.zeros((*track.description.shape[1:], BAND_VALUES)))
+    shifts = []
     for description, contact in _windows(track, threshold_dbfs):
-        memory.push(description, contact=contact)
-        if contact and (moved := memory.moved()) is not None:
-            told.append(moved)
-    return np.array(told, np.float32).reshape(-1, *track.description.shape[1:])
+        statistics.push(description, contact=contact)
+        if contact and (shift := statistics.shift()) is not None:
+            shifts.append(shift)
+    return np.array(shifts, np.float32).reshape(-1, *track.description.shape[1:])
 
 
 def _windows(track: FeatureTrack, threshold_dbfs: float) -> Iterator[tuple[FloatArray, bool]]:

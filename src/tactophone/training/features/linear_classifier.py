@@ -1,63 +1,44 @@
-"""Fits the head of our own detector: few weights, whose confidence is honest, and which is aware of what it knows.
+"""The classifier of the recipe ``texture``: few weights, calibrated probabilities, and *none* for unknown sound.
 
-For each set of channels that may be alive there is one logistic regression, every surface and either class weighing
-the same, shrunk until it is no surer of surfaces that it has not met than it is right about them (docs/detector.md).
-What is unlike any sound it knows is told by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance
-(2004); the threshold is what one left-out window in two hundred exceeds.
+There is one logistic regression for each set of working channels, every surface and either class weighted the same,
+regularised until its confidence on held-out surfaces equals its accuracy there (docs/research/detector.md). Sound
+unlike the training data is detected by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance (2004); the
+threshold is what one held-out window in two hundred exceeds.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
 
+from tactophone.training.features.examples import Examples, Floats, inner_folds
+from tactophone.training.features.onnx_graph import build_classifier_graph
+from tactophone.training.features.training_set import TrainingSet
 from tactophone.types import FloatArray
 
 STRENGTH = 0.05
-"""Inverse of the L2 penalty, per unit of mean loss times windows; docs/detector.md has what others gave."""
+"""Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
 
-INNER_FOLDS = 5
 KNOWN_SHARE = 0.995
-MOST_WINDOWS = 12_000
-"""Windows fitted on, evenly drawn: neighbours are nearly the same, and more change no score."""
-
-Floats = NDArray[np.float64]
+"""Share of held-out windows that count as known sound."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Examples:
-    """Windows to learn from: features ``(windows, features)``, whether rough, and the surface's number."""
-
-    features: FloatArray
-    rough: NDArray[np.bool_]
-    surface: NDArray[np.intp]
-
-    def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
-        """Keep some."""
-        return Examples(self.features[which], self.rough[which], self.surface[which])
-
-    def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
-        """Keep at most so many, evenly."""
-        return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Head:
-    """Parameters of the head.
+class LinearClassifier:
+    """Parameters of the classifier.
 
     Parameters
     ----------
     centre, scale
         Of the features, which are standardised first.
     weights, biases
-        A logistic regression for each set of living channels, shape ``(sets, features)``: all, then each alone.
+        A logistic regression for each set of working channels, shape ``(sets, features)``: all, then each alone.
     whitening
-        Shape ``(features, features)``: turns a channel's standardised features into ones of no correlation and unit
-        variance.
+        Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance.
     limit
-        Mean square of the living channels' whitened features over which sound is unknown.
+        Mean square of the working channels' whitened features over which sound is unknown.
     """
 
     centre: Floats
@@ -68,8 +49,14 @@ class Head:
     limit: float
 
 
+def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit the classifier and return its graph."""
+    channels = training_set.spec.channels
+    return build_classifier_graph(fit_classifier(training_set.examples, channels=channels), channels=channels)
+
+
 def channel_sets(channels: int) -> list[tuple[int, ...]]:
-    """List the sets of living channels that there is a regression for.
+    """Return the sets of working channels that have a regression.
 
     >>> channel_sets(2), channel_sets(1)
     ([(0, 1), (0,), (1,)], [(0,)])
@@ -78,80 +65,43 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
     return [every, *combinations(every, 1)] if channels > 1 else [every]
 
 
-def fit_head(examples: Examples, *, channels: int) -> Head:
-    """Fit and bound a head on windows of several surfaces of both classes."""
+def fit_classifier(examples: Examples, *, channels: int) -> LinearClassifier:
+    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes."""
     thinned = examples.thinned()
-    centre, scale = _moments(thinned.features)
-    standard = Examples(_standardised(thinned.features, centre, scale), thinned.rough, thinned.surface)
-    sets = channel_sets(channels)
-    fitted = [_fitted(standard, _columns(one, channels, standard.features.shape[1])) for one in sets]
+    centre, scale = thinned.moments()
+    standard = Examples(np.asarray(thinned.standardised(centre, scale), np.float32), thinned.rough, thinned.surface)
+    count = len(centre)
+    fitted = [_fit_regression(standard, _columns(working, channels, count)) for working in channel_sets(channels)]
     whitening = _whitening(standard.features, channels)
-    limit = float(np.quantile(_left_out_distances(standard, channels), KNOWN_SHARE))
+    limit = float(np.quantile(_held_out_distances(standard, channels), KNOWN_SHARE))
     weights, biases = zip(*fitted, strict=True)
-    return Head(centre, scale, np.array(weights), np.array(biases), whitening, limit)
+    return LinearClassifier(centre, scale, np.array(weights), np.array(biases), whitening, limit)
 
 
-def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Floats:
-    """Weigh windows so that both classes, and in each its surfaces, weigh the same; the mean weight is 1."""
-    weights = np.empty(len(rough))
-    for called in (False, True):
-        surfaces = np.unique(surface[rough == called])
-        for one in surfaces:
-            here = (surface == one) & (rough == called)
-            weights[here] = len(rough) / 2 / len(surfaces) / here.sum()
-    return weights
-
-
-def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator[NDArray[np.bool_]]:
-    """Give the windows left out of each inner fold: whole surfaces, both classes in each where there are enough."""
-    dealt = {int(one): place % INNER_FOLDS for called in (True, False)
-             for place, one in enumerate(np.unique(surface[rough == called]))}  # fmt: skip
-    side = np.array([dealt[int(one)] for one in surface])
-    for fold in range(INNER_FOLDS):
-        out = side == fold
-        if out.any() and 0 < rough[~out].mean() < 1:
-            yield out
-
-
-def _fitted(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
-    only = examples.features[:, columns].astype(np.float64)
-    weights, bias = _logistic(only, examples.rough, examples.surface)
-    full = np.zeros(examples.features.shape[1])
-    full[columns] = weights
-    return full, bias
-
-
-def _logistic(features: Floats, rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> tuple[Floats, float]:
+def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
+    """Fit a logistic regression on some columns; the weights of the others are 0."""
     from sklearn.linear_model import LogisticRegression
 
     model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)
-    model.fit(features, rough, sample_weight=even_weights(rough, surface))
-    return np.asarray(model.coef_[0]), float(model.intercept_[0])
-
-
-def _moments(features: FloatArray) -> tuple[Floats, Floats]:
-    wide = features.astype(np.float64)
-    return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
-
-
-def _standardised(features: FloatArray, centre: Floats, scale: Floats) -> FloatArray:
-    # What is missing is taken to be average, here as in the graph.
-    return np.asarray(np.nan_to_num((features - centre) / scale, nan=0.0), np.float32)
+    model.fit(examples.features[:, columns].astype(np.float64), examples.rough, sample_weight=examples.weights())
+    weights = np.zeros(examples.features.shape[1])
+    weights[columns] = model.coef_[0]
+    return weights, float(model.intercept_[0])
 
 
 def _whitening(standard: FloatArray, channels: int) -> Floats:
-    """Whiten each channel by itself: then the distance of those alive does not hang on those that are missing."""
+    """Whiten each channel by itself: then the distance of those that work does not depend on those that do not."""
     from sklearn.covariance import LedoitWolf
 
     whitening = np.zeros((standard.shape[1], standard.shape[1]))
-    for one in range(channels):
-        columns = _columns((one,), channels, standard.shape[1])
+    for channel in range(channels):
+        columns = _columns((channel,), channels, standard.shape[1])
         precision = LedoitWolf(assume_centered=True).fit(standard[:, columns].astype(np.float64)).precision_
         whitening[np.ix_(columns, columns)] = np.linalg.cholesky(precision)
     return whitening
 
 
-def _left_out_distances(examples: Examples, channels: int) -> Floats:
+def _held_out_distances(examples: Examples, channels: int) -> Floats:
     distances = [
         np.square(examples.features[out] @ _whitening(examples.features[~out], channels)).mean(axis=1)
         for out in inner_folds(examples.rough, examples.surface)
@@ -159,6 +109,7 @@ def _left_out_distances(examples: Examples, channels: int) -> Floats:
     return np.concatenate(distances)
 
 
-def _columns(living: tuple[int, ...], channels: int, features: int) -> NDArray[np.intp]:
+def _columns(working: tuple[int, ...], channels: int, features: int) -> NDArray[np.intp]:
+    """Numbers of the features of some channels, which stand one after another."""
     each = features // channels
-    return np.concatenate([np.arange(one * each, (one + 1) * each) for one in living])
+    return np.concatenate([np.arange(channel * each, (channel + 1) * each) for channel in working])

@@ -1,4 +1,4 @@
-"""What is learnt from recordings by detectors that are shown features: contact, the average touch, examples."""
+"""What a classifier on features is trained with: contact threshold, average touch, change metric, labelled windows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,110 +10,104 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
-from tactophone.perception import DecisionRule, Gate, ModelCard
-from tactophone.perception.features.bands import VALUES
-from tactophone.perception.features.texture import LEAST_VARIANCE, Moments, Surprise
+from tactophone.perception import BAND_VALUES, MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
+from tactophone.training.features.examples import Examples
 from tactophone.training.features.feature_tracks import (
-    RATE,
+    FEATURE_RATE,
     WINDOWS,
     FeatureSpec,
     FeatureTrack,
-    listen,
-    movements,
-    remember,
+    accumulate,
+    extract_features,
+    mean_shifts,
 )
-from tactophone.training.features.linear_classifier import Examples
 from tactophone.types import FloatArray, Touch
 
 FALSE_CONTACTS = 0.01
-"""Share of windows without contact that the gate's threshold lets through."""
+"""Share of windows without contact that pass the gate's threshold."""
 
 ALWAYS_DBFS = -120.0
-"""Threshold where training sound has no silence to learn one from: everything counts as contact."""
+"""Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
 
-
-SURPRISED_SHARE = 0.01
-"""Share of windows on one surface that would surprise its memory."""
+FALSE_CHANGES = 0.01
+"""Share of windows on one surface where the change detection would fire."""
 
 RIDGE = 1e-3
-"""Added to the spread of movements, as a share of its mean: directions that were hardly seen must not decide."""
+"""Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen directions from dominating."""
 
 NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """What recordings come to.
+    """What a classifier is trained with.
 
     Parameters
     ----------
-    ear
-        How they were heard.
+    spec
+        Which features.
     threshold_dbfs
         Of contact.
-    prior, surprise
-        Of the memory, for kind ``texture``: see :mod:`tactophone.perception.features.texture`.
+    prior, change_metric
+        Of the running statistics, for kind ``texture``: see :mod:`tactophone.perception.features.texture`.
     examples
         Windows in contact.
     height
-        log10 of the surface's Ra in micrometres for each example; NaN where it is not known.
+        log10 of the surface's Ra in micrometres for each example; NaN where it is unknown.
     """
 
-    ear: FeatureSpec
+    spec: FeatureSpec
     threshold_dbfs: float
     prior: Moments
-    surprise: Surprise
+    change_metric: ChangeMetric
     examples: Examples
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     def features(self, track: FeatureTrack) -> FloatArray:
-        """Give the features that the live extractor gives, shape ``(windows, features)``."""
-        if self.ear.kind != "texture":
+        """Return the features that the live extractor returns, shape ``(windows, features)``."""
+        if self.spec.kind != "texture":
             return track.description
-        return remember(track, self.threshold_dbfs, self.surprise).features(self.prior, track.present)
+        return accumulate(track, self.threshold_dbfs, self.change_metric).features(self.prior, track.present)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
-        """Describe the model that is made of it."""
-        size, hop = WINDOWS[self.ear.kind]
+        """Return the card of a model trained with it."""
+        size, hop = WINDOWS[self.spec.kind]
+        settings: dict[str, Any] = {}
+        if self.spec.kind == "texture":
+            settings = {
+                "microphone": self.spec.microphone,
+                "prior": self.prior.tolist(),
+                "change_metric": self.change_metric.tolist(),
+            }
+        gate = Gate(self.threshold_dbfs, "banded")
         return ModelCard(
-            name,
-            self.ear.kind,
-            RATE,
-            size,
-            hop,
-            self.ear.channels,
-            Gate(self.threshold_dbfs, "banded"),
-            rule,
-            settings=self._settings(),
+            name, self.spec.kind, FEATURE_RATE, size, hop, self.spec.channels, gate, rule, settings=settings,
             training=training or {},
-        )
-
-    def _settings(self) -> dict[str, Any]:
-        if self.ear.kind != "texture":
-            return {}
-        return {"alone": self.ear.alone, "prior": self.prior.tolist(), "surprise": self.surprise.tolist()}
+        )  # fmt: skip
 
 
-def prepare(ear: FeatureSpec, recordings: Sequence[Recording], *, through: Sequence[Codec] = ()) -> TrainingSet:
-    """Listen to labelled recordings and choose what is learnt from them.
+def build_training_set(
+    spec: FeatureSpec, recordings: Sequence[Recording], *, codecs: Sequence[Codec] = ()
+) -> TrainingSet:
+    """Extract features from labelled recordings and select the windows to train on.
 
     Parameters
     ----------
-    ear
-        How they are heard.
+    spec
+        Which features.
     recordings
         With contact on both smooth and rough surfaces.
-    through
-        Codecs through which each recording is heard once more: a band that the line takes away ruins a head that never
-        met its absence (docs/benchmark.md).
+    codecs
+        Codecs through which each recording is used once more: a classifier that was never trained without the band
+        that the link removes fails there (docs/research/benchmark.md).
 
     Raises
     ------
     DatasetError
         If there is no contact in all rough or all smooth recordings.
     """
-    ears = [ear, *(replace(ear, codec=codec) for codec in through)]
-    tracks = [track for one in ears for track in listen(recordings, one)]
+    specs = [spec, *(replace(spec, codec=codec) for codec in codecs)]
+    tracks = [track for each in specs for track in extract_features(recordings, each)]
     threshold_dbfs = contact_threshold(tracks)
     masks = [track.touching() & (track.level_dbfs >= threshold_dbfs) for track in tracks]
     sizes = [int(mask.sum()) for mask in masks]
@@ -121,57 +115,62 @@ def prepare(ear: FeatureSpec, recordings: Sequence[Recording], *, through: Seque
     if not 0 < rough.sum() < len(rough):
         raise DatasetError(
             f"{len(recordings)} recordings hold contact louder than {threshold_dbfs:.0f} dBFS with "
-            f"{'rough' if rough.any() else 'smooth'} surfaces at most; learning wants rough and smooth ones"
+            f"{'rough' if rough.any() else 'smooth'} surfaces at most; training needs rough and smooth ones"
         )
-    prior = _average([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
-    surprise = _surprise(ear, tracks, threshold_dbfs)
-    heard = TrainingSet(ear, threshold_dbfs, prior, surprise, NO_EXAMPLES)
-    features = [heard.features(track)[mask] for track, mask in zip(tracks, masks, strict=True)]
+    prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
+    if spec.change_detection and spec.kind == "texture":
+        change_metric = fit_change_metric([mean_shifts(track, threshold_dbfs) for track in tracks])
+    else:
+        change_metric = np.zeros((spec.channels, BAND_VALUES, BAND_VALUES))
+    # The features of the examples follow from the prior and the metric, so these come first.
+    unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES)
+    features = [unfilled.features(track)[mask] for track, mask in zip(tracks, masks, strict=True)]
     names = sorted({track.recording.surface for track in tracks})
     surface = np.repeat([names.index(track.recording.surface) for track in tracks], sizes)
-    height = np.repeat([_height(track.recording) for track in tracks], sizes)
-    return replace(heard, examples=Examples(np.concatenate(features), rough, surface), height=height)
+    height = np.repeat([_log_height(track.recording) for track in tracks], sizes)
+    return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface), height=height)
 
 
 def contact_threshold(tracks: Sequence[FeatureTrack]) -> float:
-    """Give the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
+    """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
 
 
-def learn_surprise(moves: Sequence[NDArray[np.float32]]) -> Surprise:
-    """Learn how far memories move on one surface, and so what is too far for one.
+def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
+    """Fit the metric in which a shift of the mean longer than 1 means a change of surface.
 
-    Directions in which a finger's speed and press move them often count for little (Mahalanobis), in each channel by
-    itself, so that a dead one changes nothing for the other.
+    A Mahalanobis distance, in each channel by itself so that a dead channel does not affect the other: directions in
+    which a finger's speed and pressure often shift the mean count little.
 
     Parameters
     ----------
-    moves
+    shifts
         Of recordings of one surface each, ``(windows, channels, values)``: see
-        :func:`tactophone.training.features.feature_tracks.movements`.
+        :func:`tactophone.training.features.feature_tracks.mean_shifts`.
+
+    Returns
+    -------
+    ndarray
+        Shape ``(channels, values, values)``; zeros, so that no change is detected, where there are no shifts.
     """
-    moved = np.concatenate(moves).astype(np.float64)
+    moved = np.concatenate(shifts).astype(np.float64)
     if not len(moved):
         return np.zeros((*moved.shape[1:], moved.shape[2]))
-    spread = np.einsum("ncv,ncw->cvw", moved, moved) / len(moved)
-    middle = np.trace(spread, axis1=1, axis2=2)[:, None, None] / moved.shape[2]
-    whitening = np.linalg.cholesky(np.linalg.inv(spread + (RIDGE * middle + LEAST_VARIANCE) * np.eye(moved.shape[2])))
-    far = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
-    return np.asarray((whitening / np.sqrt(np.quantile(far, 1 - SURPRISED_SHARE))).round(5))
+    covariance = np.einsum("ncv,ncw->cvw", moved, moved) / len(moved)
+    variance = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / moved.shape[2]
+    ridge = (RIDGE * variance + MIN_VARIANCE) * np.eye(moved.shape[2])
+    whitening = np.linalg.cholesky(np.linalg.inv(covariance + ridge))
+    # Of each window the larger of its channels' distances counts, as in the live detection.
+    distance = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
+    return np.asarray((whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5))
 
 
-def _surprise(ear: FeatureSpec, tracks: Sequence[FeatureTrack], threshold_dbfs: float) -> Surprise:
-    if ear.calm or ear.kind != "texture":
-        return np.zeros((ear.channels, VALUES, VALUES))
-    return learn_surprise([movements(track, threshold_dbfs) for track in tracks])
-
-
-def _average(touches: Sequence[NDArray[np.float32]]) -> Moments:
-    wide = np.concatenate(touches).astype(np.float64)
+def _mean_moments(descriptions: Sequence[NDArray[np.float32]]) -> Moments:
+    wide = np.concatenate(descriptions).astype(np.float64)
     return np.stack((wide.mean(axis=0), np.square(wide).mean(axis=0))).round(6)
 
 
-def _height(recording: Recording) -> float:
-    told = recording.known("ra_um")
-    return float(np.log10(float(told))) if told else float("nan")
+def _log_height(recording: Recording) -> float:
+    height_um = recording.known("ra_um")
+    return float(np.log10(float(height_um))) if height_um else float("nan")

@@ -1,1 +1,1 @@
-"""The paper's network: recipe, training loop, export and import."""
+"""The paper's network: settings, training loop, export and import."""

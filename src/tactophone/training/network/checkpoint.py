@@ -1,4 +1,4 @@
-"""What a training run needs to go on after a kill: arrays in an npz file, never a pickle."""
+"""Checkpoints: what a training run needs to continue after a kill, arrays in an npz file, never a pickle."""
 
 import json
 import os
@@ -19,8 +19,8 @@ from tactophone.types import FloatArray
 class Checkpoint:
     """The state after ``steps`` batches of the run that ``identity`` describes.
 
-    ``arrays`` holds the network's parameters and the optimiser's moments; the random numbers need no state, as each
-    step's follow from the seed and the step's number.
+    ``arrays`` holds the network's parameters and the optimiser's moments. Random numbers need no state: each step's
+    follow from the seed and the step's number.
     """
 
     identity: str
@@ -29,7 +29,7 @@ class Checkpoint:
 
 
 def save(path: Path, checkpoint: Checkpoint) -> None:
-    """Write a checkpoint; a kill leaves the old one or the new one, never half."""
+    """Write a checkpoint; after a kill the file is the old one or the new one, never half."""
     partial = path.with_name(path.name + ".part")
     head = np.array(json.dumps({"identity": checkpoint.identity, "steps": checkpoint.steps}))
     with partial.open("wb") as file:
@@ -40,7 +40,7 @@ def save(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def load(path: Path, *, identity: str) -> Checkpoint | None:
-    """Read the checkpoint of this very run; ``None`` if there is none yet.
+    """Read the checkpoint of the run with this identity; ``None`` if there is none yet.
 
     Raises
     ------
@@ -54,17 +54,17 @@ def load(path: Path, *, identity: str) -> Checkpoint | None:
             head = json.loads(str(file["head"]))
             arrays = {name: file[name] for name in file.files if name != "head"}
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise ModelError(f"{path}: no checkpoint of ours ({error}); delete it to begin anew") from error
+        raise ModelError(f"{path}: not a checkpoint of Tactophone ({error}); delete it to start over") from error
     if head["identity"] != identity:
         raise ModelError(
-            f"{path}: left by a run with another recipe, seed or data; delete it to begin anew, "
-            "or give the former options to go on"
+            f"{path}: left by a run with another recipe, seed or data; delete it to start over, "
+            "or repeat the former options to continue"
         )
     return Checkpoint(identity, int(head["steps"]), arrays)
 
 
 def state_of(network: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, FloatArray]:
-    """Copy out what training changes: parameters, and Adam's two moments of each."""
+    """Copy what training changes: the parameters, and Adam's two moments of each."""
     arrays = {}
     for name, parameter in network.named_parameters():
         arrays[name] = parameter.detach().numpy().copy()
@@ -74,7 +74,7 @@ def state_of(network: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, 
 
 
 def restore(checkpoint: Checkpoint, network: nn.Module, optimiser: torch.optim.Optimizer) -> None:
-    """Put back what :func:`state_of` gave."""
+    """Restore what :func:`state_of` returned."""
     for name, parameter in network.named_parameters():
         parameter.data.copy_(torch.from_numpy(checkpoint.arrays[name]))
         optimiser.state[parameter] = {

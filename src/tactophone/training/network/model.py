@@ -50,7 +50,7 @@ class PaperNetwork(nn.Module):
         self.linear = nn.Linear(64, len(Touch))
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """Judge magnitudes of shape ``(windows, 257 * channels)``; give ``(windows, 3)``."""
+        """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape ``(windows, 257 * channels)``."""
         hidden = torch.relu(self.layer1(features))
         hidden = torch.relu(self.layer2(hidden))
         hidden = torch.relu(self.layer3(hidden))
@@ -62,12 +62,12 @@ class PaperNetwork(nn.Module):
 
 
 def weights_of(network: nn.Module) -> dict[str, FloatArray]:
-    """Copy a network's parameters out."""
+    """Return a copy of a network's parameters."""
     return {name: value.detach().float().numpy().copy() for name, value in network.state_dict().items()}
 
 
 def with_weights(weights: Weights) -> PaperNetwork:
-    """Build the network that has these parameters, on as many channels as they were trained for.
+    """Build the network with these parameters, for as many channels as they were trained on.
 
     Raises
     ------
@@ -80,5 +80,5 @@ def with_weights(weights: Weights) -> PaperNetwork:
 
 
 def channels_of(weights: Weights) -> int:
-    """Give the number of microphones that parameters were trained for."""
+    """Return the number of microphones that parameters were trained on."""
     return int(weights["layer1.weight"].shape[1]) // BINS

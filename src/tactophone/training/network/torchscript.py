@@ -1,8 +1,8 @@
 """Reads the models that the paper's authors published: TorchScript archives, in three variants.
 
 Beware: a TorchScript archive is a program. It holds code in TorchScript's own language, which torch runs while
-loading, and a pickled part, which torch's own restricted reader opens (never Python's). So import only files that
-you have from a source you trust; the ONNX file that comes out holds numbers alone, and the live side reads only that.
+loading, and a pickled part, which torch's own restricted reader opens (never Python's). So import
+only files from a source you trust; the ONNX file made of it holds numbers alone, and the live side reads only that.
 """
 
 import warnings
@@ -16,14 +16,14 @@ from tactophone.errors import ModelError
 from tactophone.training.network.model import BINS, PaperNetwork, channels_of, weights_of
 from tactophone.types import FloatArray
 
-_WANTED = (
+_EXPECTED = (
     "the authors' published TorchScript file (general.pt, fine_tuned.pt or piezo_only.pt), "
     "which their notebook saved with torch.jit"
 )
 
 
 def read_torchscript(path: Path) -> dict[str, FloatArray]:
-    """Take the parameters out of one of the authors' published models.
+    """Read the parameters of one of the authors' published models.
 
     Raises
     ------
@@ -38,8 +38,8 @@ def read_torchscript(path: Path) -> dict[str, FloatArray]:
             module = torch.jit.load(path, map_location="cpu")  # type: ignore[no-untyped-call]
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[0]
-        raise ModelError(f"{path}: torch cannot load it ({reason}); download it again: wanted is {_WANTED}") from error
-    # Parameters alone: a kernel of a resampler, or another constant, is no weight.
+        raise ModelError(f"{path}: torch cannot load it ({reason}); download it again. Give {_EXPECTED}") from error
+    # Only parameters: a resampler's kernel, or another constant, is not a weight.
     found = {name: value.detach().float().numpy().copy() for name, value in module.named_parameters()}
     _require_structure(path, found)
     return found
@@ -47,20 +47,20 @@ def read_torchscript(path: Path) -> dict[str, FloatArray]:
 
 def _require_torchscript(path: Path) -> None:
     if not path.is_file():
-        raise ModelError(f"{path}: no such file; give {_WANTED}")
+        raise ModelError(f"{path}: no such file; give {_EXPECTED}")
     if not zipfile.is_zipfile(path):
         with path.open("rb") as file:
             start = file.read(2)
         # 0x80 opens every pickle of protocol 2 and later.
-        kind = "a plain pickle, which could run anything" if start[:1] == b"\x80" else "no whole TorchScript archive"
-        raise ModelError(f"{path}: {kind}; it was not opened. Give {_WANTED}")
+        kind = "a plain pickle, which could run anything" if start[:1] == b"\x80" else "not a whole TorchScript archive"
+        raise ModelError(f"{path}: {kind}; it was not opened. Give {_EXPECTED}")
     with zipfile.ZipFile(path) as archive:
         names, damaged = archive.namelist(), archive.testzip()
     if damaged:
         raise ModelError(f"{path}: damaged, its part {damaged} fails its checksum; download it again")
     if not any("/code/" in name for name in names):
         raise ModelError(
-            f"{path}: an archive without TorchScript code, so a pickled state; it was not opened. Give {_WANTED}"
+            f"{path}: an archive without TorchScript code, so a pickled state; it was not opened. Give {_EXPECTED}"
         )
 
 
@@ -71,9 +71,9 @@ def _require_structure(path: Path, found: dict[str, FloatArray]) -> None:
             f"{path}: layer1 takes {columns or 'nothing, as there is none'}, but the paper's network takes {BINS} "
             f"magnitudes (one microphone) or {2 * BINS} (two); its layers are {_listed(found)}"
         )
-    wanted = weights_of(PaperNetwork(channels=channels_of(found)))
-    wrong = sorted(name for name in found.keys() ^ wanted.keys())
-    wrong += sorted(name for name in found.keys() & wanted.keys() if found[name].shape != wanted[name].shape)
+    expected = weights_of(PaperNetwork(channels=channels_of(found)))
+    wrong = sorted(found.keys() ^ expected.keys())
+    wrong += sorted(name for name in found.keys() & expected.keys() if found[name].shape != expected[name].shape)
     if wrong:
         raise ModelError(f"{path}: not the paper's network: {_listed(wrong)} missing, unknown or of another shape")
 

@@ -1,7 +1,7 @@
-"""The training loop: batches of views, features a batch at a time, and a way back after a kill.
+"""The training loop: batches of views, features computed a batch at a time, checkpoints.
 
-A batch costs the network's arithmetic and little else (97 % of its time): so what counts is how few windows are
-needed, and matrix products in oneDNN's kernels (docs/training.md).
+The network's arithmetic takes 97 % of a batch's time. So the levers are fewer windows, and matrix products in oneDNN's
+kernels (docs/guide/training.md).
 """
 
 import hashlib
@@ -15,17 +15,17 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tactophone.perception.features.spectrum import magnitudes
+from tactophone.perception import magnitudes
 from tactophone.training.network import checkpoint
 from tactophone.training.network.checkpoint import Checkpoint
 from tactophone.training.network.model import PaperNetwork, Weights, weights_of, with_weights
-from tactophone.training.network.recipe import Recipe
+from tactophone.training.network.settings import NetworkSettings
 from tactophone.training.network.windows import Windows, batches, grid
 from tactophone.training.network.worker_group import WorkerGroup, init_distributed
 from tactophone.types import FloatArray
 
-SAVE_EVERY = 10.0
-"""Seconds between checkpoints: what a kill costs at most; one takes about 0.05 s for 22 MB."""
+CHECKPOINT_EVERY = 10.0
+"""Seconds between checkpoints, so the most that a kill costs; writing one of 22 MB takes about 0.05 s."""
 
 _SMOOTHING = 0.98
 """Weight of the past in the loss shown: about the last 50 batches."""
@@ -33,78 +33,83 @@ _SMOOTHING = 0.98
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a run is; ``loss`` is averaged over about the last 50 batches."""
+    """Batches done and in total; ``loss`` is averaged over about the last 50 batches."""
 
     steps: int
-    of: int
+    total: int
     loss: float
 
 
 class Run:
-    """A training run: iterate it to go through it, a batch at a time.
+    """A training run: each iteration trains on one batch.
 
     The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
     interrupted or not.
 
     Parameters
     ----------
-    windows, recipe
-        What is learnt, and how.
+    windows, settings
+        Training data, and how to train.
     seed
         Of the first parameters, the order of windows and the noise.
-    saved
-        Where to keep a checkpoint; if there is one of this very run, the run goes on from it.
+    checkpoint_path
+        Where to keep a checkpoint; if there is one of this very run, the run continues from it.
     initial
-        Parameters to begin from, instead of random ones.
+        Parameters to start from, instead of random ones.
 
     Attributes
     ----------
     network
-        As it stands after the last batch.
+        After the last batch.
     """
 
     def __init__(
         self,
         windows: Windows,
-        recipe: Recipe,
+        settings: NetworkSettings,
         *,
         seed: int = 0,
-        saved: Path | None = None,
+        checkpoint_path: Path | None = None,
         initial: Weights | None = None,
     ) -> None:
         _prepare_torch()
-        self._crew = init_distributed()
-        self._windows, self._recipe, self._seed, self._saved = windows, recipe, seed, saved
-        self.network = _network(recipe, seed, initial)
-        self._optimiser = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
-        self._identity = _identity(windows, recipe, seed=seed, initial=initial)
+        self._workers = init_distributed()
+        self._windows, self._settings, self._seed, self._path = windows, settings, seed, checkpoint_path
+        self.network = _network(settings, seed, initial)
+        self._optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, fused=True)
+        self._identity = _identity(windows, settings, seed=seed, initial=initial)
         self._skip = self._restore()
 
     def __iter__(self) -> Iterator[Progress]:
-        epochs = _epochs(self._windows, self._recipe, self._seed)
+        epochs = _epoch_sizes(self._windows, self._settings, self._seed)
         loss, written = float("nan"), time.monotonic()
         for step, which in self._schedule(len(epochs)):
             features, labels = _batch(
-                self._windows, which, noise=self._recipe.noise, seed=(self._seed, step), crew=self._crew
+                self._windows, which, noise=self._settings.noise, seed=(self._seed, step), workers=self._workers
             )
-            new = _learn(self.network, self._optimiser, features, labels, recipe=self._recipe, crew=self._crew)
+            new = _train_batch(
+                self.network, self._optimiser, features, labels, settings=self._settings, workers=self._workers
+            )
             loss = new if np.isnan(loss) else _SMOOTHING * loss + (1 - _SMOOTHING) * new
             yield Progress(step + 1, sum(epochs), loss)
-            if self._saved and self._crew.leads and time.monotonic() - written > SAVE_EVERY:
+            if self._path and self._workers.leads and time.monotonic() - written > CHECKPOINT_EVERY:
                 arrays = checkpoint.state_of(self.network, self._optimiser)
-                checkpoint.save(self._saved, Checkpoint(self._identity, step + 1, arrays))
+                checkpoint.save(self._path, Checkpoint(self._identity, step + 1, arrays))
                 written = time.monotonic()
 
     def _restore(self) -> int:
-        done = checkpoint.load(self._saved, identity=self._identity) if self._saved else None
+        done = checkpoint.load(self._path, identity=self._identity) if self._path else None
         if done:
             checkpoint.restore(done, self.network, self._optimiser)
         return done.steps if done else 0
 
     def _schedule(self, epochs: int) -> Iterator[tuple[int, NDArray[np.intp]]]:
-        recipe, step = self._recipe, 0
+        settings, step = self._settings, 0
         for epoch in range(epochs):
-            for which in batches(self._windows, hop=recipe.hop, size=recipe.batch_size, seed=self._seed, epoch=epoch):
+            for which in batches(
+                self._windows, hop=settings.hop, size=settings.batch_size, seed=self._seed, epoch=epoch
+            ):
+                # A resumed run skips the steps of its checkpoint.
                 if step >= self._skip:
                     yield step, which
                 step += 1
@@ -112,15 +117,15 @@ class Run:
 
 def train(
     windows: Windows,
-    recipe: Recipe,
+    settings: NetworkSettings,
     *,
     seed: int = 0,
-    saved: Path | None = None,
+    checkpoint_path: Path | None = None,
     initial: Weights | None = None,
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> dict[str, FloatArray]:
-    """Go through a whole :class:`Run`, telling ``report`` of each batch; give the network's parameters."""
-    run = Run(windows, recipe, seed=seed, saved=saved, initial=initial)
+    """Complete a :class:`Run`, calling ``report`` after each batch; return the network's parameters."""
+    run = Run(windows, settings, seed=seed, checkpoint_path=checkpoint_path, initial=initial)
     for progress in run:
         report(progress)
     return weights_of(run.network)
@@ -134,58 +139,58 @@ def _prepare_torch() -> None:
     torch.set_flush_denormal(True)
 
 
-def _network(recipe: Recipe, seed: int, initial: Weights | None) -> PaperNetwork:
+def _network(settings: NetworkSettings, seed: int, initial: Weights | None) -> PaperNetwork:
     if initial is not None:
         return with_weights(initial)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return PaperNetwork(channels=recipe.channels)
+        return PaperNetwork(channels=settings.channels)
 
 
-def _epochs(windows: Windows, recipe: Recipe, seed: int) -> list[int]:
-    """Count the batches of each epoch that the recipe asks for."""
+def _epoch_sizes(windows: Windows, settings: NetworkSettings, seed: int) -> list[int]:
+    """Return the number of batches of each epoch that the settings ask for."""
     steps: list[int] = []
-    while len(steps) < recipe.epochs or sum(steps) < recipe.least_steps:
-        which, _ = grid(windows, hop=recipe.hop, seed=seed, epoch=len(steps))
-        steps.append(-(-len(which) // recipe.batch_size))
+    while len(steps) < settings.epochs or sum(steps) < settings.least_steps:
+        which, _ = grid(windows, hop=settings.hop, seed=seed, epoch=len(steps))
+        steps.append(-(-len(which) // settings.batch_size))
     return steps
 
 
 def _batch(
-    windows: Windows, which: NDArray[np.intp], *, noise: float, seed: tuple[int, int], crew: WorkerGroup
+    windows: Windows, which: NDArray[np.intp], *, noise: float, seed: tuple[int, int], workers: WorkerGroup
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Give the features of this process's part of a batch, and the labels of all of it."""
+    """Return the features of this process's part of a batch, and the labels of the whole batch."""
     samples = windows.take(which)
     rng = np.random.Generator(np.random.SFC64(seed))
     samples += noise * rng.standard_normal(samples.shape, np.float32)
     labels = windows.labels[which].astype(np.int64)
-    return torch.from_numpy(magnitudes(samples[crew.part(len(which))])), torch.from_numpy(labels)
+    return torch.from_numpy(magnitudes(samples[workers.part(len(which))])), torch.from_numpy(labels)
 
 
-def _learn(
+def _train_batch(
     network: nn.Module,
     optimiser: torch.optim.Optimizer,
     features: torch.Tensor,
     labels: torch.Tensor,
     *,
-    recipe: Recipe,
-    crew: WorkerGroup,
+    settings: NetworkSettings,
+    workers: WorkerGroup,
 ) -> float:
     optimiser.zero_grad(set_to_none=True)
-    with torch.autocast("cpu", torch.bfloat16, enabled=recipe.precision == "bfloat16"):
+    with torch.autocast("cpu", torch.bfloat16, enabled=settings.precision == "bfloat16"):
         log_probabilities = network(features)
-    weight = torch.tensor(recipe.class_weights)
-    mine = labels[crew.part(len(labels))]
+    weight = torch.tensor(settings.class_weights)
+    mine = labels[workers.part(len(labels))]
     loss = nn.functional.nll_loss(log_probabilities.float(), mine, weight=weight, reduction="sum")
     loss = loss / weight[labels].sum()
     loss.backward()  # type: ignore[no-untyped-call]  # torch has no types for it
-    total = crew.add_up(network, loss)
+    total = workers.all_reduce(network, loss)
     optimiser.step()
     return total
 
 
-def _identity(windows: Windows, recipe: Recipe, *, seed: int, initial: Weights | None) -> str:
-    total = hashlib.sha256(repr((asdict(recipe), seed)).encode())
+def _identity(windows: Windows, settings: NetworkSettings, *, seed: int, initial: Weights | None) -> str:
+    total = hashlib.sha256(repr((asdict(settings), seed)).encode())
     for array in (windows.signal, windows.starts, windows.labels, *(initial or {}).values()):
         total.update(np.ascontiguousarray(array).data)
     return total.hexdigest()

@@ -1,7 +1,7 @@
-"""Windows without windows: one signal, and where in it each window starts.
+"""Training windows as indices into one shared signal.
 
 The authors' code copies every window of 512 samples at a hop of one, 34 GB for their 80 minutes of sound. Here a
-window is an index into the signal that all of them share; loudness at every start comes from one running sum.
+window is the index of its first sample; the loudness of all windows comes from one running sum.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,24 +12,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
-from tactophone.perception.features.loudness import LoudnessRule
-from tactophone.training.network.recipe import Labelling
+from tactophone.perception import LoudnessRule
+from tactophone.training.network.settings import NETWORK_WINDOW_SIZE as SIZE
+from tactophone.training.network.settings import Labelling
 from tactophone.types import FloatArray, Touch
-
-SIZE = 512
-"""Samples a window: 256 ms at 2 kHz."""
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """The windows that are trained on, as starts in the signal.
+    """The training windows, as starts in the signal.
 
     Parameters
     ----------
     signal
-        All recordings end to end at 2 kHz, float32, shape ``(samples, channels)``.
+        All recordings concatenated at 2 kHz, float32, shape ``(samples, channels)``.
     starts
-        First sample of each window at a hop of one; no window reaches over a recording's end.
+        First sample of each window at a hop of one; no window crosses a recording's end.
     labels
         A ``Touch`` for each start.
     """
@@ -46,13 +44,13 @@ class Windows:
         return f"{len(self)} windows, {', '.join(shares)}"
 
     def take(self, which: NDArray[np.intp]) -> FloatArray:
-        """Copy some windows out: float32, shape ``(windows, 512, channels)``."""
+        """Copy the windows with these numbers: float32, shape ``(windows, 512, channels)``."""
         views = sliding_window_view(self.signal, SIZE, axis=0)
         return np.ascontiguousarray(views[self.starts[which]].transpose(0, 2, 1))
 
 
-def cut(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
-    """Find the windows of recordings that a labelling keeps.
+def find_windows(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
+    """Return the windows of recordings that a labelling keeps.
 
     Parameters
     ----------
@@ -70,14 +68,15 @@ def cut(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelli
     """
     loudness = [_loudness(signal[:, 0], rule.loudness) for signal in signals]
     thresholds = {touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)}
-    starts, given, offset = [], [], 0
+    starts, window_labels, offset = [], [], 0
     for signal, touch, loud in zip(signals, labels, loudness, strict=True):
         contact = loud > thresholds[touch]
+        # Starts are counted within the recording, then moved to its place in the concatenated signal.
         kept = np.flatnonzero(contact | (rule.quiet_rough or touch is not Touch.ROUGH))
         starts.append((kept + offset).astype(np.int32))
-        given.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
+        window_labels.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
         offset += len(signal)
-    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(given))
+    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(window_labels))
     _require_contact(windows, labels, thresholds)
     return windows
 
@@ -103,19 +102,19 @@ def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict
         if not np.any(windows.labels == touch):
             level = 20 * np.log10(thresholds[touch])
             raise DatasetError(
-                f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, where contact is "
-                "taken to begin; record louder, or take a threshold relative to the recordings (--following authors)"
+                f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, the "
+                "threshold of contact; record louder, or use a threshold relative to the recordings (--reference-code)"
             )
 
 
 def grid(windows: Windows, *, hop: int, seed: int, epoch: int) -> tuple[NDArray[np.intp], np.random.Generator]:
-    """Lay an epoch's grid of starts at a random phase; give its windows, and the generator that shuffles them."""
+    """Return the windows of an epoch, a grid of starts at a random phase, and the generator that shuffles them."""
     rng = np.random.default_rng((seed, epoch))
     return np.flatnonzero(windows.starts % hop == rng.integers(hop)), rng
 
 
 def batches(windows: Windows, *, hop: int, size: int, seed: int, epoch: int) -> Iterator[NDArray[np.intp]]:
-    """Shuffle an epoch's windows and deal them out; the same seed deals the same."""
+    """Yield an epoch's windows in shuffled batches; the same seed gives the same batches."""
     which, rng = grid(windows, hop=hop, seed=seed, epoch=epoch)
     rng.shuffle(which)
     for first in range(0, len(which), size):

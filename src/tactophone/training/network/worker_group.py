@@ -1,7 +1,7 @@
-"""Several processes that train one network, as ``torchrun`` starts them: each takes its part of every batch.
+"""Data-parallel training under ``torchrun``: each process computes its part of every batch.
 
-The loss is a weighted mean over the whole batch, so each process divides its sum by the weight of *all*, and the
-gradients add up to those of a single process: equal but for the order of summation.
+The loss is a weighted mean over the whole batch, so each process divides its sum by the weight of the *whole* batch.
+The gradients then sum to those of a single process, but for the order of summation.
 """
 
 import os
@@ -13,26 +13,26 @@ from torch import nn
 
 @dataclass(frozen=True, slots=True)
 class WorkerGroup:
-    """Which of how many processes this one is."""
+    """The rank of this process among so many."""
 
     rank: int = 0
     size: int = 1
 
     @property
     def leads(self) -> bool:
-        """Whether this process writes files and talks."""
+        """Whether this process writes files and prints."""
         return self.rank == 0
 
     def part(self, count: int) -> slice:
-        """Give this process's part of a batch of so many windows.
+        """Return this process's part of a batch of ``count`` windows.
 
         >>> [WorkerGroup(rank, 3).part(10) for rank in range(3)]
         [slice(0, 3, None), slice(3, 6, None), slice(6, 10, None)]
         """
         return slice(self.rank * count // self.size, (self.rank + 1) * count // self.size)
 
-    def add_up(self, network: nn.Module, loss: torch.Tensor) -> float:
-        """Add up gradients and loss over all processes; give the loss."""
+    def all_reduce(self, network: nn.Module, loss: torch.Tensor) -> float:
+        """Sum gradients and loss over all processes; return the loss."""
         total = loss.detach().clone()
         if self.size > 1:
             torch.distributed.all_reduce(total)
@@ -42,7 +42,7 @@ class WorkerGroup:
 
 
 def init_distributed() -> WorkerGroup:
-    """Join the processes that ``torchrun`` started; alone, if it did not."""
+    """Join the processes that ``torchrun`` started; without it, return a group of one."""
     size = int(os.environ.get("WORLD_SIZE", "1"))
     if size == 1:
         return WorkerGroup()

@@ -1,0 +1,51 @@
+"""How long each verb takes to answer ``--help``, against the goal of 0.4 s, and which imports take longest.
+
+Run ``python benchmarks/help_time.py``, or ``python benchmarks/help_time.py VERB`` for the slowest imports of one verb.
+"""
+
+import statistics
+import subprocess
+import sys
+import time
+
+from tactophone.cli import VERBS
+
+GOAL = 0.4
+"""Seconds."""
+
+REPEATS = 5
+
+
+def main() -> None:
+    """Print the median of five runs of each verb, slowest first, or the imports of one verb."""
+    if len(sys.argv) > 1:
+        print_imports(sys.argv[1])
+        return
+    times = {verb: seconds(verb) for verb in VERBS}
+    for verb, median in sorted(times.items(), key=lambda item: -item[1]):
+        print(f"{verb:14} {median:.2f} s{'  over the goal' if median > GOAL else ''}")
+
+
+def seconds(verb: str) -> float:
+    """Return the median time of ``tactophone VERB --help``."""
+    command = [sys.executable, "-m", "tactophone", verb, "--help"]
+    measured = []
+    for _ in range(REPEATS):
+        began = time.perf_counter()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        measured.append(time.perf_counter() - began)
+    return statistics.median(measured)
+
+
+def print_imports(verb: str) -> None:
+    """Print the 25 slowest imports of a verb's help: cumulative milliseconds, and the module."""
+    command = [sys.executable, "-X", "importtime", "-m", "tactophone", verb, "--help"]
+    report = subprocess.run(command, check=True, capture_output=True, text=True).stderr
+    rows = [line.split("|") for line in report.splitlines()[1:] if line.count("|") == 2]
+    rows = [row for row in rows if row[1].strip().isdigit()]
+    for row in sorted(rows, key=lambda row: -int(row[1]))[:25]:
+        print(f"{int(row[1]) / 1000:7.0f} ms {row[2].rstrip()}")
+
+
+if __name__ == "__main__":
+    main()

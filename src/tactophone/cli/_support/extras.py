@@ -1,0 +1,77 @@
+"""Which optional dependency a missing module belongs to, and the command that installs it."""
+
+import importlib.util
+
+from tactophone.errors import ConfigError
+
+EXTRA_OF_MODULE = {
+    "matplotlib": "plot",
+    "numba": "sim",
+    "scipy": "sim",
+    "pylibsrtp": "link",
+    "OpenSSL": "link",
+    "opuslib_next": "link",
+    "samplerate": "link",
+    "jack": "jack",
+    "sounddevice": "portaudio",
+    "aiohttp": "dashboard",
+    "torch": "train",
+    "onnx": "train",
+    "sklearn": "train",
+    "ray": "ray",
+}
+"""Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
+
+EXTRAS_OF_VERB = {
+    "demo": ("link", "plot", "sim"),
+    "pair": ("link",),
+    "play": ("dashboard", "link", "sim"),
+    "loopback": ("link",),
+    "send": ("link",),
+    "receive": ("link",),
+    "latency": ("jack", "link", "sim"),
+    "simulate": ("sim",),
+    "train": ("link", "train"),
+    "finetune": ("link", "train"),
+    "sweep": ("link", "train"),
+    "benchmark": ("link", "sim", "train"),
+}
+"""What a verb always needs, so that one message names all of it, rather than one extra per attempt."""
+
+
+def require(verb: str) -> None:
+    """Check that everything a verb always needs is installed.
+
+    Raises
+    ------
+    ConfigError
+        If an extra is missing; names the command that installs it.
+    """
+    needed = [module for module, extra in EXTRA_OF_MODULE.items() if extra in EXTRAS_OF_VERB.get(verb, ())]
+    if missing := [module for module in needed if importlib.util.find_spec(module) is None]:
+        raise ConfigError(_advice(missing))
+
+
+def explain(error: ModuleNotFoundError) -> str:
+    """Return one line that says which module is missing and how to install it.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        The same error, if no extra has the module: then it is a mistake in the code.
+
+    Examples
+    --------
+    >>> explain(ModuleNotFoundError(name="pylibsrtp.policy"))
+    "pylibsrtp is not installed: pip install 'tactophone[link]'"
+    """
+    module = (error.name or "").partition(".")[0]
+    if module not in EXTRA_OF_MODULE:
+        raise error
+    return _advice([module])
+
+
+def _advice(modules: list[str]) -> str:
+    extras = sorted({EXTRA_OF_MODULE[module] for module in modules})
+    verb = "is" if len(modules) == 1 else "are"
+    return f"{', '.join(modules)} {verb} not installed: pip install 'tactophone[{','.join(extras)}]'"

@@ -1,0 +1,112 @@
+"""The options that describe a training, shared by `train`, `evaluate` and `sweep`."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+from tactophone.errors import ConfigError
+from tactophone.perception import Calibration, Gate
+from tactophone.training import OPEN_GATE, PRECISIONS, RECIPES, VARIANTS, Job, TrainingOptions, network_settings
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NUMBERS: "dict[str, tuple[Callable[[str], float], float, str]]" = {
+    "epochs": (int, 1, "passes over the windows, 1 or more"),
+    "least_steps": (int, 0, "least number of batches, whatever the epochs, 0 or more"),
+    "batch_size": (int, 1, "windows in a batch, 1 or more; the paper uses 6000"),
+    "hop": (int, 1, "samples at 2 kHz from one window to the next, 1 or more; the paper's authors use 1"),
+    "learning_rate": (float, 1e-9, "of Adam, over 0"),
+    "noise": (float, 0, "standard deviation of the noise added to each window, of full scale, 0 or more"),
+}
+"""Numbers of the paper's network: type, least value, help. The defaults are those of its settings."""
+
+
+def add_training_options(parser: argparse._ActionsContainer) -> None:
+    """Add the options of recipes."""
+    defaults = network_settings("general")
+    parser.add_argument("--recipe", choices=RECIPES, default="paper", help="which detector to train")
+    parser.add_argument(
+        "--channels", type=int, choices=(1, 2), default=2,
+        help="microphones to use; the recipe paper takes them from --variant",
+    )  # fmt: skip
+    parser.add_argument(
+        "--opus-bitrate", type=int, metavar="KBPS",
+        help="pass the sound through the link's Opus at this bitrate first, 16 to 512 kbit/s; needs 48 kHz. `train` "
+        "uses each recording as it is, and through Opus of 4 and of 8 kHz; with the recipe paper, through 4 kHz alone",
+    )  # fmt: skip
+    network = parser.add_argument_group("the recipe paper") if isinstance(parser, argparse.ArgumentParser) else parser
+    network.add_argument(
+        "--variant", choices=VARIANTS, default="general", help="which of the paper's three models (recipe paper)"
+    )
+    network.add_argument(
+        "--reference-code", action="store_true",
+        help="follow the authors' code where it differs from the paper's text: docs/guide/training.md (recipe paper)",
+    )  # fmt: skip
+    for name, (number, _, line) in NUMBERS.items():
+        network.add_argument(
+            f"--{name.replace('_', '-')}", type=number, metavar="N",
+            help=f"{line} (recipe paper; default: {getattr(defaults, name):g})",
+        )  # fmt: skip
+    network.add_argument(
+        "--precision", choices=PRECISIONS, default=defaults.precision,
+        help="of the network's arithmetic; bfloat16 is faster on processors that have it (recipe paper)",
+    )  # fmt: skip
+    network.add_argument(
+        "--seed", type=int, default=0, help="of everything random; the same seed gives the same bits (recipe paper)"
+    )
+    network.add_argument(
+        "--contact-threshold", metavar="DBFS",
+        help="level from which the model detects contact, -200 to 0 dBFS RMS; or 'off' for recordings that hold "
+        "nothing but contact: every window is trained on and classified (recipe paper; default: -26 RMS, -46 mean "
+        "absolute with --reference-code)",
+    )  # fmt: skip
+
+
+def job_of(args: argparse.Namespace) -> Job:
+    """Return the training job that the options describe.
+
+    Raises
+    ------
+    ConfigError
+        If an option is out of range.
+    """
+    # argparse has checked the options of a command line, but not what `sweep --vary` puts in their place.
+    for name, choices in {"recipe": RECIPES, "variant": VARIANTS, "precision": PRECISIONS}.items():
+        if (value := getattr(args, name)) not in choices:
+            raise ConfigError(f"--{name} {value}: one of {', '.join(choices)}")
+    calibration = getattr(args, "calibration", None)
+    options = TrainingOptions(
+        channels=args.channels,
+        seed=args.seed,
+        opus_bitrate_bps=_opus_bitrate_bps(args.opus_bitrate),
+        start=getattr(args, "start", None),
+        gate=_gate(args.contact_threshold),
+        calibration=Calibration.read(calibration) if calibration else None,
+        variant=args.variant,
+        reference_code=args.reference_code,
+        precision=args.precision,
+        changes=_changes(args),
+    )
+    return RECIPES[args.recipe].open_job(options)
+
+
+def _opus_bitrate_bps(kbps: int | None) -> int | None:
+    if kbps is not None and not 16 <= kbps <= 512:
+        raise ConfigError(f"--opus-bitrate {kbps}: from 16 to 512 kbit/s")
+    return 1000 * kbps if kbps else None
+
+
+def _changes(args: argparse.Namespace) -> dict[str, float]:
+    changes = {name: getattr(args, name) for name in NUMBERS if getattr(args, name) is not None}
+    for name, value in changes.items():
+        _, least, line = NUMBERS[name]
+        if not least <= value < float("inf"):
+            raise ConfigError(f"--{name.replace('_', '-')} {value:g}: {line}")
+    return changes
+
+
+def _gate(text: str | None) -> Gate | None:
+    try:
+        return None if text is None else OPEN_GATE if text == "off" else Gate(float(text))
+    except ValueError:
+        raise ConfigError(f"--contact-threshold {text}: must be a level of -200 to 0 dBFS, or 'off'") from None

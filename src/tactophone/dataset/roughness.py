@@ -1,0 +1,133 @@
+r"""Roughness parameters of a height profile, by ISO 4287 and ISO 21920-2, after the Gaussian filter (ISO 16610-21).
+
+The Gaussian profile filter has the weight :math:`s(x) = \exp(-\pi (x / \alpha\lambda_c)^2) / \alpha\lambda_c` with
+:math:`\alpha = \sqrt{\ln 2 / \pi}`, so that half of a wave of the cut-off length passes. The filter passes waviness;
+the rest is roughness. Half a cut-off at either end is not evaluated, unless the profile is periodic.
+
+Choices where the standards leave room: RSm counts elements between up-crossings of the mean line whose peak and valley
+both exceed a tenth of Rz; Rz is the mean over five sampling lengths, or as many as there are.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+CUTOFF = 0.8e-3
+"""Metres; ISO 21920-3's default for Ra of 0.1 to 2 um, and the scale of a finger pad."""
+
+COARSE_CUTOFF = 2.5e-3
+"""Metres; ISO 21920-3's default for Ra of 2 to 10 um."""
+
+ALPHA = math.sqrt(math.log(2) / math.pi)
+LENGTHS = 5
+LEAST_ELEMENT = 0.1
+"""Of Rz: the height discrimination of profile elements (ISO 4287, 3.1.6)."""
+
+Profile = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Roughness:
+    """Roughness parameters.
+
+    Parameters
+    ----------
+    ra, rq
+        Mean of the absolute height, and its root mean square, in m.
+    rz
+        Greatest height within a sampling length, averaged over five, in m.
+    rsk, rku
+        Skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights).
+    rsm
+        Mean width of profile elements, in m; NaN if there is none.
+    """
+
+    ra: float
+    rq: float
+    rz: float
+    rsk: float
+    rku: float
+    rsm: float
+
+
+def measure_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:
+    """Compute the roughness parameters of a profile.
+
+    Parameters
+    ----------
+    heights
+        In m, equally spaced; at least two cut-offs long.
+    step
+        Between heights, in m.
+    cutoff
+        Of the Gaussian filter, in m.
+    periodic
+        Whether the profile repeats, so that it has no ends to leave out.
+
+    Raises
+    ------
+    ValueError
+        If the profile is shorter than two cut-offs and not periodic.
+
+    Examples
+    --------
+    >>> place = np.arange(0, 10e-3, 1e-6)
+    >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
+    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3)
+    (3.18, 3.18, 0.1)
+    """
+    rough = roughness_profile(heights, step=step, cutoff=cutoff, periodic=periodic)
+    rough = rough - rough.mean()
+    rq = float(np.sqrt(np.square(rough).mean()))
+    rz = _rz(rough, round(cutoff / step))
+    skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
+    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, _rsm(rough, LEAST_ELEMENT * rz) * step)
+
+
+def roughness_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Profile:
+    """Return heights less the Gaussian mean line; parameters and errors as in :func:`measure_profile`.
+
+    The result is half a cut-off shorter at either end; as long as ``heights`` if periodic.
+    """
+    if periodic:
+        wavenumber = np.fft.rfftfreq(heights.size, step)
+        roughness_share = 1 - np.exp(-math.pi * np.square(ALPHA * cutoff * wavenumber))
+        return np.asarray(np.fft.irfft(np.fft.rfft(heights) * roughness_share, heights.size))
+    half = round(cutoff / 2 / step)
+    if len(heights) < 4 * half or half < 2:
+        raise ValueError(
+            f"a profile of {len(heights)} heights {step:g} m apart is too short: at a cut-off of {cutoff:g} m it must "
+            "be at least two cut-offs long, with five heights or more in each"
+        )
+    place = np.arange(-2 * half, 2 * half + 1) * step / (ALPHA * cutoff)
+    weights = np.exp(-math.pi * np.square(place))
+    middle = heights - heights.mean()
+    # By FFT: a cut-off may hold a thousand heights.
+    size = len(middle) + len(weights) - 1
+    spectrum = np.fft.rfft(middle, size) * np.fft.rfft(weights / weights.sum(), size)
+    waviness = np.fft.irfft(spectrum, size)[2 * half : 2 * half + len(middle)]
+    return np.asarray((middle - waviness)[half : len(middle) - half])
+
+
+def _rz(rough: Profile, size: int) -> float:
+    count = max(1, min(LENGTHS, len(rough) // max(size, 1)))
+    return float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
+
+
+def _rsm(rough: Profile, least: float) -> float:
+    """Mean width of elements, in heights: from one up-crossing to the next, peak and valley both high enough."""
+    beyond = np.flatnonzero(np.abs(rough) >= least)
+    sides = np.sign(rough[beyond])
+    # Small wiggles between two excursions on the same side are not crossings.
+    ups = np.flatnonzero((sides[:-1] < 0) & (sides[1:] > 0))
+    crossings = [_crossing(rough, int(beyond[up]), int(beyond[up + 1])) for up in ups]
+    return float(np.diff(crossings).mean()) if len(crossings) > 1 else float("nan")
+
+
+def _crossing(rough: Profile, low: int, high: int) -> float:
+    """Where the profile first rises through the mean line between two indices, to a fraction of a step."""
+    part = rough[low : high + 1]
+    at = int(np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))[0])
+    return low + at + float(part[at] / (part[at] - part[at + 1]))

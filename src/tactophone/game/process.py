@@ -1,0 +1,37 @@
+"""The game's two ends in other processes: the page's server, and the finger on the robot's side."""
+
+from functools import partial
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
+
+from tactophone.config import Settings
+from tactophone.dashboard import Page
+from tactophone.game.rounds import GameSettings
+from tactophone.types import Source
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+
+def serve_game(game: GameSettings, address: str | None = None) -> Page:
+    """Serve the stone box's page in a process of its own.
+
+    Raises
+    ------
+    TactophoneError
+        If the address is not available, or the web server is not installed.
+    """
+    return Page(partial(_application, game), address)
+
+
+def open_finger(inbox: Connection, settings: Settings) -> Source:
+    """Open the finger that follows the messages of the page; call it in the process that reads its sound."""
+    from tactophone.game.finger import StoneBoxSource
+
+    return StoneBoxSource(inbox, block_size=settings.capture.block_size)
+
+
+def _application(game: GameSettings) -> "web.Application":
+    from tactophone.game.server import game_application
+
+    return game_application(game)

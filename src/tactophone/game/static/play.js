@@ -1,0 +1,110 @@
+// The stone box: start, round, reveal. Predictions and the order of the stones arrive only when the curtain is lifted.
+
+import { put, formatNumber } from "../static/figures.js";
+import { Feed } from "../static/live.js";
+import { reveal } from "./reveal.js";
+import { Speaker } from "./speaker.js";
+import { Hand } from "./stage.js";
+
+const $ = (id) => document.getElementById(id);
+const LONGEST_DELAY = 1000; // ms after a touch; later sound has another cause
+const delays = [];
+let begun = 0;
+let touchedAt = -Infinity;
+
+const speaker = new Speaker((time) => {
+  const delay = time - touchedAt;
+  touchedAt = -Infinity;
+  if (delay <= 0 || delay > LONGEST_DELAY) return;
+  delays.push(delay);
+  const middle = [...delays].sort((a, b) => a - b)[delays.length >> 1];
+  put($("delay"), `From press to sound: ${formatNumber(delay)} ms, median ${formatNumber(middle)} ms`);
+  feed.send({ action: "delay", seconds: delay / 1000 });
+});
+
+const feed = new Feed("player", {
+  onMessage: ({ header, tables }) => {
+    if (header.result) return lift(header, tables);
+    speaker.play(tables.vibration.numbers);
+    if (header.alive) showLife(header.armed ? "ready" : "muted by a fault: begin a new round", header.armed);
+    else showLife("starting", false);
+    $("begin").disabled = $("again").disabled = !header.alive;
+    if (header.detected) train(header);
+  },
+  onAnswer: ({ refused }) => { if (refused) put($("message"), refused); },
+  onLost: (why) => {
+    showLife(why, false);
+    $("begin").disabled = $("again").disabled = true;
+  },
+});
+
+const hand = new Hand($("stage"), $("finger"), {
+  onMove: ({ x, y, force }) => feed.send({ action: "move", x, y, force }),
+  onTouch: () => { touchedAt = performance.now(); },
+  pressure: () => Number(document.querySelector("[name=press]:checked").value),
+});
+
+const marks = Array.from({ length: 5 }, (_, k) => {
+  const mark = Object.assign(document.createElement("button"), { type: "button", textContent: `${k + 1} rough?` });
+  mark.ariaPressed = false;
+  mark.addEventListener("click", () => toggle(mark));
+  return mark;
+});
+$("marks").append(...marks);
+
+const chosen = () => marks.flatMap((mark, k) => (mark.ariaPressed === "true" ? [k] : []));
+
+function toggle(mark) {
+  const on = mark.ariaPressed !== "true" && chosen().length < 2;
+  mark.ariaPressed = on;
+  $("done").disabled = chosen().length !== 2;
+}
+
+function train({ detected, truth }) {
+  const name = (touch) => `<b class="${touch}">${touch === "none" ? "nothing" : touch}</b>`;
+  const text = `${name(truth)} under the finger, ${name(detected)} detected`;
+  if ($("message").innerHTML !== text) $("message").innerHTML = text;
+}
+
+function showLife(text, ready) {
+  put($("life"), text);
+  $("life").dataset.alive = ready;
+}
+
+function show(screen) {
+  document.body.dataset.screen = screen;
+}
+
+async function begin() {
+  show("play");
+  begun = performance.now();
+  delays.length = 0;
+  ["message", "delay"].forEach((id) => put($(id), ""));
+  marks.forEach((mark) => { mark.ariaPressed = false; });
+  $("done").disabled = true;
+  feed.send({ action: "begin", trainer: $("trainer").checked });
+  $("stage").focus();
+  await speaker.start();
+  speaker.volume = $("volume").valueAsNumber;
+  speaker.overtones = $("overtones").checked;
+}
+
+function lift(header, tables) {
+  show("reveal");
+  const { rounds, right } = header.past;
+  if (rounds) put($("standing"), `${right} of ${rounds} rounds all right`);
+  reveal(header, tables);
+}
+
+$("begin").addEventListener("click", begin);
+$("again").addEventListener("click", () => show("door"));
+$("volume").addEventListener("input", ({ target }) => { speaker.volume = target.valueAsNumber; });
+$("overtones").addEventListener("change", ({ target }) => { speaker.overtones = target.checked; });
+$("done").addEventListener("click", () => {
+  hand.lift();
+  feed.send({ action: "choose", stones: chosen() });
+});
+addEventListener("keydown", (event) => {
+  if (document.body.dataset.screen === "play" && event.key >= "1" && event.key <= "5") toggle(marks[event.key - 1]);
+});
+setInterval(() => put($("clock"), `${formatNumber((performance.now() - begun) / 1000)} s`), 1000);

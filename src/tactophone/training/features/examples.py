@@ -1,0 +1,81 @@
+"""Labelled windows that classifiers are trained on, and how they are weighted."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.types import FloatArray
+
+MOST_WINDOWS = 12_000
+"""Windows trained on, evenly drawn: neighbours are nearly the same, and more change no score."""
+
+INNER_FOLDS = 5
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examples:
+    """Windows to train on.
+
+    Parameters
+    ----------
+    features
+        Shape ``(windows, features)``; NaN where a channel is missing.
+    rough
+        Whether rough, shape ``(windows,)``.
+    surface
+        Number of the surface, shape ``(windows,)``.
+    """
+
+    features: FloatArray
+    rough: NDArray[np.bool_]
+    surface: NDArray[np.intp]
+
+    def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
+        """Return the windows of a mask or with these numbers."""
+        return Examples(self.features[which], self.rough[which], self.surface[which])
+
+    def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
+        """Return at most so many windows, evenly drawn."""
+        return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
+
+    def weights(self) -> Floats:
+        """Return the weights of :func:`even_weights`."""
+        return even_weights(self.rough, self.surface)
+
+    def moments(self) -> tuple[Floats, Floats]:
+        """Return mean and standard deviation of each feature, missing values left out."""
+        wide = self.features.astype(np.float64)
+        return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
+
+    def standardised(self, mean: Floats, scale: Floats) -> Floats:
+        """Return the features standardised; missing ones are taken as average, here as in the graph."""
+        return np.asarray(np.nan_to_num((self.features - mean) / scale))
+
+
+def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Floats:
+    """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1."""
+    weights = np.empty(len(rough))
+    for label in (False, True):
+        surfaces = np.unique(surface[rough == label])
+        for number in surfaces:
+            here = (surface == number) & (rough == label)
+            weights[here] = len(rough) / 2 / len(surfaces) / here.sum()
+    return weights
+
+
+def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator[NDArray[np.bool_]]:
+    """Yield masks of the windows held out in each inner fold: whole surfaces, of both classes where possible."""
+    fold_of = {
+        int(number): place % INNER_FOLDS
+        for label in (True, False)
+        for place, number in enumerate(np.unique(surface[rough == label]))
+    }
+    folds = np.array([fold_of[int(number)] for number in surface])
+    for fold in range(INNER_FOLDS):
+        held_out = folds == fold
+        if held_out.any() and 0 < rough[~held_out].mean() < 1:
+            yield held_out

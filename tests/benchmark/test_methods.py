@@ -1,0 +1,106 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone import Touch
+from tactophone.benchmark import method_of, recipe_method
+from tactophone.benchmark.methods import NetworkMethod, RegressionMethod
+from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL
+from tactophone.dataset import Recording, open_dataset
+from tactophone.evaluation import TakePredictions, measure, scores_of
+from tactophone.haptics import PASSTHROUGH
+from tactophone.training import OPEN_GATE, NetworkJob, network_settings
+from tests.dataset.folders import audiofolder
+from tests.surfaces import surfaces
+
+SETTINGS = replace(network_settings("fine-tuned"), hop=32, batch_size=64, epochs=1, least_steps=80, learning_rate=3e-4)
+
+
+def accuracy(predictions: list[TakePredictions]) -> float:
+    called = [np.mean(take.probabilities[:, 2] > take.probabilities[:, 1]) > 0.5 for take in predictions]
+    return float(np.mean([rough == (take.recording.label is Touch.ROUGH)
+                          for rough, take in zip(called, predictions, strict=True)]))  # fmt: skip
+
+
+@pytest.mark.slow
+def test_level_alone_separates_recordings_that_differ_in_level(tmp_path: Path) -> None:
+    recordings = open_dataset(audiofolder(tmp_path)).recordings
+    level = recipe_method("level", channels=2).fit(recordings)
+    network = method_of(NetworkJob(SETTINGS, gate=OPEN_GATE)).fit(recordings)
+    predictions = [level(recording) for recording in recordings]
+    assert accuracy(predictions) == 1
+    assert predictions[0].time == pytest.approx(network(recordings[0]).time, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_the_papers_network_trains_and_predicts_through_a_model_file(tmp_path: Path) -> None:
+    recordings = open_dataset(audiofolder(tmp_path)).recordings
+    predict = NetworkMethod(NetworkJob(SETTINGS, gate=OPEN_GATE)).fit(recordings)
+    predictions = [predict(recording) for recording in recordings]
+    assert all(take.contact.all() and len(take.time) for take in predictions)
+    assert accuracy(predictions) > 0.7
+
+
+def test_what_changes_the_predictions_changes_the_identity() -> None:
+    job = NetworkJob(SETTINGS)
+    others = [replace(job, seed=1), replace(job, settings=network_settings("general")), replace(job, gate=OPEN_GATE)]
+    assert len({NetworkMethod(variant).identity for variant in (job, *others)}) == 4
+    texture = recipe_method("texture", channels=2)
+    assert (
+        len({texture.identity, replace(texture, dropped=1).identity, recipe_method("level", channels=2).identity}) == 3
+    )
+
+
+def test_a_regression_learns_separable_features_and_predicts_every_window(monkeypatch: pytest.MonkeyPatch) -> None:
+    recordings = [
+        Recording(Path(f"{n}.wav"), f"surface {n}", Touch.ROUGH if n % 2 else Touch.SMOOTH, ("contact",))
+        for n in range(6)
+    ]
+    rng = np.random.default_rng(0)
+
+    def features(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+        rough = recording.label is Touch.ROUGH
+        return np.arange(50) / 100, rng.normal(3.0 * rough, 1.0, (50, 2))
+
+    monkeypatch.setattr("tactophone.benchmark.methods.REGRESSION_FEATURES", {"normal": features})
+    predict = RegressionMethod("normal").fit(recordings[:4])
+    smooth, rough = (predict(recording) for recording in recordings[4:])
+    assert smooth.contact.all()
+    assert smooth.time.tolist() == (np.arange(50) / 100).tolist()
+    np.testing.assert_allclose(rough.probabilities.sum(axis=1), 1.0, rtol=1e-6)
+    assert (rough.probabilities.argmax(axis=1) == Touch.ROUGH).mean() > 0.9
+    assert (smooth.probabilities.argmax(axis=1) == Touch.SMOOTH).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", PASSTHROUGH)
+def test_a_renderers_vibration_separates_plainly_different_surfaces(name: str, tmp_path: Path) -> None:
+    recordings = surfaces(tmp_path).recordings
+    predict = RegressionMethod(name).fit(recordings[:4])
+    assert measure(scores_of(map(predict, recordings[4:]), "two-class"))["balanced_accuracy"] > 0.6
+
+
+def whistling(folder: Path, *, whistle: bool) -> list[Recording]:
+    """Surfaces of equal sound, but for a faint whistle at 12 kHz on the days when rough ones were recorded."""
+    rate, made = 44_100, []
+    for number in range(8):
+        rough = number % 2 == 1
+        time = np.arange(rate) / rate
+        sound = 0.05 * np.random.default_rng(number).standard_normal(rate)
+        sound += 0.01 * np.sin(2 * np.pi * 12_000 * time) * (whistle and rough)
+        path = folder / f"{number}.wav"
+        soundfile.write(path, sound, rate)
+        made.append(Recording(path, f"stone {number}", Touch.ROUGH if rough else Touch.SMOOTH))
+    return made
+
+
+def test_the_high_band_control_detects_a_days_noise_and_nothing_else(tmp_path: Path) -> None:
+    for whistle, least, most in ((True, 0.95, 1.0), (False, 0.2, 0.8)):
+        folder = tmp_path / str(whistle)
+        folder.mkdir()
+        made = whistling(folder, whistle=whistle)
+        predict = RegressionMethod(HIGH_BAND_CONTROL).fit(made[:4])
+        score = measure(scores_of(map(predict, made[4:]), "two-class"))["balanced_accuracy"]
+        assert least <= score <= most

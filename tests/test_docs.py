@@ -1,0 +1,72 @@
+"""The documentation builds, fetches nothing, and refers only to what exists."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built as `make docs` builds it."""
+    pytest.importorskip("mkdocs")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=120, env={"NO_MKDOCS_2_WARNING": "1"}
+    )
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_has_three_shelves_and_the_python_api(site: Path) -> None:
+    assert {"guide", "reference", "research"} <= {path.name for path in site.iterdir()}
+    assert "open_pipeline" in (site / "reference" / "api.html").read_text()
+
+
+@pytest.mark.slow
+def test_a_reader_of_the_site_fetches_nothing_from_elsewhere(site: Path) -> None:
+    remote = re.compile(
+        r"""<(?:script|link|img|iframe)[^>]*(?:src|href)=["']?(?:https?:)?//|@import|url\(["']?https?:"""
+    )
+    for page in site.rglob("*.html"):
+        found = [match[0] for match in remote.finditer(page.read_text()) if 'rel="canonical"' not in match[0]]
+        assert not found, page
+
+
+def test_links_between_pages_of_the_repository_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text()):
+            assert "://" in target or (page.parent / target).exists(), f"{page.relative_to(ROOT)}: {target}"
+
+
+def test_files_and_tests_that_pages_name_exist() -> None:
+    missing = []
+    for page in PAGES:
+        for name, _, test in re.findall(
+            r"\b((?:tests|benchmarks|examples|scripts)/[\w/-]+\.py)(::(\w+))?", page.read_text()
+        ):
+            path = ROOT / name
+            if not path.is_file() or (test and f"def {test}(" not in path.read_text()):
+                missing.append(f"{page.relative_to(ROOT)}: {name} {test}")
+    assert not missing, "\n".join(missing)
+
+
+def test_the_glossary_is_one_page_of_at_most_20_terms() -> None:
+    rows = re.findall(r"^\| \*\*", (ROOT / "docs" / "glossary.md").read_text(), flags=re.MULTILINE)
+    assert 10 < len(rows) <= 20
+
+
+def test_the_readme_is_short_and_begins_with_a_picture_and_two_commands() -> None:
+    lines = (ROOT / "README.md").read_text().splitlines()
+    assert len(lines) <= 110
+    first_screen = "\n".join(lines[:24])
+    assert "![" in first_screen
+    assert "make demo" in first_screen
+    assert "make test" in first_screen

@@ -1,0 +1,101 @@
+"""The wheel as a user gets it: installed without extras in a fresh environment, where every verb must answer."""
+
+import re
+import subprocess
+import sys
+import tomllib
+import venv
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.cli import VERBS
+from tactophone.cli._support.extras import EXTRA_OF_MODULE, EXTRAS_OF_VERB
+from tests.dataset.folders import audiofolder
+
+ROOT = Path(__file__).parent.parent
+INSTALL = re.compile(r"pip install 'tactophone\[([a-z,]+)\]'")
+
+WORDS = {
+    "demo": ["--out", "demo"],
+    "pair": ["init", "--identity", "identity"],
+    "play": [],
+    "loopback": ["--source", "finger", "--actuator", "none", "--duration", "1"],
+    "send": ["--peer", "127.0.0.1"],
+    "receive": ["--actuator", "none", "--duration", "1"],
+    "feel": ["finger.wav"],
+    "model": ["show", "paper"],
+    "latency": ["--dummy"],
+    "stop": ["nobody"],
+    "mute": ["nobody"],
+    "arm": ["nobody"],
+    "devices": [],
+    "settings": [],
+    "calibrate": ["--source", "finger"],
+    "record": ["brick", "--label", "rough", "--source", "finger", "--yes"],
+    "simulate": ["dataset", "set"],
+    "train": ["set", "--out", "new.onnx"],
+    "finetune": ["paper", "set", "--general", "set", "--out", "new.onnx"],
+    "set-threshold": ["paper", "--data", "set", "--false-bumps", "1"],
+    "evaluate": ["paper", "--data", "set"],
+    "sweep": ["set", "--vary", "seed=0,1"],
+    "benchmark": ["--data", "set"],
+    "dataset": ["check", "set"],
+}
+"""Arguments with which each verb gets past parsing."""
+
+WORKING = {"feel", "model", "devices", "settings", "evaluate", "dataset"}
+"""Verbs that succeed with the core alone."""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``tactophone`` in a fresh environment, from the wheel, without extras."""
+    folder = tmp_path_factory.mktemp("package")
+    pip = [sys.executable, "-m", "pip", "--quiet"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
+    venv.create(folder / "venv", with_pip=False)
+    python = folder / "venv" / "bin" / "python"
+    subprocess.run([*pip, "--python", python, "install", next(folder.glob("*.whl"))], check=True)
+    return python.with_name("tactophone")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder with a recording of noise and a small data set."""
+    folder = tmp_path_factory.mktemp("work")
+    audiofolder(folder / "set")
+    soundfile.write(folder / "finger.wav", np.random.default_rng(0).normal(scale=0.1, size=(24_000, 2)), 48_000)
+    return folder
+
+
+@pytest.mark.package
+@pytest.mark.parametrize("verb", VERBS)
+def test_without_extras_each_verb_works_or_names_the_extra(program: Path, folder: Path, verb: str) -> None:
+    helped = subprocess.run([program, verb, "--help"], capture_output=True, text=True, check=False)
+    assert helped.returncode == 0, helped.stderr
+    done = subprocess.run([program, verb, *WORDS[verb]], cwd=folder, capture_output=True, text=True, timeout=60)
+    assert "Traceback" not in done.stderr
+    assert done.returncode == (0 if verb in WORKING else 1), done.stderr
+    if verb in EXTRAS_OF_VERB:
+        assert len(done.stderr.splitlines()) == 1, done.stderr
+        named = INSTALL.findall(done.stderr)[0].split(",")
+        assert set(EXTRAS_OF_VERB[verb]) <= set(named)
+
+
+def test_every_optional_module_has_its_extra() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    declared = {
+        re.split(r"[^\w-]", requirement)[0].lower().replace("_", "-"): extra
+        for extra, requirements in extras.items()
+        if extra not in ("all", "dev", "docs")
+        for requirement in requirements
+    }
+    distributions = packages_distributions()
+    for module, extra in EXTRA_OF_MODULE.items():
+        for name in distributions.get(module, ()):  # Ray, for example, need not be installed here
+            assert declared[name.lower().replace("_", "-")] == extra
+    assert set(declared.values()) == set(EXTRA_OF_MODULE.values())

@@ -1,0 +1,28 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import tactophone
+
+
+@pytest.mark.parametrize("name", tactophone.__all__)
+def test_every_public_name_can_be_imported(name: str) -> None:
+    assert getattr(tactophone, name) is not None
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="telegraph"):
+        _ = tactophone.telegraph
+
+
+def test_importing_the_package_loads_no_model_runtime_and_no_network_library() -> None:
+    heavy = ("onnxruntime", "OpenSSL", "pylibsrtp", "soundfile", "rich")
+    code = f"import sys, tactophone; print([name for name in {heavy} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_package_is_typed() -> None:
+    assert (Path(tactophone.__file__).parent / "py.typed").is_file()
