@@ -26,7 +26,9 @@ def predicted(label: Touch, *, surface: str, seed: int, mean: float, size: int =
     wander = np.convolve(rng.normal(0, 1, size + 20), np.ones(20) / np.sqrt(20), "valid")[:size]
     share = 1 / (1 + np.exp(-(mean + 2 * wander)))
     contact = np.repeat(rng.random(size // 20) < 0.8, 20)
-    rows = np.stack([np.zeros(size), 1 - share, share], axis=1).astype(np.float32)
+    # One update in ten is of unknown sound, for rules that abstain.
+    none = np.where(rng.random(size) < 0.1, 0.6, 0.0)
+    rows = np.stack([none, (1 - none) * (1 - share), (1 - none) * share], axis=1).astype(np.float32)
     recording = Recording(Path(f"{surface}{seed}.wav"), surface, label)
     return TakePredictions(recording, 0.256 + HOP * np.arange(size), rows, contact)
 
@@ -39,7 +41,12 @@ def predictions() -> list[TakePredictions]:
     ]
 
 
-RULES = (DecisionRule(), DecisionRule(0.9, 0.6, 1), DecisionRule(0.7, 0.2, 4))
+RULES = (
+    DecisionRule(),
+    DecisionRule(0.9, 0.6, 1),
+    DecisionRule(0.7, 0.2, 4),
+    DecisionRule(confirm=4, abstain_from=0.3),
+)
 
 
 def test_rules_side_by_side_decide_as_the_live_decision_does() -> None:
@@ -53,6 +60,10 @@ def test_rules_side_by_side_decide_as_the_live_decision_does() -> None:
             ]
             bumps = sum(now and not before for before, now in zip([False, *rough], rough, strict=False))
             assert (outcomes.rough[0, place], outcomes.bumps[0, place]) == (sum(rough), bumps)
+
+
+def test_candidates_abstain_as_the_model_does() -> None:
+    assert {rule.abstain_from for rule in candidate_rules(abstain_from=0.5)} == {0.5}
 
 
 def test_the_limit_is_kept_and_no_allowed_rule_has_more_recall() -> None:

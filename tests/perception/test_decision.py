@@ -30,6 +30,13 @@ def test_rough_must_be_confirmed_and_is_not_rendered_before() -> None:
     assert [roughness < 0.5 for _, roughness in decisions] == [True, True, False]
 
 
+def test_predictions_without_contact_confirm_nothing() -> None:
+    decision = Decision(DecisionRule(confirm=3))
+    for _ in range(10):
+        decision.decide((0.0, 0.4, 0.6), contact=False)
+    assert shares(decision, 0.6, 0.6, 0.6) == [Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH]
+
+
 def test_the_threshold_lies_at_half_roughness() -> None:
     decision = Decision(DecisionRule(rough_on=0.8, rough_off=0.8))
     assert decision.decide((0.0, 0.2, 0.8), contact=True)[1] == pytest.approx(0.5)

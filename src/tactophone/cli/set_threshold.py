@@ -46,8 +46,9 @@ def run(args: argparse.Namespace) -> int:
     path = model_path(args.model)
     out = args.out or path
     dataset = open_filtered(args.data, args.filter)
-    rules = candidate_rules()
-    outcomes = try_rules(_predict(read_model(path), dataset), rules)
+    model = read_model(path)
+    rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
+    outcomes = try_rules(_predict(model, dataset), rules)
     place = choose_rule(outcomes, rules, goal=goal, limit=limit)
     # The first candidate is the plain threshold of 0.5.
     before, chosen = (measure_rule(outcomes, at, rules[at]) for at in (0, place))

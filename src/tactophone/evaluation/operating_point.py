@@ -19,7 +19,7 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, interval
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predictions import TakePredictions
-from tactophone.perception import DecisionRule
+from tactophone.perception import NEVER_ABSTAIN, DecisionRule
 from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.types import Touch
 
@@ -98,12 +98,12 @@ class OperatingPoint:
         return {**numbers, "delay": None if np.isnan(self.delay) else round(self.delay, 3)}
 
 
-def candidate_rules() -> tuple[DecisionRule, ...]:
-    """List the rules to try, the paper's first."""
+def candidate_rules(*, abstain_from: float = NEVER_ABSTAIN) -> tuple[DecisionRule, ...]:
+    """List the rules to try, the paper's threshold first; each abstains as the model does."""
     return (
-        DecisionRule(),
+        DecisionRule(abstain_from=abstain_from),
         *(
-            DecisionRule(_probability(on), _probability(on - hysteresis), confirm)
+            DecisionRule(_probability(on), _probability(on - hysteresis), confirm, abstain_from)
             for confirm in CONFIRMATIONS
             for hysteresis in HYSTERESIS_LOGITS
             for on in np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
@@ -224,22 +224,25 @@ def _probability(logit: float) -> float:
 
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
     """Decide over a recording by all rules at once; the same steps as :class:`tactophone.perception.Decision`."""
-    on, off, confirm = (
-        np.array([getattr(rule, name) for rule in rules]) for name in ("rough_on", "rough_off", "confirm")
+    on, off, confirm, abstain = (
+        np.array([getattr(rule, name) for rule in rules])
+        for name in ("rough_on", "rough_off", "confirm", "abstain_from")
     )
     share = rough_score(take.probabilities, "two-class")
+    unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
     was_rough, streak = np.zeros(len(rules), bool), np.zeros(len(rules), int)
     rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
     delay, start = np.full(len(rules), np.nan), 0.0
     touching = False
-    for now, contact, value in zip(take.time, take.contact, share, strict=True):
+    for now, contact, likely, none in zip(take.time, take.contact, share, unknown, strict=True):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no touch) and count from here.
             delays.append(delay)
             delay, start = np.full(len(rules), np.nan), now
         touching = bool(contact)
-        streak = np.where(value >= on, streak + 1, 0)
+        value = np.where(none >= abstain, 0.0, likely)
+        streak = np.where((value >= on) & touching, streak + 1, 0)
         is_rough = (value >= np.where(was_rough, off, on)) & (was_rough | (streak >= confirm)) & touching
         bumps += is_rough & ~was_rough
         delay = np.where(is_rough & np.isnan(delay), now - start, delay)

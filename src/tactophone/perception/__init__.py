@@ -2,7 +2,7 @@
 
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.debounce import ContactDebounce
-from tactophone.perception.decision import Decision, DecisionRule, rough_share
+from tactophone.perception.decision import NEVER_ABSTAIN, Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.features.bands import BAND_COUNT, BAND_VALUES, CREST_INDEX, BandFeatures
 from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL
@@ -62,6 +62,7 @@ __all__ = [
     "LOG_PROBABILITIES",
     "MICROPHONES",
     "MIN_VARIANCE",
+    "NEVER_ABSTAIN",
     "SILENT_POWER",
     "SUPPORTS_MISSING_CHANNEL",
     "AnyTouchDetector",

@@ -8,6 +8,10 @@ from tactophone.types import Touch
 Probabilities = tuple[float, float, float]
 
 
+NEVER_ABSTAIN = 2.0
+"""A probability that no *none* reaches."""
+
+
 @dataclass(frozen=True, slots=True)
 class DecisionRule:
     """When a prediction is *rough*; the defaults are the paper's: the likelier of smooth and rough, at once.
@@ -19,10 +23,10 @@ class DecisionRule:
     rough_off
         Rough share under which it turns back to smooth; at most ``rough_on``.
     confirm
-        Consecutive predictions that must reach ``rough_on`` before the decision turns rough.
+        Consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough.
     abstain_from
         Probability of *none* from which a touch is unlike any in training: it is rendered as plain contact, smooth.
-        Over 1 for models, like the paper's, whose *none* is trained but not used.
+        :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none* is trained but not used.
 
     Raises
     ------
@@ -33,7 +37,7 @@ class DecisionRule:
     rough_on: float = 0.5
     rough_off: float = 0.5
     confirm: int = 1
-    abstain_from: float = 2.0
+    abstain_from: float = NEVER_ABSTAIN
 
     def __post_init__(self) -> None:
         if not (0 < self.rough_off <= self.rough_on < 1 and self.confirm >= 1):
@@ -61,7 +65,8 @@ class Decision:
         share = 0.0 if unknown else rough_share(probabilities)
         # Hysteresis: the threshold in force depends on the last decision.
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
-        self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
+        # Without contact a prediction is that of the average touch: it confirms nothing about the touch to come.
+        self._streak = self._streak + 1 if contact and share >= self._rule.rough_on else 0
         self._rough = contact and share >= threshold and (self._rough or self._streak >= self._rule.confirm)
         if not contact:
             return Touch.NONE, 0.0
