@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.types import DEFAULT_CEILING
 
 _ANY = (-math.inf, math.inf)
@@ -234,7 +234,7 @@ def _checked(declared: "dataclasses.Field[Any]", value: Any, found: str) -> Any:
         raise ConfigError(f"{found}, but it is a {_KINDS[kind]}")
     choices = declared.metadata.get("choices", ())
     if choices and value not in choices:
-        raise ConfigError(f"{found}, but it is one of {', '.join(choices)}")
+        raise ConfigError(f"{found}, but it is one of {', '.join(choices)}{did_you_mean(str(value), choices)}")
     low, high = declared.metadata.get("span", _ANY)
     # NaN is in no range; as a default it means "from the model", and is then allowed.
     unset = kind is float and math.isnan(value) and math.isnan(declared.default)  # type: ignore[arg-type]

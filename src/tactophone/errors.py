@@ -14,6 +14,9 @@ and shown. An invalid argument, such as a negative size, stays :class:`ValueErro
 what was expected, where, and the next step.
 """
 
+import difflib
+from collections.abc import Iterable
+
 
 class TactophoneError(Exception):
     """Base of all errors raised on purpose; the command line prints it in one line and exits with 1."""
@@ -37,3 +40,17 @@ class ModelError(TactophoneError):
 
 class DatasetError(TactophoneError):
     """A recording, label or manifest cannot be used."""
+
+
+def did_you_mean(name: str, choices: Iterable[str]) -> str:
+    """Return the end of a message about an unknown name: the nearest choice, or nothing if none is near.
+
+    >>> did_you_mean("textur", ["paper", "texture"])
+    '; did you mean texture?'
+    """
+    by_lower = {choice.lower(): choice for choice in choices}
+    near = difflib.get_close_matches(name.lower(), by_lower, n=1)
+    # Half of a long name is a good hint too: "marble" for "polished marble".
+    inside = [choice for lower, choice in by_lower.items() if len(name) > 3 and name.lower() in lower]
+    found = [by_lower[near[0]]] if near else inside[:3]
+    return f"; did you mean {' or '.join(found)}?" if found else ""

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tests.dataset.folders import audiofolder, authors
+from tests.dataset.folders import audiofolder, authors, write_sound
 
 
 def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,3 +50,28 @@ def test_a_layout_is_imported_and_has_a_card(tmp_path: Path, capsys: pytest.Capt
     assert capsys.readouterr().out.startswith("7 recordings in")
     assert main(["dataset", "card", str(tmp_path / "ours")]) == 0
     assert capsys.readouterr().out.strip() == str(tmp_path / "ours" / "README.md")
+
+
+def test_check_refuses_the_channels_that_feel_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_sound(audiofolder(tmp_path) / "audio" / "00_0.flac", channels=4)
+    manifest = (
+        (tmp_path / "metadata.csv")
+        .read_text()
+        .replace("00_0.flac,stone 00,rough,contact|air", "00_0.flac,stone 00,rough,")
+    )
+    (tmp_path / "metadata.csv").write_text(manifest)
+    assert main(["dataset", "check", str(tmp_path)]) == 1
+    assert "4 channels, but a finger has contact and air" in capsys.readouterr().out
+    assert main(["feel", str(path), "--out", str(tmp_path / "felt.wav")]) == 1
+
+
+def test_class_folders_are_imported_with_their_surfaces_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("rough/granite_1", "rough/granite_2", "smooth/glass_1"):
+        write_sound(tmp_path / "theirs" / f"{name}.wav")
+    assert main(["dataset", "import", str(tmp_path / "theirs"), str(tmp_path / "ours")]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("3 recordings in")
+    assert "beware: 2 surfaces were taken from file names: glass, granite" in printed.err
+    assert main(["dataset", "check", str(tmp_path / "ours")]) == 0

@@ -9,7 +9,7 @@ from tactophone.benchmark.crossvalidation import Method
 from tactophone.benchmark.methods import FeatureMethod, RegressionMethod, method_of, recipe_method
 from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL, HIGH_BAND_EDGES
 from tactophone.dataset import Dataset
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import DecisionRule
 from tactophone.training import FEATURE_RECIPES, OPEN_GATE, RECIPES, VARIANTS, TrainingOptions
@@ -70,7 +70,9 @@ def entries_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[BenchmarkE
     channels = channels_of(dataset)
     allowed = entry_names(channels)
     if unknown := [name for name in names if name not in (*allowed, *entry_names(2))]:
-        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}")
+        raise ConfigError(
+            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
+        )
     chosen = [name for name in allowed if name in (names or allowed) and _is_possible(name, dataset)]
     sample_rate = soundfile.info(dataset.recordings[0].path).samplerate
     control = BenchmarkEntry(RegressionMethod(HIGH_BAND_CONTROL), control=True)

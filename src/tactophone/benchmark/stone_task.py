@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.benchmark.regression_features import FULL_DRIVE
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.evaluation.bootstrap import COVERAGE
 from tactophone.haptics import PASSTHROUGH, PROFILES, Oscillator
 from tactophone.perception import shipped_models
@@ -89,7 +89,8 @@ def play_task(
     """
     allowed = task_methods()
     if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:
-        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and paths of model files")
+        hint = did_you_mean(unknown[0], allowed)
+        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}")
     report("rendering visits")
     sound = render_visits(visits=visits, seed=seed)
     outcomes = []

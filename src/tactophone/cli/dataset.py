@@ -12,12 +12,14 @@ from rich.table import Table
 from tactophone.cli._support import terminal
 from tactophone.dataset import (
     DEFAULT_CONTACT_DBFS,
+    FILE_NAME,
     SPLITS,
     Dataset,
     check,
     check_consistency,
     convert,
     draw_dataset,
+    find_importable,
     open_dataset,
     set_split,
     split,
@@ -53,7 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub.add_argument("--fold", type=int, default=1, metavar="N", help="the fold whose test set --write takes, from 1")
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
     _add_json(sub)
-    sub = add("import", _import, "convert another layout (the paper's authors', or manifest.csv) to this one, as FLAC")
+    sub = add(
+        "import", _import,
+        "convert another layout to this one, as FLAC: the paper's authors', manifest.csv, folders rough/ and smooth/, "
+        "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, file_name and label without surface",
+    )  # fmt: skip
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
@@ -132,13 +138,25 @@ def _split(args: argparse.Namespace) -> int:
 
 
 def _import(args: argparse.Namespace) -> int:
-    dataset = open_dataset(args.folder)
-    for problem in dataset.problems:
-        terminal.log().print(f"left out: {problem}", soft_wrap=True)
+    found = find_importable(args.folder)
+    for problem in found.dataset.problems:
+        terminal.log().print(f"{'left out' if problem.fatal else 'warning'}: {problem}", soft_wrap=True)
     with terminal.progress("converting") as bar:
-        task = bar.add_task("", total=len(dataset.recordings), note="")
-        converted = convert(dataset, args.out, progress=lambda done: bar.update(task, completed=done))
-    print(f"{len(converted.recordings)} recordings in {args.out}")
+        task = bar.add_task("", total=len(found.dataset.recordings), note="")
+        converted = convert(
+            found.dataset, args.out, air_of=found.air_of, targets=found.targets,
+            progress=lambda done: bar.update(task, completed=done),
+        )  # fmt: skip
+    pairs = f", {len(found.air_of)} of them joined from two mono files" if found.air_of else ""
+    print(f"{len(converted.recordings)} recordings{pairs} in {args.out}")
+    if found.guessed:
+        surfaces = converted.surfaces
+        shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")
+        terminal.log().print(
+            f"beware: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
+            f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side",
+            soft_wrap=True,
+        )
     return 0
 
 

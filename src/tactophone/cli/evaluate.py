@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
     """Score a model, or cross-validate a recipe with its baselines."""
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
-    dataset = open_filtered(args.data, args.filter)
+    channels = read_model(model_path(args.model)).card.channels if args.model else job_of(args).channels
+    dataset = open_filtered(args.data, args.filter, channels=channels)
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
         _note(args, next(iter(reports.values())), dataset)

@@ -79,8 +79,9 @@ def run(args: argparse.Namespace) -> int:
 def _data(args: argparse.Namespace) -> "FinetuningData":
     from tactophone.training.finetuning import FinetuningData, hold_out, thinned
 
-    new, held_out = hold_out(open_filtered(args.new, args.filter))
-    general = open_filtered(args.general, None)
+    channels = read_model(model_path(args.model)).card.channels
+    new, held_out = hold_out(open_filtered(args.new, args.filter, channels=channels))
+    general = open_filtered(args.general, None, channels=channels)
     rest, test = _split(general)
     replay, validation = _split(general.where(lambda recording: recording in rest))
     return FinetuningData(

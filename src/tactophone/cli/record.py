@@ -13,7 +13,7 @@ from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
 from tactophone.cli._support.meters import Meters, live_display
 from tactophone.dataset import Recording, holds_metadata, open_dataset
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception import Calibration, Reference
 from tactophone.recording import PROTOCOL, Key, RecordedObject, Recorder, SessionPlan, Stage, protocol, recover
 from tactophone.types import Touch
@@ -71,7 +71,8 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
     names = [take.name for take in PROTOCOL]
     selected = names if args.takes == "all" else args.takes.split(",")
     if unknown := sorted(set(selected) - set(names)):
-        raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}")
+        hint = did_you_mean(unknown[0], names)
+        raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}{hint}")
     if not 1 <= args.seconds <= 600:
         raise ConfigError(f"--seconds {args.seconds:g}: a take lasts 1 to 600 s")
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()

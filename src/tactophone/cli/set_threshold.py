@@ -45,8 +45,8 @@ def run(args: argparse.Namespace) -> int:
 
     path = model_path(args.model)
     out = args.out or path
-    dataset = open_filtered(args.data, args.filter)
     model = read_model(path)
+    dataset = open_filtered(args.data, args.filter, channels=model.card.channels)
     rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
     outcomes = try_rules(_predict(model, dataset), rules)
     place = choose_rule(outcomes, rules, goal=goal, limit=limit)

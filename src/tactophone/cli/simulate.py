@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import terminal
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
 
 if TYPE_CHECKING:
@@ -183,7 +183,9 @@ def _takes_named(names: str) -> "list[Take]":
         return list(TAKES)
     unknown = [name for name in names.split(",") if name not in known]
     if unknown:
-        raise ConfigError(f"{unknown[0]!r} is not a take; there are {', '.join(known)}")
+        raise ConfigError(
+            f"{unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
+        )
     return [known[name] for name in names.split(",")]
 
 

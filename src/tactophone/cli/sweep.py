@@ -44,10 +44,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the folds of every combination in parallel, and list the combinations, best first."""
     if args.workers < 1:
         raise ConfigError(f"--workers {args.workers}: 1 or more")
-    dataset = open_filtered(args.data, args.filter)
     from tactophone.benchmark import Cache, default_cache, method_of
 
-    trials = [(name, method_of(job_of(changed))) for name, changed in _combinations(args)]
+    jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
+    dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs))
+    trials = [(name, method_of(job)) for name, job in jobs]
     folds = split(dataset, args.split)
     cache = Cache(args.cache) if args.cache else default_cache()
     _run(trials, folds, cache, args)

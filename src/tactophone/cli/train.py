@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
     job = job_of(args)
-    dataset = open_filtered(args.data, args.filter)
+    dataset = open_filtered(args.data, args.filter, channels=job.channels)
     checkpoint = args.out.with_name(args.out.name + ".unfinished.npz")
     if args.restart:
         checkpoint.unlink(missing_ok=True)

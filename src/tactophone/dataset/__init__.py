@@ -5,10 +5,10 @@
 """
 
 from tactophone.dataset.channels import channel_order
-from tactophone.dataset.checks import check, usable
+from tactophone.dataset.checks import check, usable, with_channels
 from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
 from tactophone.dataset.converters import convert, set_split, write_card
-from tactophone.dataset.discovery import find_recording, ground_truth, open_dataset
+from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
@@ -31,6 +31,7 @@ __all__ = [
     "check_consistency",
     "convert",
     "draw_dataset",
+    "find_importable",
     "find_recording",
     "fingerprint",
     "ground_truth",
@@ -42,6 +43,7 @@ __all__ = [
     "split",
     "touch_at",
     "usable",
+    "with_channels",
     "write_card",
     "write_metadata",
     "write_slides",

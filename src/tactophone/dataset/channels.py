@@ -37,6 +37,6 @@ def channel_order(recording: Recording, *, count: int, single: str = "contact") 
     if sorted(names) != sorted(TWO_CHANNELS):
         raise DatasetError(
             f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
-            "use the one-channel variant (--variant one-channel)"
+            "use the one-channel variant (--channels 1; with the recipe paper, --variant one-channel)"
         )
     return tuple(names.index(name) for name in TWO_CHANNELS)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import soundfile
 
+from tactophone.dataset.channels import channel_order
 from tactophone.dataset.values import Dataset, Problem, Recording
+from tactophone.errors import DatasetError
 from tactophone.types import Touch
 
 READ_SIZE = 1 << 16
@@ -20,6 +22,9 @@ MIN_DURATION = 0.256
 
 SILENT_DBFS = -90.0
 """Peak under which nothing was recorded: three steps of a 16-bit converter."""
+
+MOST_CHANNELS = 2
+"""Contact and air. Which two of more would be meant nobody has said."""
 
 CLIPPED_LEVEL = 0.999
 CLIPPED_SHARE = 1e-3
@@ -61,6 +66,33 @@ def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
     problems = check(dataset)
     bad = {problem.path for problem in problems if problem.fatal}
     return dataset.where(lambda recording: recording.path not in bad), problems
+
+
+def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem, ...]]:
+    """Return the data set without recordings that lack a microphone, and a warning for each of these.
+
+    Parameters
+    ----------
+    dataset
+        Usable recordings.
+    count
+        Microphones that are needed, 1 or 2. If no recording has as many, all stay, so that whoever reads them can say
+        which option to change.
+    """
+    lacking = [recording for recording in dataset.recordings if not _holds(recording, count)]
+    if count == 1 or not lacking or len(lacking) == len(dataset.recordings):
+        return dataset, ()
+    message = "one microphone, but the others of the set have contact and air; train on one with --channels 1"
+    paths = {recording.path for recording in lacking}
+    problems = tuple(Problem(recording.path, "channels", message, fatal=False) for recording in lacking)
+    return dataset.where(lambda recording: recording.path not in paths), problems
+
+
+def _holds(recording: Recording, count: int) -> bool:
+    try:
+        return max(channel_order(recording, count=count)) < int(soundfile.info(recording.path).channels)
+    except (DatasetError, soundfile.LibsndfileError, OSError):
+        return False
 
 
 def check_recording(recording: Recording) -> Iterator[Problem]:
@@ -122,6 +154,9 @@ def _manifest_faults(recording: Recording, measured: _Measurements) -> Iterator[
     if recording.channels and len(recording.channels) != measured.channels:
         found = f"the manifest names {len(recording.channels)} channels, but the file has {measured.channels}"
         yield "channels", f"{found}; correct the column channels", True
+    elif measured.channels > MOST_CHANNELS:
+        found = f"{measured.channels} channels, but a finger has contact and air"
+        yield "channels", f"{found}; export these two as a file of their own", True
     duration = measured.size / measured.sample_rate
     for segment in recording.segments:
         # One millisecond of tolerance: manifests round.

@@ -3,14 +3,17 @@
 import dataclasses
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import soundfile
+from numpy.typing import NDArray
 
 from tactophone.dataset.checks import READ_SIZE
 from tactophone.dataset.metadata import FILE_NAME, write_metadata
+from tactophone.dataset.mono_pairs import read_joined
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
@@ -19,10 +22,31 @@ CARD = "README.md"
 """Where Hugging Face looks for the card of a data set."""
 
 
-def convert(dataset: Dataset, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Dataset:
+def convert(
+    dataset: Dataset,
+    out: Path,
+    *,
+    air_of: Mapping[Path, Path] = MappingProxyType({}),
+    targets: Mapping[Path, Path] = MappingProxyType({}),
+    progress: Callable[[int], None] = lambda done: None,
+) -> Dataset:
     """Copy recordings into a folder as FLAC with a ``metadata.csv``; the originals stay.
 
     Sound is neither resampled nor mixed; floating-point sound becomes 24 bit.
+
+    Parameters
+    ----------
+    dataset
+        What to copy.
+    out
+        A new folder.
+    air_of
+        The file of the air microphone, by the recording's path, which then holds the contact microphone alone: the copy
+        has both.
+    targets
+        Path of a copy below ``out`` without suffix, by the recording's path; by default as below the data set.
+    progress
+        Called with the number of recordings done.
 
     Raises
     ------
@@ -33,7 +57,10 @@ def convert(dataset: Dataset, out: Path, *, progress: Callable[[int], None] = la
         raise DatasetError(f"{out}: holds a data set already; name a new folder")
     copies = []
     for done, recording in enumerate(dataset.recordings, 1):
-        copies.append(_copy(dataset, recording, out))
+        inner = targets.get(recording.path) or recording.path.resolve().relative_to(dataset.root.resolve())
+        # By hand, as `with_suffix` would take a dot within the name for one.
+        stem = inner.name if recording.path in targets else inner.stem
+        copies.append(_copy(recording, out / inner.parent / f"{stem}.flac", air_of.get(recording.path)))
         progress(done)
     write_metadata(out, copies)
     return Dataset(out.name, out, tuple(copies))
@@ -77,16 +104,29 @@ def copy_as_flac(source: Path, target: Path) -> None:
     OSError, soundfile.LibsndfileError
         If the source cannot be read or the disk is full.
     """
-    part = target.with_suffix(".part.flac")
+    with soundfile.SoundFile(source) as file:
+        subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
+        # As integers, PCM is copied bit by bit.
+        blocks = file.blocks(READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32")
+        _write_flac(target, blocks, file.samplerate, file.channels, subtype, size=len(file))
+
+
+def join_as_flac(contact: Path, air: Path, target: Path) -> None:
+    """Write two mono files as one FLAC file with the channels contact and air; errors as in :func:`copy_as_flac`."""
+    samples, rate, subtype = read_joined(contact, air)
+    _write_flac(target, [samples], rate, 2, subtype, size=len(samples))
+
+
+def _write_flac(
+    target: Path, blocks: Iterable[NDArray[Any]], rate: int, channels: int, subtype: str, *, size: int
+) -> None:
+    part = target.with_name(f"{target.stem}.part.flac")
     try:
-        with soundfile.SoundFile(source) as file:
-            subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"
-            with soundfile.SoundFile(part, "w", file.samplerate, file.channels, subtype) as flac:
-                # As integers, PCM is copied bit by bit.
-                for samples in file.blocks(READ_SIZE, dtype="int32" if file.subtype.startswith("PCM") else "float32"):
-                    flac.write(samples)
-            if soundfile.info(part).frames != len(file):
-                raise OSError("the copy is shorter than the original")
+        with soundfile.SoundFile(part, "w", rate, channels, subtype) as flac:
+            for samples in blocks:
+                flac.write(samples)
+        if soundfile.info(part).frames != size:
+            raise OSError("the copy is shorter than the original")
         flush_to_disk(part)
         os.replace(part, target)
     finally:
@@ -102,11 +142,13 @@ def flush_to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
-def _copy(dataset: Dataset, recording: Recording, out: Path) -> Recording:
-    target = (out / recording.path.resolve().relative_to(dataset.root.resolve())).with_suffix(".flac")
+def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
-        copy_as_flac(recording.path, target)
+        if air:
+            join_as_flac(recording.path, air, target)
+        else:
+            copy_as_flac(recording.path, target)
     except (soundfile.LibsndfileError, OSError) as error:
         raise DatasetError(f"{recording.path}: cannot be converted ({error}); `tactophone dataset check`") from None
     return dataclasses.replace(recording, path=target)

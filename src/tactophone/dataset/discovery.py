@@ -4,9 +4,10 @@ import functools
 from collections.abc import Callable
 from pathlib import Path
 
+from tactophone.dataset.lab_folders import LabFolder, read_lab_folder, surface_and_take
 from tactophone.dataset.layouts import holds_authors, holds_manifest, read_authors, read_manifest
-from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata
-from tactophone.dataset.values import Dataset, Recording, Segment
+from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, names_surfaces, read_metadata
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 from tactophone.errors import DatasetError
 
 _LAYOUTS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Dataset]], ...] = (
@@ -39,13 +40,36 @@ def open_dataset(path: Path | str) -> Dataset:
     for holds, read in _LAYOUTS:
         if holds(folder):
             return read(folder)
-    inner = sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and _is_dataset(entry))
-    if inner:
+    if inner := _inner(folder):
         raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
     raise DatasetError(
         f"{folder}: not a data set: neither {FILE_NAME} nor manifest.csv nor opus/stereo/ is in it; "
-        f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md)"
+        f"write a {FILE_NAME} with the columns file_name, surface and label (docs/reference/data-set.md), or let "
+        "`tactophone dataset import` make it of folders named rough/ and smooth/"
     )
+
+
+def find_importable(path: Path | str) -> LabFolder:
+    """Return what `dataset import` converts: a known layout, or a folder with labels in its names.
+
+    Surfaces that nothing states are taken from file names; ``guessed`` is then true.
+
+    Raises
+    ------
+    DatasetError
+        If neither a manifest nor any name holds a label.
+    """
+    folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
+    if holds_metadata(folder):
+        dataset = read_metadata(folder, surface_of=_surface_of)
+        return LabFolder(dataset, guessed=not all(names_surfaces(folder)))
+    if folder.is_dir() and not _is_dataset(folder) and not _inner(folder):
+        found = read_lab_folder(folder)
+        if found.dataset.recordings:
+            return found
+        if problems := found.dataset.problems:
+            raise DatasetError(f"{folder}: none of its {len(problems)} sound files can be used; {problems[0]}")
+    return LabFolder(open_dataset(path))
 
 
 def find_recording(path: Path | str) -> Recording | None:
@@ -72,6 +96,16 @@ def _by_path(folder: Path) -> dict[Path, Recording]:
         return {recording.path.resolve(): recording for recording in open_dataset(folder).recordings}
     except DatasetError:
         return {}  # a metadata.csv of some other program: the file simply has no label
+
+
+def _surface_of(name: Path) -> str:
+    """Name a surface by the folder of a file below ``train``, ``rough`` and the like, or by the file's name."""
+    folders = [part for part in name.parts[:-1] if part.lower() not in (*PARTS, *LABEL_NAMES, "audio", "data", "wav")]
+    return "/".join(folders) or surface_and_take(name.stem)[0]
+
+
+def _inner(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and _is_dataset(entry))
 
 
 def _is_dataset(folder: Path) -> bool:

@@ -8,7 +8,7 @@ entries, in seconds, separated by spaces.
 import csv
 import os
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
@@ -27,15 +27,41 @@ def holds_metadata(folder: Path) -> bool:
     return bool(_manifests(folder))
 
 
-def read_metadata(folder: Path) -> Dataset:
-    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders."""
+def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = None) -> Dataset:
+    """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
+
+    Parameters
+    ----------
+    folder
+        Of the data set.
+    surface_of
+        Names the surface of a file, by its path from the folder, where the manifest has no column ``surface``; without
+        it that column is required.
+
+    Raises
+    ------
+    DatasetError
+        If a required column is missing.
+    """
     recordings: list[Recording] = []
     problems: list[Problem] = []
     for manifest in _manifests(folder):
-        for line, row in rows(manifest, required=("file_name", "surface")):
-            if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
+        for line, row in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
+            named = (
+                row if row.get("surface") or not surface_of else {**row, "surface": surface_of(Path(row["file_name"]))}
+            )
+            if parsed := _parse(named, manifest=manifest, line=line, problems=problems):
                 recordings.append(parsed)
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
+
+
+def names_surfaces(folder: Path) -> list[bool]:
+    """Return of every line of a data set whether it names a surface."""
+    return [
+        bool(row.get("surface"))
+        for manifest in _manifests(folder)
+        for _, row in rows(manifest, required=("file_name",))
+    ]
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
@@ -63,7 +89,7 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
 
 
 def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapping[str, str]]]:
-    """Yield each line of a CSV file with its number, cells stripped.
+    """Yield each line of a CSV file with its number, cells stripped; commas, semicolons or tabs part the cells.
 
     Raises
     ------
@@ -72,12 +98,17 @@ def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapp
     """
     try:
         with manifest.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file, restval="")
+            header = file.readline()
+            file.seek(0)
+            # Where the comma is the decimal sign, spreadsheets part cells with semicolons.
+            delimiter = max(",;\t", key=header.count)
+            reader = csv.DictReader(file, restval="", delimiter=delimiter)
             missing = set(required) - set(reader.fieldnames or ())
             if missing:
                 raise DatasetError(
                     f"{manifest}: no column {', '.join(sorted(missing))}; its columns are "
-                    f"{', '.join(reader.fieldnames or ('none',))}. Add what is missing."
+                    f"{', '.join(reader.fieldnames or ('none',))}. Add what is missing"
+                    + ("; `tactophone dataset import` takes surfaces from file names" if missing == {"surface"} else "")
                 )
             for row in reader:
                 yield reader.line_num, {name: (cell or "").strip() for name, cell in row.items() if name}

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from tactophone.dataset.values import Dataset, Recording
-from tactophone.errors import DatasetError
+from tactophone.errors import DatasetError, did_you_mean
 
 SPLITS = ("leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "predefined")
 """What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
@@ -51,7 +51,7 @@ def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
         return _leave_one_out(labelled, match["key"])
     if match := _FOLDS.fullmatch(name):
         return _k_fold(labelled, int(match["count"]), match["key"] or "surface")
-    raise DatasetError(f"{name!r} is not a split; take one of {', '.join(SPLITS)}")
+    raise DatasetError(f"{name!r} is not a split; take one of {', '.join(SPLITS)}{did_you_mean(name, SPLITS)}")
 
 
 def _predefined(dataset: Dataset) -> tuple[Fold, ...]:

@@ -3,12 +3,11 @@
 A profile takes no account of limits; :mod:`tactophone.haptics.limits` scales and bounds what it asks for.
 """
 
-import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
@@ -81,6 +80,5 @@ def open_profile(name: str) -> Profile:
     """
     if name in PROFILES:
         return PROFILES[name]()
-    nearest = difflib.get_close_matches(name, PROFILES, n=1)
-    hint = f"; did you mean {nearest[0]}?" if nearest else ""
+    hint = did_you_mean(name, PROFILES)
     raise ConfigError(f"no rendering profile {name!r}; there are {', '.join(PROFILES)}{hint}")

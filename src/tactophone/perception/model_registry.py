@@ -3,7 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
-from tactophone.errors import ModelError
+from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.debounce import ContactDebounce
 from tactophone.perception.detector import WindowDetector
@@ -34,7 +34,10 @@ def model_path(name: str) -> Path:
         return _FOLDER / f"{name}.onnx"
     if (path := Path(name)).is_file():
         return path
-    raise ModelError(f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}")
+    hint = did_you_mean(name, shipped_models())
+    raise ModelError(
+        f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
+    )
 
 
 def default_model(channels: int) -> str:

@@ -70,7 +70,10 @@ def read_signals(
 def _read(path: Path, changed_ns: int, order: tuple[int, ...], rate: int, codec: Codec | None) -> FloatArray:
     with soundfile.SoundFile(path) as file:
         if max(order) >= file.channels:
-            raise DatasetError(f"{path}: has {file.channels} channel, but {len(order)} are needed; use one-channel")
+            raise DatasetError(
+                f"{path}: has {file.channels} channel, but {len(order)} are needed; train on one: "
+                "--channels 1, or with the recipe paper --variant one-channel"
+            )
         resampler = Resampler(file.samplerate, rate, channels=len(order))
         read = file.blocks(READ_SIZE, dtype="float32", always_2d=True)
         blocks: Iterable[FloatArray] = (np.ascontiguousarray(block[:, order]) for block in read)

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli._support import terminal
-from tactophone.dataset import Dataset, open_dataset, usable
+from tactophone.dataset import Dataset, open_dataset, usable, with_channels
 from tactophone.errors import DatasetError
 
 
@@ -16,8 +16,17 @@ def add_filter(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def open_filtered(folder: Path, filters: list[str] | None) -> Dataset:
+def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
+
+    Parameters
+    ----------
+    folder
+        Of the data set.
+    filters
+        As ``--filter`` has them.
+    channels
+        Microphones that are needed: recordings with fewer are dropped where others have as many.
 
     Raises
     ------
@@ -31,7 +40,10 @@ def open_filtered(folder: Path, filters: list[str] | None) -> Dataset:
     for problem in problems:
         if problem.fatal:
             terminal.log().print(f"left out: {problem}", soft_wrap=True)
-    return kept.labelled()
+    kept, lacking = with_channels(kept.labelled(), channels)
+    for problem in lacking:
+        terminal.log().print(f"left out: {problem}", soft_wrap=True)
+    return kept
 
 
 def _filtered(dataset: Dataset, text: str) -> Dataset:

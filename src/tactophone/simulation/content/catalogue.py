@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tactophone.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
-from tactophone.errors import DatasetError
+from tactophone.errors import DatasetError, did_you_mean
 from tactophone.simulation.physics.modes import Body, Mounting
 from tactophone.simulation.physics.surface import SPACING, Grains, Pits, Ridges, Surface, height_profile
 from tactophone.simulation.physics.track import Material
@@ -93,6 +93,8 @@ def find(name: str) -> SimulatedObject:
     for obj in catalogue():
         if name in (obj.name, str(obj.number)):
             return obj
+    if hint := did_you_mean(name, (obj.name for obj in catalogue())):
+        raise DatasetError(f"{name!r} is not an object of the catalogue{hint} `tactophone simulate objects` lists all")
     names = ", ".join(f"{obj.number} {obj.name}" for obj in catalogue())
     raise DatasetError(f"{name!r} is not an object of the catalogue; there are {names}")
 

@@ -1,0 +1,32 @@
+"""Messages about unknown names end in the nearest known one."""
+
+from pathlib import Path
+
+import pytest
+
+from tactophone.benchmark.entries import entries_for
+from tactophone.dataset import open_dataset, split
+from tactophone.errors import TactophoneError, did_you_mean
+from tactophone.haptics import open_profile
+from tactophone.perception import model_path
+from tactophone.simulation.content.catalogue import find
+from tests.dataset.folders import audiofolder
+
+
+def test_the_nearest_name_or_one_that_holds_the_word() -> None:
+    assert did_you_mean("papr", ["paper", "texture"]) == "; did you mean paper?"
+    assert did_you_mean("marble", ["polished marble", "slate"]) == "; did you mean polished marble?"
+    assert did_you_mean("xyz", ["paper"]) == ""
+
+
+def test_objects_models_profiles_methods_and_splits_are_suggested(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    for call, hint in (
+        (lambda: find("polished marbel"), "polished marble"),
+        (lambda: model_path("textur"), "texture"),
+        (lambda: open_profile("perceptul"), "perceptual"),
+        (lambda: entries_for(dataset, ["textures"]), "texture"),
+        (lambda: split(dataset, "predefind"), "predefined"),
+    ):
+        with pytest.raises(TactophoneError, match=f"did you mean {hint}"):
+            call()
