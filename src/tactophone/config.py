@@ -94,7 +94,7 @@ class Rendering:
     """How predictions become vibration, and how strong it may be."""
 
     profile: str = _setting(
-        "paper", "rendering profile: paper, perceptual, erm, lra; or the sound itself: direct, pitch"
+        "paper", "rendering profile: paper, perceptual, erm, lra, piezo, dualsense; or the sound itself: direct, pitch"
     )
     ceiling: float = _setting(
         DEFAULT_CEILING,
@@ -114,8 +114,27 @@ class Output:
         "jack", "device that drives the actuator, a WAV file, or nothing", ("jack", "portaudio", "file", "none")
     )
     device: str = _setting("", "PortAudio device (name or number), or the WAV file to write; empty: the default")
+    channel: int = _setting(
+        1, "output channel of the PortAudio device, counted from 1; 3 or 4 on a DualSense", span=(1, 64)
+    )
     port: str = _setting("system:playback_1", "JACK port of the actuator's amplifier")
     period: int = _setting(128, "period of the actuators file and none", unit="samples", span=(16, 4096))
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """What the actuator can play, for the profiles perceptual, erm, lra, piezo and dualsense: `devices measure`."""
+
+    resonance: float = _setting(math.nan, "resonance; nan: typical of the profile", unit="Hz", span=(10, 2000))
+    lowest: float = _setting(math.nan, "lower end of its band; nan: the profile's", unit="Hz", span=(10, 2000))
+    highest: float = _setting(math.nan, "upper end of its band; nan: the profile's", unit="Hz", span=(10, 2000))
+    slowest: float = _setting(math.nan, "lowest speed of a rotating motor; nan: typical", unit="Hz", span=(1, 1000))
+    fastest: float = _setting(
+        math.nan, "speed of a rotating motor at full drive; nan: typical", unit="Hz", span=(1, 1000)
+    )
+    response: str = _setting(
+        "", "levels in dB relative to the resonance by frequency in Hz, as in 40:-12,160:0,250:-6; empty: flat"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +169,7 @@ class Settings:
     detector: Detector = Detector()
     rendering: Rendering = Rendering()
     output: Output = Output()
+    actuator: Actuator = Actuator()
     process: Process = Process()
 
 
@@ -175,8 +195,8 @@ def entries() -> Iterator[Entry]:
             )
 
 
-def read(path: Path) -> Settings:
-    """Read a TOML file over the defaults.
+def read(path: Path, settings: Settings | None = None) -> Settings:
+    """Read a TOML file over the defaults, or over other settings.
 
     Raises
     ------
@@ -191,7 +211,7 @@ def read(path: Path) -> Settings:
         ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not TOML: {error}") from None
-    settings = Settings()
+    settings = settings or Settings()
     for section, table in tables.items():
         if not isinstance(table, Mapping):
             raise ConfigError(f"{path}: {section} stands outside a table; write it under one of {_sections()}")

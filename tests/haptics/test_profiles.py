@@ -5,7 +5,7 @@ from tactophone.haptics import PROFILES, PaperProfile, PerceptualProfile, discri
 from tactophone.haptics.psychophysics import LEVEL_JND_DB, PITCH_JND, sensation_db
 from tactophone.types import Prediction, Touch
 
-NAMES = ("perceptual", "erm", "lra")
+NAMES = ("perceptual", "erm", "lra", "piezo", "dualsense")
 
 
 def prediction(touch: Touch, roughness: float) -> Prediction:

@@ -56,7 +56,11 @@ class TaskOutcome:
 def task_methods() -> tuple[str, ...]:
     """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that need no detector."""
     models = [name for name in shipped_models() if not name.endswith("-mono")]
-    return (*models, *(f"texture:{name}" for name in PROFILES if name != "paper" and "texture" in models), *PASSTHROUGH)
+    return (
+        *models,
+        *(f"texture:{name}" for name in PROFILES if name not in ("paper", "dualsense") and "texture" in models),
+        *PASSTHROUGH,
+    )
 
 
 def play_task(

@@ -20,6 +20,8 @@ FLAGS = {
     "--device": "capture.device",
     "--actuator": "output.actuator",
     "--output": "output.device",
+    "--actuator-port": "output.port",
+    "--actuator-channel": "output.channel",
     "--codec": "link.codec",
     "--packet-duration": "link.packet_duration",
     "--send-predictions": "link.send_predictions",

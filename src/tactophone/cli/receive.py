@@ -9,6 +9,7 @@ FLAGS = {
     "--actuator": "output.actuator",
     "--device": "output.device",
     "--actuator-port": "output.port",
+    "--actuator-channel": "output.channel",
     "--model": "detector.model",
     "--calibration": "detector.calibration",
     "--contact-threshold": "detector.threshold_dbfs",

@@ -25,6 +25,8 @@ class DummyServer:
         Samples a period.
     name
         The server's name; by default one that no other process uses.
+    outputs
+        Playback ports of the server.
     synchronous
         Whether a period ends only when all clients are done. JACK's default is false: it goes on without a late client,
         and repeats that client's last period.
@@ -36,10 +38,17 @@ class DummyServer:
     """
 
     def __init__(
-        self, period: int = 128, *, sample_rate: int = LIVE_SAMPLE_RATE, name: str = "", synchronous: bool = True
+        self,
+        period: int = 128,
+        *,
+        sample_rate: int = LIVE_SAMPLE_RATE,
+        name: str = "",
+        outputs: int = 2,
+        synchronous: bool = True,
     ) -> None:
         self.name = name or f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate
+        self._outputs = outputs
         self._mode = ["-S"] if synchronous else []
         self._process: subprocess.Popen[bytes] | None = None
         self._log = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the server
@@ -58,7 +67,7 @@ class DummyServer:
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
         command = ["jackd", "-n", self.name, *schedule, *self._mode, "-d", "dummy"]
         self._process = subprocess.Popen(
-            [*command, "-r", str(self.sample_rate), "-p", str(self.period)],
+            [*command, "-r", str(self.sample_rate), "-p", str(self.period), "-P", str(self._outputs)],
             stdout=self._log,
             stderr=self._log,
             start_new_session=True,  # Ctrl-C reaches this process alone, which stops the server

@@ -1,6 +1,7 @@
 """Lists the sound devices, and whether each is suitable for two microphones or for an actuator."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from tactophone.devices.jack import JackClient, silent
@@ -10,6 +11,12 @@ from tactophone.types import LIVE_SAMPLE_RATE
 
 TOO_SLOW = 0.02
 """Delay of a device in s above which it is called slow: a third of what is noticed in texture."""
+
+DUALSENSE = re.compile(r"dual[ _-]?sense|wireless controller", re.IGNORECASE)
+"""Names under which ALSA, PipeWire and JACK list Sony's DualSense gamepad over USB."""
+
+DUALSENSE_CHANNEL = 3
+"""Left voice coil: of its four channels the front pair is the headphone jack, the rear pair the two voice coils."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +57,7 @@ def _jack(server: str) -> SurveyedDevice:
         return _missing("JACK", server or "default server", str(error))
     ports = [port for port in client.ports() if port.physical]
     rate, period = client.sample_rate, client.period
+    coil = _dualsense_port([port.name for port in client.ports() if not port.is_output])
     client.close()
     outputs = [port.name for port in ports if port.is_output]
     inputs = [port.name for port in ports if not port.is_output]
@@ -66,9 +74,10 @@ def _jack(server: str) -> SurveyedDevice:
             "capture.source=jack",
             *microphones,
             "output.actuator=jack",
-            *(f"output.port={port}" for port in inputs[:1]),
+            *(f"output.port={port}" for port in ([coil] if coil else inputs[:1])),
+            *(["rendering.profile=dualsense"] if coil else []),
         ),
-        note=f"periods of {period} samples, {1000 * period / rate:.1f} ms",
+        note=f"periods of {period} samples, {1000 * period / rate:.1f} ms" + (_DUALSENSE_NOTE if coil else ""),
     )
 
 
@@ -86,6 +95,7 @@ def _portaudio() -> Iterator[SurveyedDevice]:
 def _assess(device: PortAudioDevice) -> SurveyedDevice:
     rate = round(device.sample_rate)
     latency = max(device.input_latency * bool(device.inputs), device.output_latency * bool(device.outputs))
+    dualsense = bool(DUALSENSE.search(device.name)) and device.outputs > DUALSENSE_CHANNEL
     slow = f"slow: adds {1000 * latency:.0f} ms" if latency > TOO_SLOW else f"adds {1000 * latency:.1f} ms"
     return SurveyedDevice(
         f"PortAudio, {device.system}",
@@ -95,9 +105,34 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         rate,
         microphones=_microphones_problem(device.inputs, LIVE_SAMPLE_RATE),
         actuator=_actuator_problem(device.outputs, LIVE_SAMPLE_RATE),
-        settings=(f"capture.device={device.index}", f"output.device={device.index}"),
-        note="use source jack instead" if device.system.startswith("JACK") else slow,
+        settings=_dualsense_settings(device) if dualsense else _device_settings(device),
+        note="use source jack instead"
+        if device.system.startswith("JACK")
+        else slow + (_DUALSENSE_NOTE if dualsense else ""),
     )
+
+
+_DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
+
+
+def _device_settings(device: PortAudioDevice) -> tuple[str, ...]:
+    return f"capture.device={device.index}", f"output.device={device.index}"
+
+
+def _dualsense_settings(device: PortAudioDevice) -> tuple[str, ...]:
+    return (
+        "output.actuator=portaudio",
+        f"output.device={device.index}",
+        f"output.channel={DUALSENSE_CHANNEL}",
+        "rendering.profile=dualsense",
+    )
+
+
+def _dualsense_port(names: Sequence[str]) -> str:
+    """Return the port of a DualSense's left voice coil among playback ports; empty without one."""
+    ports = [name for name in names if DUALSENSE.search(name)]
+    # PipeWire calls the ports rear left (surround profile) or AUX2 (Pro Audio); other servers number them.
+    return next((name for name in ports if re.search(r"(_RL|AUX2|_3)$", name)), "")
 
 
 def _microphones_problem(inputs: int, rate: int) -> str:

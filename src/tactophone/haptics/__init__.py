@@ -10,6 +10,7 @@ from tactophone.haptics.playback import Playback
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
 from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, sensation_db, threshold_db
 from tactophone.haptics.renderer import Renderer
+from tactophone.haptics.response import UNKNOWN, ActuatorResponse, parse_levels
 
 __all__ = [
     "FULL_DRIVE_DB",
@@ -20,7 +21,9 @@ __all__ = [
     "ROUGH_STIMULUS",
     "SMOOTH_STIMULUS",
     "STEP_SIZE",
+    "UNKNOWN",
     "Actuator",
+    "ActuatorResponse",
     "ErmProfile",
     "GateProfile",
     "Limits",
@@ -38,6 +41,7 @@ __all__ = [
     "discriminable_steps",
     "jack_actuator",
     "open_profile",
+    "parse_levels",
     "peak_amplitude",
     "portaudio_actuator",
     "sensation_db",

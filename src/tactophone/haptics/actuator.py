@@ -52,9 +52,20 @@ def jack_actuator(
     return DeviceActuator(JackClient(name, _only_output(render), inputs={}, outputs=wires, server=server))
 
 
-def portaudio_actuator(render: Render, *, device: str = "", sample_rate: int = LIVE_SAMPLE_RATE) -> DeviceActuator:
-    """Play on the first channel of a PortAudio device, given by number or part of its name."""
-    stream = PortAudioStream(_only_output(render), "output", device=device, sample_rate=sample_rate)
+def portaudio_actuator(
+    render: Render, *, device: str = "", channel: int = 1, sample_rate: int = LIVE_SAMPLE_RATE
+) -> DeviceActuator:
+    """Play on one channel of a PortAudio device, given by number or part of its name; the other channels are silent.
+
+    Parameters
+    ----------
+    channel
+        Counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by their number:
+        four are front and rear left and right, as a DualSense expects, but three would be left, right and bass.
+    """
+    channels = 1 if channel == 1 else channel + channel % 2
+    process = _only_output(render, channel)
+    stream = PortAudioStream(process, "output", device=device, channels=channels, sample_rate=sample_rate)
     return DeviceActuator(stream, sample_rate=sample_rate)
 
 
@@ -66,8 +77,12 @@ def clocked_actuator(
     return DeviceActuator(device, sample_rate=sample_rate)
 
 
-def _only_output(render: Render) -> Process:
+def _only_output(render: Render, channel: int = 1) -> Process:
     def process(_: list[FloatArray], outputs: list[FloatArray]) -> None:
-        render(outputs[0])
+        # A sound library reuses its buffers, so a channel that nobody writes would repeat old samples.
+        for number, output in enumerate(outputs, 1):
+            if number != channel:
+                output[:] = 0.0
+        render(outputs[channel - 1])
 
     return process

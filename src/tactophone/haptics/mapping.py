@@ -6,9 +6,11 @@ A profile takes no account of limits; :mod:`tactophone.haptics.limits` scales an
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Self
 
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile
+from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, PiezoProfile
+from tactophone.haptics.response import UNKNOWN, ActuatorResponse
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 
@@ -64,14 +66,54 @@ class PaperProfile:
         return HapticCommand(10 ** (level_dbfs / 20), frequency, prediction.end)
 
 
+@dataclass(frozen=True, slots=True)
+class DualSenseProfile(PaperProfile):
+    """The paper's rendering on a DualSense's voice coils, moved into their band once it is measured.
+
+    No figures of these coils are published. Until `tactophone devices measure` has written theirs, the two stimuli are
+    the paper's; a band that begins above 60 Hz moves both up, an octave apart, so that the ratio that a finger
+    discriminates remains.
+    """
+
+    name: str = "dualsense"
+
+    @classmethod
+    def fitted(cls, response: ActuatorResponse) -> Self:
+        """Make the profile for a measured band."""
+        rough = response.within(ROUGH_STIMULUS.frequency)
+        smooth = response.within(rough * SMOOTH_STIMULUS.frequency / ROUGH_STIMULUS.frequency)
+        return cls(
+            smooth=Stimulus(smooth, SMOOTH_STIMULUS.level_dbfs), rough=Stimulus(rough, ROUGH_STIMULUS.level_dbfs)
+        )
+
+
+_FITTED: Mapping[str, Callable[[ActuatorResponse], Profile]] = MappingProxyType(
+    {
+        "perceptual": PerceptualProfile.fitted,
+        "erm": ErmProfile.fitted,
+        "lra": LraProfile.fitted,
+        "piezo": PiezoProfile.fitted,
+        "dualsense": DualSenseProfile.fitted,
+    }
+)
+
 PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType(
-    {"paper": PaperProfile, "perceptual": PerceptualProfile, "erm": ErmProfile, "lra": LraProfile}
+    {
+        "paper": PaperProfile,
+        "perceptual": PerceptualProfile,
+        "erm": ErmProfile,
+        "lra": LraProfile,
+        "piezo": PiezoProfile,
+        "dualsense": DualSenseProfile,
+    }
 )
 """Every profile by the name that ``feel --profile`` takes."""
 
 
-def open_profile(name: str) -> Profile:
-    """Make the profile of a name.
+def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
+    """Make the profile of a name, for an actuator.
+
+    The profile ``paper`` is the paper's whatever the actuator.
 
     Raises
     ------
@@ -79,6 +121,6 @@ def open_profile(name: str) -> Profile:
         If there is no profile of that name.
     """
     if name in PROFILES:
-        return PROFILES[name]()
+        return _FITTED[name](response) if name in _FITTED else PROFILES[name]()
     hint = did_you_mean(name, PROFILES)
     raise ConfigError(f"no rendering profile {name!r}; there are {', '.join(PROFILES)}{hint}")

@@ -1,11 +1,13 @@
-"""Rendering profiles beside the paper's: one fitted to perception, and two for motors that cannot play a sine.
+"""Rendering profiles beside the paper's: one fitted to perception, and three for actuators that cannot play its sines.
 
 All go from *smooth* (weak) to *rough* (strong), so that a false bump is never stronger than a true one.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 from tactophone.haptics.psychophysics import amplitude_for, count_steps
+from tactophone.haptics.response import UNKNOWN, ActuatorResponse, known
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 _PATH = 200
@@ -24,6 +26,8 @@ class PerceptualProfile:
         The actuator's measured band, in Hz, as far as a finger discriminates frequency in it.
     faint_db, strong_db
         Levels over threshold; 33 dB is what full drive reaches at 40 Hz.
+    response
+        Of the actuator: its level at a frequency is compensated as far as full drive allows.
     """
 
     lowest: float = 40.0
@@ -31,6 +35,12 @@ class PerceptualProfile:
     faint_db: float = 15.0
     strong_db: float = 33.0
     name: str = "perceptual"
+    response: ActuatorResponse = UNKNOWN
+
+    @classmethod
+    def fitted(cls, response: ActuatorResponse) -> Self:
+        """Make the profile for an actuator, in the part of the default band that it plays."""
+        return cls(lowest=response.within(cls().lowest), highest=response.within(cls().highest), response=response)
 
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return the vibration for a prediction; its time is the window's end."""
@@ -39,7 +49,8 @@ class PerceptualProfile:
         if prediction.touch is Touch.NONE:
             return HapticCommand(0.0, frequency, prediction.end)
         level_db = self.faint_db + share * (self.strong_db - self.faint_db)
-        return HapticCommand(amplitude_for(level_db, frequency), frequency, prediction.end)
+        drive_db = level_db - self.response.level_db(frequency)
+        return HapticCommand(amplitude_for(drive_db, frequency), frequency, prediction.end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +69,11 @@ class ErmProfile:
     slowest: float = 80.0
     fastest: float = 220.0
     name: str = "erm"
+
+    @classmethod
+    def fitted(cls, response: ActuatorResponse) -> Self:
+        """Make the profile for a motor's speeds."""
+        return cls(slowest=known(response.slowest, cls().slowest), fastest=known(response.fastest, cls().fastest))
 
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
@@ -83,12 +99,50 @@ class LraProfile:
     faint_db: float = -25.0
     name: str = "lra"
 
+    @classmethod
+    def fitted(cls, response: ActuatorResponse) -> Self:
+        """Make the profile for an actuator's resonance."""
+        return cls(resonance=known(response.resonance, cls().resonance))
+
     def command(self, prediction: Prediction) -> HapticCommand:
         """Return the vibration for a prediction; its time is the window's end."""
         if prediction.touch is Touch.NONE:
             return HapticCommand(0.0, self.resonance, prediction.end)
         level_db = self.faint_db * (1 - prediction.roughness)
         return HapticCommand(10 ** (level_db / 20), self.resonance, prediction.end)
+
+
+@dataclass(frozen=True, slots=True)
+class PiezoProfile:
+    """For a piezo bender: a spring, so its travel follows the voltage up to the resonance, and its force the square of
+    the frequency: 12 dB less an octave lower.
+
+    Smooth is faint at the resonance, rough is full drive an octave below it. There the bender gives 12 dB less, so
+    smooth is rendered another 12 dB lower: what reaches the finger differs by 25 dB, as in the paper.
+
+    Parameters
+    ----------
+    resonance
+        In Hz; the default is assumed, as benders differ widely: measure it.
+    faint_db
+        Level of smooth, in dB of full drive.
+    """
+
+    resonance: float = 200.0
+    faint_db: float = -25.0 - 12.0
+    name: str = "piezo"
+
+    @classmethod
+    def fitted(cls, response: ActuatorResponse) -> Self:
+        """Make the profile for an actuator's resonance."""
+        return cls(resonance=known(response.resonance, cls().resonance))
+
+    def command(self, prediction: Prediction) -> HapticCommand:
+        """Return the vibration for a prediction; its time is the window's end."""
+        frequency = self.resonance * 2**-prediction.roughness
+        if prediction.touch is Touch.NONE:
+            return HapticCommand(0.0, frequency, prediction.end)
+        return HapticCommand(10 ** (self.faint_db * (1 - prediction.roughness) / 20), frequency, prediction.end)
 
 
 def discriminable_steps(profile: Profile) -> tuple[float, float]:

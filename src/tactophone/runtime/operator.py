@@ -27,6 +27,7 @@ from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_
 from tactophone.runtime.requests import RequestHandler
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
+    actuator_response,
     microphone_faults,
     open_actuator,
     open_pipeline_for,
@@ -91,7 +92,7 @@ class Operator:
         self._gauges: dict[str, float] = {}
         self._floor_dbfs = -math.inf
         self._warnings: tuple[Fault, ...] = ()
-        self._requests = RequestHandler(self._gate, self._renderer, self._endpoint)
+        self._requests = RequestHandler(self._gate, self._renderer, self._endpoint, actuator_response(settings))
         self._thread = threading.Thread(target=self._run, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:

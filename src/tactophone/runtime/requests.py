@@ -4,7 +4,7 @@ import dataclasses
 
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import TactophoneError
-from tactophone.haptics import PROFILES, Oscillator, Renderer, open_profile
+from tactophone.haptics import PROFILES, UNKNOWN, ActuatorResponse, Oscillator, Renderer, open_profile
 from tactophone.pipeline import Pipeline
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.telemetry import Request
@@ -20,8 +20,15 @@ class RequestHandler:
     pipeline, which scales the profile to the ceiling.
     """
 
-    def __init__(self, gate: OutputGate, renderer: Renderer, endpoint: OperatorEndpoint) -> None:
+    def __init__(
+        self,
+        gate: OutputGate,
+        renderer: Renderer,
+        endpoint: OperatorEndpoint,
+        response: ActuatorResponse = UNKNOWN,
+    ) -> None:
         self.gate = gate
+        self._response = response
         self._renderer, self._endpoint = renderer, endpoint
         self._enforce()
 
@@ -48,7 +55,7 @@ class RequestHandler:
         pipeline = self._endpoint.pipeline
         try:
             if request.action == "profile" and request.text in self.profiles:
-                pipeline.profile = open_profile(request.text)
+                pipeline.profile = open_profile(request.text, self._response)
             elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
                 pipeline.threshold_dbfs = request.value
             else:

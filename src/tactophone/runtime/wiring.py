@@ -11,6 +11,7 @@ from tactophone.errors import ConfigError
 from tactophone.haptics import (
     PASSTHROUGH,
     Actuator,
+    ActuatorResponse,
     GateProfile,
     Limits,
     Oscillator,
@@ -20,6 +21,7 @@ from tactophone.haptics import (
     clocked_actuator,
     jack_actuator,
     open_profile,
+    parse_levels,
     portaudio_actuator,
 )
 from tactophone.link import (
@@ -77,10 +79,23 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
             name = process.name or "tactophone-operator"
             return jack_actuator(render, port=output.port, server=process.jack_server, name=name)
         case "portaudio":
-            return portaudio_actuator(render, device=output.device)
+            return portaudio_actuator(render, device=output.device, channel=output.channel)
         case "file":
             return clocked_actuator(render, period=output.period, path=Path(output.device or "vibration.wav"))
     return clocked_actuator(render, period=output.period)
+
+
+def actuator_response(settings: Settings) -> ActuatorResponse:
+    """Return what the settings say of the actuator."""
+    actuator = settings.actuator
+    return ActuatorResponse(
+        actuator.resonance,
+        actuator.lowest,
+        actuator.highest,
+        actuator.slowest,
+        actuator.fastest,
+        parse_levels(actuator.response),
+    )
 
 
 def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Renderer:
@@ -114,7 +129,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         detector.threshold_dbfs = calibration.threshold_dbfs
     return Pipeline(
         detector,
-        GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile),
+        GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
     )
 

@@ -18,7 +18,14 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
     """
     known = {entry.name: entry for entry in config.entries()}
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
-    group.add_argument("--config", type=Path, metavar="FILE", help="TOML file of settings; flags override it")
+    group.add_argument(
+        "--config",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="TOML file of settings; flags override it, and so does a later file",
+    )
     for option, name in flags.items():
         entry = known[name]
         words = entry.words.replace("%", "%%")
@@ -35,7 +42,9 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
 
 def settings_of(args: argparse.Namespace) -> Settings:
     """Return the settings in force: defaults < ``--config`` < flags < ``--set``."""
-    settings = config.read(args.config) if args.config else Settings()
+    settings = Settings()
+    for path in args.config:
+        settings = config.read(path, settings)
     for name, value in vars(args).items():
         if "." in name and value is not None:
             settings = config.change(settings, [f"{name}={value}"])
