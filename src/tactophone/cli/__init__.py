@@ -38,6 +38,7 @@ VERBS: dict[str, str] = {
     "evaluate": "score a model, or cross-validate a recipe, with intervals over surfaces and baselines",
     "sweep": "cross-validate a recipe under every combination of settings, on cores or a Ray cluster",
     "benchmark": "compare every method on the same splits: a table, a JSON file, a page with figures",
+    "roughness": "measure Ra, Rq, Rz, RSm, Sa and more of a height profile or height map",
     "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly labelled files",
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""

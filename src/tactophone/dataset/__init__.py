@@ -9,9 +9,12 @@ from tactophone.dataset.checks import check, usable, with_channels
 from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
 from tactophone.dataset.converters import convert, set_split, write_card
 from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
+from tactophone.dataset.height_map import ArealRoughness, HeightReport, measure_heights, read_heights
+from tactophone.dataset.height_plots import draw_heights
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
+from tactophone.dataset.roughness import Roughness, measure_profile
 from tactophone.dataset.splits import SPLITS, Fold, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
 
@@ -20,23 +23,30 @@ __all__ = [
     "FILE_NAME",
     "LABEL_NAMES",
     "SPLITS",
+    "ArealRoughness",
     "Dataset",
     "Fold",
+    "HeightReport",
     "MotionInterval",
     "Problem",
     "Recording",
+    "Roughness",
     "Segment",
     "channel_order",
     "check",
     "check_consistency",
     "convert",
     "draw_dataset",
+    "draw_heights",
     "find_importable",
     "find_recording",
     "fingerprint",
     "ground_truth",
     "holds_metadata",
+    "measure_heights",
+    "measure_profile",
     "open_dataset",
+    "read_heights",
     "read_metadata",
     "read_slides",
     "set_split",

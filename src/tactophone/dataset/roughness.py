@@ -25,6 +25,12 @@ LENGTHS = 5
 LEAST_ELEMENT = 0.1
 """Of Rz: the height discrimination of profile elements (ISO 4287, 3.1.6)."""
 
+STANDARD_CUTOFFS = ((20e-9, 0.08e-3), (100e-9, 0.25e-3), (2e-6, 0.8e-3), (10e-6, 2.5e-3), (80e-6, 8e-3))
+"""Greatest Ra and its cut-off, in m, of ISO 4288 and ISO 21920-3."""
+
+SLOPE_WEIGHTS = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0])
+"""Weights of seven neighbours, newest first, in sixtieths of a step."""
+
 Profile = NDArray[np.float64]
 
 
@@ -42,6 +48,8 @@ class Roughness:
         Skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights).
     rsm
         Mean width of profile elements, in m; NaN if there is none.
+    rdq
+        Root mean square slope, without unit.
     """
 
     ra: float
@@ -50,6 +58,7 @@ class Roughness:
     rsk: float
     rku: float
     rsm: float
+    rdq: float
 
 
 def measure_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:
@@ -75,15 +84,16 @@ def measure_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, pe
     --------
     >>> place = np.arange(0, 10e-3, 1e-6)
     >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
-    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3)
-    (3.18, 3.18, 0.1)
+    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3), round(sine.rdq, 3)
+    (3.18, 3.18, 0.1, 0.222)
     """
     rough = roughness_profile(heights, step=step, cutoff=cutoff, periodic=periodic)
     rough = rough - rough.mean()
     rq = float(np.sqrt(np.square(rough).mean()))
     rz = _rz(rough, round(cutoff / step))
     skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
-    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, _rsm(rough, LEAST_ELEMENT * rz) * step)
+    rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
+    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, _rms_slope(rough, step, periodic))
 
 
 def roughness_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Profile:
@@ -101,14 +111,66 @@ def roughness_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, 
             f"a profile of {len(heights)} heights {step:g} m apart is too short: at a cut-off of {cutoff:g} m it must "
             "be at least two cut-offs long, with five heights or more in each"
         )
+    middle = heights - heights.mean()
+    return np.asarray((middle - gaussian_line(middle, step=step, cutoff=cutoff))[half : len(middle) - half])
+
+
+def gaussian_line(heights: Profile, *, step: float, cutoff: float) -> Profile:
+    """Return the Gaussian mean line of profiles along the last axis (ISO 16610-21); near the ends it is pulled to 0.
+
+    Parameters
+    ----------
+    heights
+        In m, shape ``(..., heights)``, of mean zero.
+    step, cutoff
+        Between heights, and of the filter, in m.
+    """
+    half = max(1, round(cutoff / 2 / step))
     place = np.arange(-2 * half, 2 * half + 1) * step / (ALPHA * cutoff)
     weights = np.exp(-math.pi * np.square(place))
-    middle = heights - heights.mean()
     # By FFT: a cut-off may hold a thousand heights.
-    size = len(middle) + len(weights) - 1
-    spectrum = np.fft.rfft(middle, size) * np.fft.rfft(weights / weights.sum(), size)
-    waviness = np.fft.irfft(spectrum, size)[2 * half : 2 * half + len(middle)]
-    return np.asarray((middle - waviness)[half : len(middle) - half])
+    size = heights.shape[-1] + len(weights) - 1
+    spectrum = np.fft.rfft(heights, size) * np.fft.rfft(weights / weights.sum(), size)
+    return np.asarray(np.fft.irfft(spectrum, size)[..., 2 * half : 2 * half + heights.shape[-1]])
+
+
+def standard_cutoff(ra: float) -> float:
+    """Return the cut-off in m that ISO 21920-3 (table for non-periodic profiles, as ISO 4288) names for an Ra in m.
+
+    >>> standard_cutoff(1e-6), standard_cutoff(5e-6)
+    (0.0008, 0.0025)
+    """
+    return next((cutoff for most, cutoff in STANDARD_CUTOFFS if ra <= most), STANDARD_CUTOFFS[-1][1])
+
+
+def choose_cutoff(heights: Profile, *, step: float) -> tuple[float, bool]:
+    """Choose the cut-off of a profile by its own Ra.
+
+    Returns
+    -------
+    tuple
+        The cut-off in m, and whether the profile was long enough for the one that the standard names.
+    """
+    fitting = [cutoff for _, cutoff in STANDARD_CUTOFFS if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step]
+    if not fitting:
+        raise ValueError(
+            f"{len(heights)} heights {step:g} m apart are too few for any cut-off: the shortest of the standard is "
+            f"{STANDARD_CUTOFFS[0][1]:g} m, and two must fit; measure a longer line"
+        )
+    # From the shortest: Ra grows with the cut-off, and the first that agrees with its own Ra is the standard's.
+    for cutoff in fitting:
+        if standard_cutoff(measure_profile(heights, step=step, cutoff=cutoff).ra) <= cutoff:
+            return cutoff, True
+    return fitting[-1], False
+
+
+def _rms_slope(rough: Profile, step: float, periodic: bool) -> float:
+    """Root mean square slope by the difference of seven heights that ISO 21920-2 and ISO 4287 name."""
+    padded = np.pad(rough, 3, mode="wrap") if periodic else rough
+    if len(padded) < 7:
+        return float("nan")
+    slope = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
+    return float(np.sqrt(np.square(slope).mean()))
 
 
 def _rz(rough: Profile, size: int) -> float:

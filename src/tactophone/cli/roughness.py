@@ -1,0 +1,127 @@
+"""``tactophone roughness``: Ra, Rq, Rz, RSm, Rdq, Sa, Sq and Sz of a measured profile or height map."""
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+from rich.table import Table
+
+from tactophone.cli._support import terminal
+from tactophone.errors import ConfigError, DatasetError, did_you_mean
+
+if TYPE_CHECKING:
+    from tactophone.dataset import HeightReport
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the verb's arguments."""
+    parser.add_argument(
+        "file", type=Path, metavar="FILE",
+        help="profile or height map: .npy, .npz (heights, step), .csv (a column, place and height, or a map), .png",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pixel", type=float, metavar="M", help="distance between heights in m, such as 29.4e-6; where FILE lacks it"
+    )
+    parser.add_argument(
+        "--unit", choices=("m", "mm", "um", "nm"), default="m", help="of the heights (and of places) in FILE"
+    )
+    parser.add_argument("--height-range", type=float, metavar="UM", help="height of white over black in a PNG, in um")
+    parser.add_argument(
+        "--cutoff", type=float, metavar="MM",
+        help="of the Gaussian filter, in mm, over 0 (default: as ISO 21920-3 names it for the Ra found)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--resolution", type=float, default=0.0, metavar="UM",
+        help="height that the sensor just resolves, in um, 0 or more: a smaller Ra is reported with a warning",
+    )  # fmt: skip
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
+    parser.add_argument(
+        "--write-metadata", type=Path, metavar="DIR", help="data set to write the columns ra_um, rz_um, rsm_um into"
+    )
+    parser.add_argument("--surface", metavar="NAME", help="surface of that data set which was measured")
+    parser.add_argument("--json", action="store_true", help="print JSON, lengths in m, instead of a table")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, print, and write what was asked for."""
+    from tactophone.dataset import draw_heights, measure_heights, read_heights
+
+    _check(args)
+    height_range = args.height_range * 1e-6 if args.height_range else None
+    heights, stated = read_heights(args.file, unit=args.unit, height_range=height_range)
+    step = args.pixel or stated
+    if step is None:
+        raise ConfigError(f"{args.file} does not state how far apart its heights are: give --pixel, in m")
+    cutoff = args.cutoff * 1e-3 if args.cutoff else None
+    try:
+        report = measure_heights(heights, step=step, cutoff=cutoff, resolution=args.resolution * 1e-6)
+    except ValueError as error:
+        raise DatasetError(f"{args.file}: {error}") from None
+    if args.plot:
+        draw_heights(args.plot, heights, report, title=args.file.stem)
+    written = _write(args, report) if args.write_metadata else None
+    _print(args, report)
+    for path in filter(None, (args.plot, written)):
+        terminal.log().print(path, soft_wrap=True)
+    return 0
+
+
+def _check(args: argparse.Namespace) -> None:
+    for name in ("pixel", "cutoff", "height_range"):
+        value = getattr(args, name)
+        if value is not None and not 0 < value < float("inf"):
+            raise ConfigError(f"--{name.replace('_', '-')} {value:g}: over 0")
+    if not 0 <= args.resolution < float("inf"):
+        raise ConfigError(f"--resolution {args.resolution:g}: 0 um or more")
+    if bool(args.write_metadata) != bool(args.surface):
+        raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")
+
+
+def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
+    """Write the parameters into every line of the surface."""
+    from tactophone.dataset import FILE_NAME, open_dataset, write_metadata
+
+    dataset = open_dataset(args.write_metadata)
+    if not (dataset.root / FILE_NAME).is_file():
+        raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
+    if args.surface not in dataset.surfaces:
+        hint = did_you_mean(args.surface, dataset.surfaces) or "; `tactophone dataset show` lists all"
+        raise DatasetError(f"{dataset.root}: no surface {args.surface!r}{hint}")
+    found = report.profile
+    columns = {"ra_um": found.ra * 1e6, "rz_um": found.rz * 1e6, "rsm_um": found.rsm * 1e6}
+    recordings = [
+        replace(recording, properties=_with(recording.properties, columns))
+        if recording.surface == args.surface
+        else recording
+        for recording in dataset.recordings
+    ]
+    return write_metadata(dataset.root, recordings)
+
+
+def _with(properties: Mapping[str, str], columns: Mapping[str, float]) -> Mapping[str, str]:
+    return MappingProxyType({**properties, **{name: f"{value:.4g}" for name, value in columns.items()}})
+
+
+def _print(args: argparse.Namespace, report: "HeightReport") -> None:
+    if args.json:
+        terminal.print_json({"file": str(args.file), **report.as_json()})
+        return
+    found, area = report.profile, report.area
+    table = Table.grid(padding=(0, 2))
+    rows = [("Ra", found.ra), ("Rq", found.rq), ("Rz", found.rz)]
+    rows += [("Sa", area.sa), ("Sq", area.sq), ("Sz", area.sz)] if area else []
+    for name, value in rows:
+        table.add_row(name, f"{1e6 * value:.4g} um")
+    table.add_row("RSm", f"{1e3 * found.rsm:.4g} mm")
+    table.add_row("Rdq", f"{found.rdq:.4g}")
+    lines, columns = report.shape
+    size = f"{columns} heights" if lines == 1 else f"{lines} rows of {columns} heights"
+    table.add_row(
+        "of", f"{size}, {1e6 * report.step:.4g} um apart; Gaussian cut-off {1e3 * report.cutoff:g} mm"
+    )
+    terminal.out().print(table)
+    for note in report.notes:
+        terminal.log().print(f"beware: {note}", soft_wrap=True)
