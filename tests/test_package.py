@@ -43,11 +43,12 @@ WORDS = {
     "evaluate": ["paper", "--data", "set"],
     "sweep": ["set", "--vary", "seed=0,1"],
     "benchmark": ["--data", "set"],
+    "roughness": ["heights.csv", "--pixel", "1e-5"],
     "dataset": ["check", "set"],
 }
 """Arguments with which each verb gets past parsing."""
 
-WORKING = {"feel", "model", "devices", "settings", "evaluate", "dataset"}
+WORKING = {"feel", "model", "devices", "settings", "evaluate", "roughness", "dataset"}
 """Verbs that succeed with the core alone."""
 
 
@@ -69,6 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work")
     audiofolder(folder / "set")
     soundfile.write(folder / "finger.wav", np.random.default_rng(0).normal(scale=0.1, size=(24_000, 2)), 48_000)
+    np.savetxt(folder / "heights.csv", np.random.default_rng(0).normal(scale=1e-6, size=1000))
     return folder
 
 

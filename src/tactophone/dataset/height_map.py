@@ -91,7 +91,7 @@ def measure_heights(
         rows = _without_noise(rows, step=step, cutoff=short)
     drawn = np.unique(np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int))
     found = [measure_profile(rows[row], step=step, cutoff=cutoff) for row in drawn]
-    profile = Roughness(*(_mean([getattr(one, name) for one in found]) for name in asdict(found[0])))
+    profile = Roughness(*(_mean([getattr(row, name) for row in found]) for name in asdict(found[0])))
     area = measure_area(rows, step=step, cutoff=cutoff) if len(rows) > 1 and len(rows) * step >= 2 * cutoff else None
     notes = _doubts(np.atleast_2d(heights), profile, step=step, resolution=resolution)
     if not fine_enough:
