@@ -195,3 +195,15 @@ def test_opus_stays_aligned_through_a_gap() -> None:
 def test_only_two_reorder_windows_exist() -> None:
     with pytest.raises(ValueError, match="0 or 1"):
         Depacketizer(reorder=2)
+
+
+def test_a_stream_keeps_its_codec_and_channels_until_the_next_handshake() -> None:
+    stereo = packets(noise(1_200))
+    mono = [
+        Packet(sequence, ssrc=1, payload=Payload(PayloadType.L16_MONO, packet.payload.timestamp, bytes(480)))
+        for sequence, packet in enumerate(stereo, stereo[0].sequence)
+    ]
+    mixed = [pair[number % 2] for number, pair in enumerate(zip(stereo, mono, strict=True))]
+    decoded, depacketizer = arrive(mixed)
+    assert {audio.block.channels for audio in decoded} == {2}
+    assert depacketizer.reception.stats.packets_broken >= 2

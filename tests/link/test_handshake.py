@@ -5,7 +5,8 @@ from itertools import product
 import pytest
 
 from tactophone.link import Peers
-from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes, hello_random, is_hello
+from tactophone.link.dtls_record import hello_random, is_hello
+from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 

@@ -7,8 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.link import Connected, Disconnected, PacketReceived, Session
+from tactophone.link.admission import MAX_HANDSHAKES
+from tactophone.link.events import DatagramKind
 from tactophone.link.rtcp import ReceiverReport
-from tactophone.link.session import MAX_HANDSHAKES, RECALL_AFTER, SESSION_TIMEOUT, DatagramKind
+from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
 

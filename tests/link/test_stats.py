@@ -53,3 +53,21 @@ def test_jitter_is_smoothed_by_a_sixteenth() -> None:
 def test_memory_is_bounded() -> None:
     reception = reception_of(list(range(20_000)))
     assert len(reception._seen) <= 2_049
+
+
+@pytest.mark.parametrize("step", [2**32 - 24_000, 2**31, 2**31 - 1, 23_000, -24_000])
+def test_jitter_is_never_negative_and_always_fits_its_report(step: int) -> None:
+    reception = Reception()
+    for number in range(200):
+        reception.count(number, (step * (number % 2)) % 2**32, 100, now=0.005 * number)
+        assert reception.stats.jitter >= 0
+        bytes(reception.report(ssrc=1, of=2, now=0.005 * number))
+
+
+def test_a_clump_that_ends_at_the_wrap_of_the_timestamp_adds_its_own_jitter_only() -> None:
+    clump, calm = Reception(), Reception()
+    for number in range(120):
+        held = 0.1 if 40 <= number < 60 else 0.0
+        clump.count(number, (240 * (number - 60)) % 2**32, 100, now=10 + 0.005 * number + held)
+        calm.count(number, 240 * number, 100, now=10 + 0.005 * number + held)
+    assert clump.stats.jitter == pytest.approx(calm.stats.jitter)

@@ -6,6 +6,7 @@ All modules compute on values, with the time as an argument; only :mod:`~tactoph
 from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
 from tactophone.link.codec_loopback import round_trip
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
+from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
 from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
 from tactophone.link.packet import parse_packet
@@ -14,7 +15,7 @@ from tactophone.link.playout import Playout
 from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send_session import Datagrams, SendSession
-from tactophone.link.session import Connected, Disconnected, Event, PacketReceived, Session
+from tactophone.link.session import Session
 from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
 
@@ -42,6 +43,7 @@ __all__ = [
     "ReceiveSession",
     "Redundancy",
     "RedundancyRule",
+    "Renewed",
     "SendSession",
     "Session",
     "StreamStats",

@@ -159,6 +159,9 @@ class Depacketizer:
         return DecodedAudio(block, stale, waited=now - arrival)
 
     def _decoder_for(self, payload: Payload) -> Decoder:
-        if self._decoder is None or self._decoder.kind != payload.kind:
+        """Return the decoder of the stream: its first payload decides codec and channels until the next handshake."""
+        if self._decoder is None:
             self._decoder = open_decoder(payload.kind)
+        if self._decoder.kind != payload.kind:
+            raise PacketError(f"a payload of {payload.kind.name} in a stream of {self._decoder.kind.name}")
         return self._decoder

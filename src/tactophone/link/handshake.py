@@ -7,13 +7,20 @@ newest flight is retransmitted unchanged until the peer answers it: DTLS drops d
 import hashlib
 import hmac
 import secrets
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from OpenSSL import SSL
+from OpenSSL import SSL, crypto
 
-from tactophone.link.identity import Identity, Peers, fingerprint_of
+from tactophone.link.dtls_record import (
+    hello_random,
+    is_encrypted,
+    is_plain_alert,
+    refuses_certificate,
+    split_flight,
+)
+from tactophone.link.identity import Identity, Peers
 from tactophone.link.srtp import KEY_SIZE, MAX_DATAGRAM, PROFILE, SALT_SIZE, Secrets
 
 Address: TypeAlias = Hashable
@@ -25,19 +32,29 @@ FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
 HANDSHAKE_TIMEOUT = 3.0
 """Seconds after which a handshake fails; the caller then begins another."""
 
-_RECORD_HEADER = 13
-_HELLO_RANDOM = slice(27, 59)
-"""Position of a ClientHello's random, after the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
+MAX_FLIGHT_DATAGRAMS = 256
+"""Datagrams that one handshake processes; it needs 4 to 8, and each of at most 30 retransmissions as many again."""
+
+REFUSED = "it refused this machine's certificate"
+"""What a plain alert says; nobody is identified yet, so it may be forged and is only shown."""
 
 _CIPHERS = b"ECDHE-ECDSA-AES256-GCM-SHA384:ECDHE-ECDSA-CHACHA20-POLY1305"
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """The result of a handshake: the peer's name and the shared secrets."""
+    """The result of a handshake: the peer's name, its fingerprint, and the shared secrets."""
 
     peer: str
+    fingerprint: str
     secrets: Secrets
+
+    @property
+    def continuation(self) -> bytes:
+        """What only the two ends of this session know: a caller that renews its keys puts it in its ClientHello."""
+        # The order of the two keys is the same at both ends.
+        keys = b"".join(sorted((self.secrets.outbound, self.secrets.inbound)))
+        return hmac.digest(keys, b"tactophone continuation", hashlib.sha256).hex()[:32].encode()
 
 
 class Handshakes:
@@ -47,12 +64,16 @@ class Handshakes:
         self._peers = peers
         self._cookie_key = secrets.token_bytes(32)
         self._context = self._make_context(identity)
+        self._label = call_label(identity.fingerprint)
+        self._known_labels = [call_label(pin) for _, pin in peers.items()]
 
-    def call(self, *, now: float) -> "Handshake":
-        """Begin a handshake as the caller."""
+    def call(self, *, now: float, continues: bytes = b"") -> "Handshake":
+        """Begin a handshake as the caller, or one that renews the keys of the session with this `continuation`."""
         connection = self._connection()
+        connection.set_tlsext_host_name(b".".join((self._label, continues or b"new", b"tactophone")))
         connection.set_connect_state()
         handshake = Handshake(connection, self._peers, calls=True, now=now)
+        handshake.continues = continues
         handshake.step(now)
         return handshake
 
@@ -67,10 +88,14 @@ class Handshakes:
         try:
             connection.DTLSv1_listen()
         except SSL.Error:
-            return None, list(_flight(connection))
+            return None, _flight(connection)
         handshake = Handshake(connection, self._peers, calls=False, now=now)
         handshake.step(now)
         return handshake, []
+
+    def knows(self, hello: bytes) -> bool:
+        """Whether a ClientHello carries the `call_label` of a trusted peer."""
+        return any(label in hello for label in self._known_labels)
 
     def _connection(self) -> SSL.Connection:
         connection = SSL.Connection(self._context, None)
@@ -93,10 +118,9 @@ class Handshakes:
         context.set_verify(SSL.VERIFY_PEER | SSL.VERIFY_FAIL_IF_NO_PEER_CERT, self._is_trusted)
         return context
 
-    def _is_trusted(self, _: SSL.Connection, certificate: object, error: int, depth: int, ok: int) -> bool:
+    def _is_trusted(self, _: SSL.Connection, certificate: crypto.X509, error: int, depth: int, ok: int) -> bool:
         """Accept the pinned certificate itself, whatever its issuer; certificates above it do not count."""
-        fingerprint = fingerprint_of(certificate.to_cryptography())  # type: ignore[attr-defined]
-        return depth == 0 and self._peers.name_of(fingerprint) is not None
+        return depth == 0 and self._peers.name_of(_fingerprint(certificate)) is not None
 
     def _cookie(self, connection: SSL.Connection) -> bytes:
         return hmac.digest(self._cookie_key, repr(connection.get_app_data()).encode(), hashlib.sha256)
@@ -106,33 +130,46 @@ class Handshake:
     """One attempt to connect with one peer.
 
     ``outgoing`` returns what to send now. ``agreement`` is set when both ends have authenticated themselves,
-    ``failure`` when the handshake cannot succeed any more.
+    ``failure`` when the handshake cannot succeed any more, ``refused`` when an alert says that the peer does not accept
+    the certificate, which only an authenticated message could prove. ``known`` and ``continues`` are an answerer's
+    notes on the ClientHello: whether it bore a trusted peer's label, and the `continuation` that it named.
     """
 
     def __init__(self, connection: SSL.Connection, peers: Peers, *, calls: bool, now: float) -> None:
         self.agreement: Agreement | None = None
         self.failure: str | None = None
         self._connection, self._peers, self._calls = connection, peers, calls
-        self._begun, self._sent, self._retransmit_after = now, now, FIRST_RETRANSMISSION
+        self.begun = self._sent = now
+        self.refused = self.known = False
+        self.continues = b""
+        self._retransmit_after = FIRST_RETRANSMISSION
+        self._received = 0
         self._newest_flight: list[bytes] = []
         self._outgoing: list[bytes] = []
 
     def receive(self, datagram: bytes, *, now: float) -> None:
         """Process a datagram of this handshake."""
-        if self.failure or _is_plain_alert(datagram):
-            return  # anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7)
-        self._connection.bio_write(datagram)
-        if self.agreement is None:
+        if self.failure:
+            return
+        if is_plain_alert(datagram):
+            # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7).
+            self.refused |= self.agreement is None and refuses_certificate(datagram)
+        elif self.agreement is not None:
+            # OpenSSL gets no more of it: it would store what nobody reads. If the peer still retransmits its last
+            # flight, this side's was lost.
+            if not is_encrypted(datagram):
+                self._retransmit(now)
+        elif self._received < MAX_FLIGHT_DATAGRAMS:
+            self._received += 1
+            self._connection.bio_write(datagram)
             self.step(now)
-        elif not _is_encrypted(datagram):
-            self._retransmit(now)  # the peer still retransmits its last flight, so this side's was lost
 
     def poll(self, now: float) -> None:
         """Retransmit an unanswered flight; fail after `HANDSHAKE_TIMEOUT`."""
         if self.agreement or self.failure:
             return
-        if now - self._begun > HANDSHAKE_TIMEOUT:
-            self.failure = f"no answer within {HANDSHAKE_TIMEOUT:g} s"
+        if now - self.begun > HANDSHAKE_TIMEOUT:
+            self.failure = REFUSED if self.refused else f"no answer within {HANDSHAKE_TIMEOUT:g} s"
         elif now - self._sent > self._retransmit_after:
             self._retransmit_after = min(2 * self._retransmit_after, MAX_RETRANSMISSION)
             self._retransmit(now)
@@ -151,7 +188,7 @@ class Handshake:
             pass
         except SSL.Error as error:
             self.failure = _reason(error)
-        if flight := list(_flight(self._connection)):
+        if flight := _flight(self._connection):
             self._newest_flight, self._retransmit_after, self._sent = flight, FIRST_RETRANSMISSION, now
             self._outgoing += flight
 
@@ -163,11 +200,12 @@ class Handshake:
 
     def _agree(self) -> Agreement:
         connection = self._connection
-        certificate = connection.get_peer_certificate(as_cryptography=True)
-        name = self._peers.name_of(fingerprint_of(certificate)) if certificate else None
+        certificate = connection.get_peer_certificate()
+        fingerprint = _fingerprint(certificate) if certificate else ""
+        name = self._peers.name_of(fingerprint)
         if name is None or connection.get_selected_srtp_profile() != PROFILE:
             raise SSL.Error([("", "", "the peer is not trusted, or does not support AES-256-GCM")])
-        return Agreement(name, self._export())
+        return Agreement(name, fingerprint, self._export())
 
     def _export(self) -> Secrets:
         """Split the exported key material as in RFC 5764 section 4.2; the SSRCs come from a second export."""
@@ -182,51 +220,31 @@ class Handshake:
         return Secrets(answerer, caller, local_ssrc=second, remote_ssrc=first)
 
 
-def is_hello(datagram: bytes) -> bool:
-    """Whether a datagram is a ClientHello, which begins a handshake."""
-    return (
-        len(datagram) >= _HELLO_RANDOM.stop and datagram[0] == 22 and datagram[13] == 1 and not _is_encrypted(datagram)
-    )
+def call_label(fingerprint: str) -> bytes:
+    """Return the label that a caller with this certificate puts in its ClientHello, as 32 hexadecimal digits.
+
+    It proves nothing, because whoever observes a call can repeat it. It lets an answerer distinguish, before any
+    computation, the hellos of trusted callers from those of anybody who only knows the address.
+    """
+    return hashlib.sha256(b"tactophone call " + fingerprint.encode()).hexdigest()[:32].encode()
 
 
-def hello_random(hello: bytes) -> bytes:
-    """Return the caller's random, which is the same in a retransmitted ClientHello."""
-    return hello[_HELLO_RANDOM]
-
-
-def _is_encrypted(datagram: bytes) -> bool:
-    """Whether the first record is encrypted (its epoch is not 0)."""
-    return datagram[3:5] != b"\0\0"
-
-
-def _is_plain_alert(datagram: bytes) -> bool:
-    return datagram[:1] == b"\x15" and not _is_encrypted(datagram)
-
-
-def _flight(connection: SSL.Connection) -> Iterator[bytes]:
-    """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
-    datagram = b""
-    for record in _records(connection):
-        if datagram and len(datagram) + len(record) > MAX_DATAGRAM:
-            yield datagram
-            datagram = b""
-        datagram += record
-    if datagram:
-        yield datagram
-
-
-def _records(connection: SSL.Connection) -> Iterator[bytes]:
+def _flight(connection: SSL.Connection) -> list[bytes]:
+    """Return what OpenSSL has written, as datagrams."""
     try:
-        written = connection.bio_read(1 << 16)
+        return list(split_flight(connection.bio_read(1 << 16)))
     except SSL.WantReadError:
-        return
-    position = 0
-    while position < len(written):
-        end = position + _RECORD_HEADER + int.from_bytes(written[position + 11 : position + 13])
-        yield written[position:end]
-        position = end
+        return []
 
 
 def _reason(error: SSL.Error) -> str:
-    words = error.args[0][-1][-1] if error.args and error.args[0] else "the handshake failed"
-    return str(words)
+    """Return OpenSSL's words for an error; ``SysCallError`` has a number where others have a list."""
+    first = error.args[0] if error.args else None
+    if isinstance(first, list | tuple) and first and isinstance(first[-1], list | tuple) and first[-1]:
+        return str(first[-1][-1])
+    return "the handshake failed" if first is None or first == [] else f"the handshake failed ({error})"
+
+
+def _fingerprint(certificate: crypto.X509) -> str:
+    """Return the SHA-256 of the certificate's DER bytes, without parsing them a second time."""
+    return certificate.digest("sha256").decode()

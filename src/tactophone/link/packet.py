@@ -22,6 +22,9 @@ _EARLIER = struct.Struct("!I")  # RFC 2198 section 3: F, 7 bits of type, 14 of t
 MAX_EARLIER_OFFSET = (1 << 14) - 1
 """Maximum samples by which an earlier payload may lie behind its packet (RFC 2198 section 3): 341 ms."""
 
+MAX_EARLIER = 2
+"""Maximum earlier payloads in a packet: as many as a sender makes."""
+
 MAX_EARLIER_SIZE = (1 << 10) - 1
 """Maximum bytes of an earlier payload (RFC 2198 section 3)."""
 
@@ -192,6 +195,8 @@ def _read_redundancy_heads(body: bytes) -> tuple[list[tuple[PayloadType, int, in
         if position + _EARLIER.size > len(body):
             raise PacketError("a redundancy header that ends within; the datagram was cut")
         word = _EARLIER.unpack_from(body, position)[0]
+        if len(heads) == MAX_EARLIER:
+            raise PacketError(f"more than {MAX_EARLIER} earlier payloads, which no sender makes")
         heads.append((_kind(word >> 24 & 0x7F), word >> 10 & 0x3FFF, word & 0x3FF))
         position += _EARLIER.size
     if position == len(body):

@@ -81,7 +81,7 @@ class Packetizer:
         self.codec = codec
         self.faults: Counter[str] = Counter()
         self.packets = self.octets = 0
-        self._ssrc, self._redundancy = ssrc, redundancy
+        self.ssrc, self._redundancy = ssrc, redundancy
         # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
         # roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
@@ -129,7 +129,7 @@ class Packetizer:
     def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
         """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
         payload = Payload(kind, (self._offset + position) % (1 << 32), content)
-        packet = Packet(self._sequence, self._ssrc, payload, self._earlier(payload), self._marker)
+        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), self._marker)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
         return packet
@@ -137,7 +137,7 @@ class Packetizer:
     def report(self, now: float) -> SenderReport:
         """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
         timestamp = self._offset + (self._next or 0)
-        return SenderReport(self._ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
+        return SenderReport(self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
 
     def _check(self, block: AudioBlock) -> None:
         if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:

@@ -7,13 +7,14 @@ from typing import TypeAlias
 from tactophone.errors import PacketError
 from tactophone.link.delay_estimator import MinDelayFilter
 from tactophone.link.depacketizer import STALENESS, DecodedAudio, Depacketizer
+from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
 from tactophone.link.prediction_payload import read_prediction
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.link.send_session import REPORT_INTERVAL, Datagrams
-from tactophone.link.session import Connected, Disconnected, Event, PacketReceived, Session
+from tactophone.link.session import Session
 from tactophone.link.stats import StreamStats
 from tactophone.types import FloatArray, Prediction
 
@@ -146,7 +147,11 @@ class ReceiveSession:
         # Packets of sound are collected, because those that arrived together are put in order together.
         packets: list[Packet] = []
         for event in events:
-            if not isinstance(event, PacketReceived):
+            if isinstance(event, Renewed):
+                # The stream runs on, so that nothing is lost at the finger; only the SSRCs in reports change.
+                self._ssrcs = (event.local_ssrc, event.remote_ssrc)
+                self._past["handshakes"] += 1
+            elif not isinstance(event, PacketReceived):
                 received += self._depacketizer.push(packets, now=now)
                 packets = []
                 self._handle_connection(event)

@@ -58,7 +58,7 @@ class ReceiverReport:
             self.of,
             min(lost, 255) << 24 | max(0, min(self.lost, (1 << 23) - 1)),
             self.highest % (1 << 32),
-            round(self.jitter * CLOCK_RATE),
+            min(round(self.jitter * CLOCK_RATE), (1 << 32) - 1),
             self.last_report,
             round(self.since * 65_536) % (1 << 32),
         )
@@ -97,12 +97,21 @@ class SenderReport:
 
 @dataclass(frozen=True, slots=True)
 class Goodbye:
-    """The peer ends the session."""
+    """The peer ends the session, for a reason or none (RFC 3550 section 6.6).
+
+    Examples
+    --------
+    >>> bytes(Goodbye(1, "busy")).hex(" ", -4)
+    '81cb0003 00000001 04627573 79000000'
+    """
 
     ssrc: int
+    reason: str = ""
 
     def __bytes__(self) -> bytes:
-        return _head(_GOODBYE, 1, self.ssrc, b"")
+        text = self.reason.encode()[:255]
+        body = bytes([len(text)]) + text if text else b""
+        return _head(_GOODBYE, 1, self.ssrc, body + bytes(-len(body) % 4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +144,7 @@ def parse_report(packet: bytes) -> Report:
     body = packet[_HEAD.size :]
     match kind:
         case 203:
-            return Goodbye(ssrc)
+            return Goodbye(ssrc, goodbye_reason(packet) or "")
         case 201 if len(body) == _BLOCK.size:
             return _read_block(ssrc, body)
         case 200 if len(body) == _SENT.size:
@@ -162,9 +171,16 @@ def round_trip(report: ReceiverReport, *, now: float) -> float | None:
     return max(0.0, elapsed - report.since)
 
 
-def is_goodbye(packet: bytes) -> bool:
-    """Whether a report is a `Goodbye`."""
-    return len(packet) > 1 and packet[1] == _GOODBYE
+def goodbye_reason(packet: bytes) -> str | None:
+    """Return the reason in a `Goodbye`, empty if it gives none; ``None`` for any other packet.
+
+    Characters that a terminal may interpret are left out.
+    """
+    if len(packet) < 2 or packet[1] != _GOODBYE:
+        return None
+    body = packet[_HEAD.size :]
+    text = body[1 : 1 + body[0]] if body else b""
+    return "".join(filter(str.isprintable, text.decode(errors="ignore")))
 
 
 def _read_block(ssrc: int, body: bytes) -> ReceiverReport:

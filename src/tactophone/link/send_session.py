@@ -6,12 +6,13 @@ from typing import TypeAlias
 
 from tactophone.errors import PacketError
 from tactophone.link.codec import NARROW_BAND, Codec
+from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.prediction_payload import write_prediction
 from tactophone.link.rtcp import ReceiverReport, ReceiverRequest, parse_report, round_trip
-from tactophone.link.session import Connected, Disconnected, Event, PacketReceived, Session
+from tactophone.link.session import Session
 from tactophone.types import AudioBlock, Prediction
 
 REPORT_INTERVAL = 0.2
@@ -109,9 +110,14 @@ class SendSession:
                 case Disconnected():
                     self._packetizer = None
                     self.counters["link_losses"] += 1
+                case Renewed():
+                    # The stream runs on under another SSRC: sequence numbers and timestamps continue.
+                    self.counters["handshakes"] += 1
+                    if self._packetizer:
+                        self._packetizer.ssrc = event.local_ssrc
                 case PacketReceived(packet, report=True):
                     self._handle_report(packet, now)
-        return [event for event in events if not isinstance(event, PacketReceived)]
+        return [event for event in events if isinstance(event, Connected | Disconnected)]
 
     def _handle_report(self, packet: bytes, now: float) -> None:
         try:

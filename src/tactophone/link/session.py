@@ -7,22 +7,25 @@ One end *calls* (the robot), the other *answers* (the operator). Every start of 
       ▲                                                                 │
       └────── nothing authentic for `SESSION_TIMEOUT`, or goodbye ──────┘
 
-A connected session continues undisturbed while another handshake runs beside it, and is replaced only by a peer that
-has authenticated itself: a forged ClientHello has no effect. A caller that receives nothing for `RECALL_AFTER` calls
-again in parallel, which is how the link recovers from a restart of the operator. The first byte of a datagram gives its
-protocol (RFC 7983).
+A connected session continues undisturbed while another handshake runs beside it, and is replaced only by the same peer,
+once it has authenticated itself: a forged ClientHello has no effect, and another trusted robot is sent away. A caller
+that receives nothing for `RECALL_AFTER` calls again in parallel, which is how the link recovers from a restart of the
+operator. A caller whose keys are old renews them in the same way, but the stream continues (`Renewed`). The first byte
+of a datagram gives its protocol (RFC 7983).
 """
 
-import enum
+import logging
 from collections import Counter
-from dataclasses import dataclass
-from typing import TypeAlias
 
 from tactophone.errors import PacketError
-from tactophone.link.handshake import Address, Agreement, Handshake, Handshakes, hello_random, is_hello
+from tactophone.link.admission import Admission
+from tactophone.link.connection import CONFIRM_TIMEOUT, RENEW_AFTER, Connection, KeyRing
+from tactophone.link.dtls_record import hello_random, is_hello
+from tactophone.link.events import Connected, DatagramKind, Disconnected, Event, PacketReceived, Renewed
+from tactophone.link.handshake import REFUSED, Address, Agreement, Handshake, Handshakes
 from tactophone.link.identity import Identity, Peers
-from tactophone.link.rtcp import Goodbye, is_goodbye
-from tactophone.link.srtp import SrtpCrypto, is_report
+from tactophone.link.rtcp import Goodbye, goodbye_reason
+from tactophone.link.srtp import SrtpCrypto, is_report, stream_of
 
 RECALL_AFTER = 1.0
 """Seconds without a packet from the peer after which a caller calls again; reports are sent five times a second."""
@@ -30,52 +33,11 @@ RECALL_AFTER = 1.0
 SESSION_TIMEOUT = 5.0
 """Seconds without a packet from the peer after which the session ends."""
 
-MAX_HANDSHAKES = 4
-"""Concurrent handshakes of an answerer; each of their callers has returned a cookie."""
+BUSY = "it is connected to another robot, and takes one at a time"
+"""The reason that a second trusted caller gets."""
 
-LINGER = 10.0
-"""Seconds for which a finished handshake still repeats its last flight to a peer that missed it."""
-
-
-class DatagramKind(enum.Enum):
-    """The protocol of a datagram, by its first byte (RFC 7983 section 7)."""
-
-    DTLS = range(20, 64)
-    SRTP = range(128, 192)
-    NEITHER = range(0)
-
-    @classmethod
-    def of(cls, datagram: bytes) -> "DatagramKind":
-        """Return the kind of a datagram."""
-        first = datagram[0] if datagram else -1
-        return next((kind for kind in (cls.SRTP, cls.DTLS) if first in kind.value), cls.NEITHER)
-
-
-@dataclass(frozen=True, slots=True)
-class Connected:
-    """Both ends have authenticated themselves; keys and SSRCs are fresh."""
-
-    peer: str
-    local_ssrc: int
-    remote_ssrc: int
-
-
-@dataclass(frozen=True, slots=True)
-class Disconnected:
-    """The session has ended."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class PacketReceived:
-    """An authentic packet, decrypted: RTP, or RTCP where ``report`` is true."""
-
-    packet: bytes
-    report: bool
-
-
-Event: TypeAlias = Connected | Disconnected | PacketReceived
+BUSY_PAUSE = 3.0
+"""Seconds before a caller that was sent away calls again."""
 
 
 class Session:
@@ -86,23 +48,40 @@ class Session:
     identity, peers
         The local identity, and the identities accepted.
     call
-        The address to call; without it, the session waits for a call.
+        The addresses to call, in turn; without one, the session waits for a call.
+    renew_after
+        Seconds after which a caller renews the keys.
 
     Attributes
     ----------
     faults
-        Counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``.
+        Counts of ``rejected`` datagrams, ``stray`` ones that belong to no session, failed ``handshakes``, ``contained``
+        exceptions.
     failure
         Why the newest handshake failed, or ``None``.
+    sent_away
+        Name of the trusted caller that was sent away last, and when; ``None`` before the first.
     """
 
-    def __init__(self, identity: Identity, peers: Peers, *, call: Address | None = None) -> None:
+    def __init__(
+        self,
+        identity: Identity,
+        peers: Peers,
+        *,
+        call: Address | list[Address] | None = None,
+        renew_after: float = RENEW_AFTER,
+    ) -> None:
         self.faults: Counter[str] = Counter()
         self.failure: str | None = None
+        self.sent_away: tuple[str, float] | None = None
+        self._identity = identity
         self._handshakes = Handshakes(identity, peers)
-        self._callee = call
+        self._admission = Admission()
+        self._callees: list[Address] = call if isinstance(call, list) else [] if call is None else [call]
+        self._call_after = -1.0
+        self._renew_after = renew_after
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
-        self._current: _Connection | None = None
+        self._keys = KeyRing()
         self._outgoing: list[tuple[bytes, Address]] = []
 
     @property
@@ -111,38 +90,56 @@ class Session:
         return self._current.agreement.peer if self._current else None
 
     @property
+    def _current(self) -> Connection | None:
+        return self._keys.current
+
+    @property
+    def remote(self) -> tuple[Address, frozenset[int]] | None:
+        """The peer's address and the SSRCs of its packets, for a socket to filter by; ``None`` without a session."""
+        if self._current is None:
+            return None
+        return self._current.address, frozenset(connection.stream for connection in self._keys)
+
+    @property
     def refused(self) -> int:
         """Number of datagrams that belong to no session: forged, changed, replayed or foreign."""
         return self.faults["rejected"] + self.faults["stray"]
 
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
         """Process a datagram from the network; no content can make it raise."""
-        match DatagramKind.of(datagram):
-            case DatagramKind.SRTP:
-                return self._open(datagram, now)
-            case DatagramKind.DTLS:
-                return self._handle_dtls(datagram, source, now)
+        try:
+            match DatagramKind.of(datagram):
+                case DatagramKind.SRTP:
+                    return self._open(datagram, now)
+                case DatagramKind.DTLS:
+                    return self._handle_dtls(datagram, source, now)
+        except Exception as error:
+            # The one boundary between bytes of the network and the process: whatever they made a library raise ends
+            # the handshake with their sender, and nothing else.
+            self._contain(error, source)
+            return []
         self.faults["stray"] += 1
         return []
 
     def send(self, packet: bytes) -> None:
         """Encrypt and queue a packet for the peer; it is dropped when there is none."""
         if self._current:
-            self._outgoing.append((self._current.crypto.protect(packet), self._current.address))
+            self._outgoing.append((self._current.protect(packet), self._current.address))
 
     def poll(self, now: float) -> list[Event]:
-        """Let time pass: retransmit, call again, time out. Call it about twenty times a second."""
+        """Let time pass: retransmit, call again, renew keys, time out. Call it about twenty times a second."""
         for key, handshake in list(self._pending.items()):
             handshake.poll(now)
             self._collect(handshake, key[0])
             if handshake.failure:
-                self._drop(key, handshake)
+                self._drop(key, handshake.failure)
+        self._keys.expire(now)
         if self._current and now - self._current.last_received > SESSION_TIMEOUT:
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
-        if self._callee is not None and not self._pending and self._should_call(now):
-            handshake = self._handshakes.call(now=now)
-            self._pending[self._callee, b""] = handshake
-            self._collect(handshake, self._callee)
+        if self._current and now > self._current.until:
+            return self._end("the keys were not renewed in time")
+        if self._callees and not self._pending and now > self._call_after:
+            self._call(now)
         return []
 
     def hang_up(self) -> list[Event]:
@@ -157,23 +154,47 @@ class Session:
         ready, self._outgoing = self._outgoing, []
         return ready
 
-    def _should_call(self, now: float) -> bool:
-        return self._current is None or now - self._current.last_received > RECALL_AFTER
+    def _call(self, now: float) -> None:
+        """Begin a handshake if there is no session, if the peer is silent, or if the keys are old."""
+        current = self._current
+        if current is None or now - current.last_received > RECALL_AFTER:
+            continues, callee = b"", self._callees[0]
+            # If this address does not answer, the next call tries the next one.
+            self._callees = [*self._callees[1:], callee]
+        elif self._keys.beside is None and current.needs_renewal(now, after=self._renew_after):
+            continues, callee = current.agreement.continuation, current.address
+        else:
+            return
+        handshake = self._handshakes.call(now=now, continues=continues)
+        self._pending[callee, b""] = handshake
+        self._collect(handshake, callee)
 
     def _open(self, datagram: bytes, now: float) -> list[Event]:
-        if self._current is None:
-            self.faults["stray"] += 1
+        stream = stream_of(datagram)
+        connection = next((known for known in self._keys if known.stream == stream), None)
+        if connection is None:
+            self.faults["rejected" if self._current else "stray"] += 1
             return []
         try:
-            packet = self._current.crypto.unprotect(datagram)
+            packet = connection.unprotect(datagram)
         except PacketError:
             self.faults["rejected"] += 1
             return []
-        self._current.last_received = now
+        events: list[Event] = []
+        if self._keys.confirm(connection, now):
+            events = [_renewed(connection)]
+        if self._current:
+            self._current.last_received = now  # also under the keys before: it is the same peer, and it lives
         report = is_report(packet)
-        if report and is_goodbye(packet):
-            return self._end(f"{self._current.agreement.peer} hung up")
-        return [PacketReceived(packet, report)]
+        if report and (reason := goodbye_reason(packet)) is not None:
+            return [*events, *self._leave(reason, now)]
+        return [*events, PacketReceived(packet, report)]
+
+    def _leave(self, reason: str, now: float) -> list[Event]:
+        peer = self.peer
+        if reason:
+            self.failure, self._call_after = reason, now + BUSY_PAUSE
+        return self._end(f"{peer} hung up: {reason}" if reason else f"{peer} hung up")
 
     def _handle_dtls(self, datagram: bytes, source: Address, now: float) -> list[Event]:
         if is_hello(datagram):
@@ -182,65 +203,96 @@ class Session:
         for key, handshake in list(self._pending.items()):
             if key[0] == source:
                 return self._advance(key, handshake, datagram, now)
-        if self._current and source == self._current.address and now - self._current.begun < LINGER:
-            self._current.handshake.receive(datagram, now=now)
-            self._collect(self._current.handshake, source)
-        else:
-            self.faults["stray"] += 1
+        for connection in self._keys:
+            if source == connection.address and now - connection.begun < CONFIRM_TIMEOUT:
+                connection.handshake.receive(datagram, now=now)
+                self._collect(connection.handshake, source)
+                return []
+        self.faults["stray"] += 1
         return []
 
     def _answer(self, hello: bytes, source: Address, now: float) -> None:
         # A caller answers no hello. A repeated hello needs nothing new: the pending handshake retransmits its answer.
-        if self._callee is not None or (source, hello_random(hello)) in self._pending:
+        key = source, hello_random(hello)
+        if self._callees or key in self._pending:
+            return
+        known = self._handshakes.knows(hello)
+        if not self._admission.admits(self._pending, known=known, now=now):
+            self.faults["stray"] += 1
             return
         handshake, replies = self._handshakes.answer(hello, source=source, now=now)
         self._outgoing += [(reply, source) for reply in replies]
         if handshake is None:
             return
-        self._make_room(source)
-        self._pending[source, hello_random(hello)] = handshake
+        for displaced in self._admission.displaced(self._pending, source=source, known=known, now=now):
+            self._drop(displaced, "another call took its place")
+        handshake.known = known
+        if self._current and self._current.agreement.continuation in hello:
+            handshake.continues = self._current.agreement.continuation
+        self._pending[key] = handshake
         self._collect(handshake, source)
-
-    def _make_room(self, source: Address) -> None:
-        """Limit the handshakes to one for each address, and to `MAX_HANDSHAKES` in all."""
-        dropped = [key for key in self._pending if key[0] == source]
-        if not dropped and len(self._pending) >= MAX_HANDSHAKES:
-            dropped = [next(iter(self._pending))]
-        for key in dropped:
-            self._drop(key, self._pending[key])
 
     def _advance(self, key: tuple[Address, bytes], handshake: Handshake, datagram: bytes, now: float) -> list[Event]:
         handshake.receive(datagram, now=now)
         self._collect(handshake, key[0])
+        if handshake.refused:
+            self.failure = self._refusal()
         if handshake.failure:
-            self._drop(key, handshake)
+            self._drop(key, handshake.failure)
         if handshake.agreement is None:
             return []
         del self._pending[key]
-        # Only here is a running session replaced: the new peer has authenticated itself.
-        self._current, self.failure = _Connection(handshake, handshake.agreement, key[0], now), None
-        secrets = handshake.agreement.secrets
-        return [Connected(handshake.agreement.peer, secrets.local_ssrc, secrets.remote_ssrc)]
+        return self._connect(handshake, handshake.agreement, key[0], now)
+
+    def _connect(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> list[Event]:
+        """Take the keys of a finished handshake: only here is a running session replaced, or continued."""
+        current = self._current
+        if current and current.agreement.fingerprint != agreement.fingerprint:
+            self._send_away(agreement, address, now)
+            return []
+        connection = Connection(handshake, agreement, address, now)
+        self.failure = None
+        if current and handshake.continues == current.agreement.continuation:
+            # The caller cannot decrypt yet: it is sent packets under the new keys once it has sent one.
+            self._keys.add(connection, now)
+            return [_renewed(connection)] if self._callees and self._keys.confirm(connection, now) else []
+        self._keys.replace(connection)
+        return [Connected(agreement.peer, agreement.secrets.local_ssrc, agreement.secrets.remote_ssrc)]
+
+    def _send_away(self, agreement: Agreement, address: Address, now: float) -> None:
+        """Send a second trusted caller a goodbye with the reason, under its own keys."""
+        self.sent_away = agreement.peer, now
+        goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
+        self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
+
+    def _refusal(self) -> str:
+        command = f"tactophone pair trust {self._identity.name} {self._identity.fingerprint}"
+        return f"{REFUSED}; if that is the right machine, run there: {command}"
 
     def _end(self, reason: str) -> list[Event]:
-        self._current = None
+        self._keys.replace(None)
         return [Disconnected(reason)]
 
-    def _drop(self, key: tuple[Address, bytes], handshake: Handshake) -> None:
+    def _contain(self, error: Exception, source: Address) -> None:
+        self.faults["contained"] += 1
+        # At a flood, the log gets the first, second, fourth, eighth... of them.
+        if self.faults["contained"].bit_count() == 1:
+            _log.warning("a datagram from %s led to %r; its handshake was ended", source, error)
+        for key in [key for key in self._pending if key[0] == source]:
+            self._drop(key, f"the handshake failed ({type(error).__name__})")
+
+    def _drop(self, key: tuple[Address, bytes], failure: str) -> None:
         del self._pending[key]
         self.faults["handshakes"] += 1
-        self.failure = handshake.failure
+        self.failure = self._refusal() if failure == REFUSED else failure
 
     def _collect(self, handshake: Handshake, address: Address) -> None:
         self._outgoing += [(datagram, address) for datagram in handshake.outgoing()]
 
 
-class _Connection:
-    """A connected session: its keys, the peer's address, and the time of the last authentic packet."""
+def _renewed(connection: Connection) -> Renewed:
+    secrets = connection.agreement.secrets
+    return Renewed(secrets.local_ssrc, secrets.remote_ssrc)
 
-    __slots__ = ("address", "agreement", "begun", "crypto", "handshake", "last_received")
 
-    def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
-        self.handshake, self.agreement, self.address = handshake, agreement, address
-        self.crypto = SrtpCrypto(agreement.secrets)
-        self.begun = self.last_received = now
+_log = logging.getLogger(__name__)

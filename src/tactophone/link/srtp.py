@@ -69,6 +69,12 @@ def is_report(packet: bytes) -> bool:
     return len(packet) > 1 and 64 <= packet[1] & 0x7F <= 95
 
 
+def stream_of(packet: bytes) -> int:
+    """Return the SSRC in the clear header of RTP or RTCP; -1 when the packet is too short for one."""
+    field = packet[4:8] if is_report(packet) else packet[8:12]
+    return int.from_bytes(field) if len(field) == 4 else -1
+
+
 def _policy(key: bytes, ssrc: int) -> Policy:
     return Policy(
         key=key, ssrc_type=Policy.SSRC_SPECIFIC, ssrc_value=ssrc, srtp_profile=Policy.SRTP_PROFILE_AEAD_AES_256_GCM

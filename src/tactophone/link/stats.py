@@ -25,6 +25,9 @@ from dataclasses import dataclass
 from tactophone.link.packet import CLOCK_RATE, ahead
 from tactophone.link.rtcp import ReceiverReport, SenderReport
 
+_WRAP = (1 << 32) / CLOCK_RATE
+"""Seconds until an RTP timestamp repeats: 24.86 h."""
+
 
 @dataclass(slots=True)
 class StreamStats:
@@ -119,7 +122,8 @@ class Reception:
         """Average the change of transit times with a weight of 1/16 (RFC 3550 appendix A.8)."""
         transit = now - timestamp / CLOCK_RATE
         if self._transit is not None:
-            # The timestamp wraps once a day; that step is not jitter.
-            change = (abs(transit - self._transit) + 0.5) % ((1 << 32) / CLOCK_RATE) - 0.5
+            # The timestamp wraps once a day; that step is not jitter. The change is taken to the nearest turn.
+            turns = round((transit - self._transit) / _WRAP)
+            change = abs(transit - self._transit - turns * _WRAP)
             self.stats.jitter += (change - self.stats.jitter) / 16
         self._transit = transit

@@ -1,0 +1,116 @@
+"""The keys of a connected session, from one handshake to the next."""
+
+from collections.abc import Iterator
+
+from tactophone.link.handshake import Address, Agreement, Handshake
+from tactophone.link.srtp import SrtpCrypto, is_report
+
+RENEW_AFTER = 11 * 3600.0
+"""Seconds after which the caller renews the keys; it then has an hour for it."""
+
+MAX_KEY_AGE = 12 * 3600.0
+"""Seconds after which keys that were not renewed end with their session."""
+
+RENEW_PACKETS = 1 << 30
+"""Packets after which the caller renews the keys: half of the lower limit, 2**31 of SRTCP (RFC 3711, 9.2)."""
+
+OVERLAP = 2.0
+"""Seconds for which packets under the keys before are still accepted: above any delay of the path."""
+
+CONFIRM_TIMEOUT = 10.0
+"""Seconds that renewed keys wait for the caller's first packet, and that a handshake repeats its last flight."""
+
+_LAST_SAFE_SEQUENCE = 0xC000
+"""Sequence number from which keys are not renewed: the receiver of a new stream takes its first packet as before the
+first wrap (RFC 3711 section 3.3.1), so the wrap must not come before that packet."""
+
+
+class Connection:
+    """A connected session: its keys, the peer's address, and its times.
+
+    Attributes
+    ----------
+    begun, last_received, until
+        When the handshake was finished, when the last authentic packet came, and until when the keys are used (s).
+    """
+
+    __slots__ = (
+        "_crypto",
+        "_sent",
+        "_sequence",
+        "address",
+        "agreement",
+        "begun",
+        "handshake",
+        "last_received",
+        "until",
+    )
+
+    def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
+        self.handshake, self.agreement, self.address = handshake, agreement, address
+        self.begun = self.last_received = now
+        self.until = now + MAX_KEY_AGE
+        self._crypto = SrtpCrypto(agreement.secrets)
+        self._sent = self._sequence = 0
+
+    @property
+    def stream(self) -> int:
+        """SSRC of the peer's packets."""
+        return self.agreement.secrets.remote_ssrc
+
+    def protect(self, packet: bytes) -> bytes:
+        """Encrypt a packet."""
+        self._sent += 1
+        if not is_report(packet):
+            self._sequence = int.from_bytes(packet[2:4])
+        return self._crypto.protect(packet)
+
+    def unprotect(self, datagram: bytes) -> bytes:
+        """Authenticate and decrypt a datagram; `PacketError` when it is not authentic."""
+        return self._crypto.unprotect(datagram)
+
+    def needs_renewal(self, now: float, *, after: float) -> bool:
+        """Whether the keys are to be renewed, and may be now."""
+        used_up = now - self.begun > after or self._sent > RENEW_PACKETS
+        return used_up and self._sequence < _LAST_SAFE_SEQUENCE
+
+
+class KeyRing:
+    """The connection in use, and while keys are renewed another one beside it.
+
+    Attributes
+    ----------
+    current
+        The connection that packets are sent through; ``None`` without a session.
+    beside
+        The next connection until the caller uses it, then for a while the one before; else ``None``.
+    """
+
+    def __init__(self) -> None:
+        self.current: Connection | None = None
+        self.beside: Connection | None = None
+
+    def __iter__(self) -> Iterator[Connection]:
+        return iter([connection for connection in (self.current, self.beside) if connection])
+
+    def replace(self, connection: Connection | None) -> None:
+        """Use this connection alone."""
+        self.current, self.beside = connection, None
+
+    def add(self, connection: Connection, now: float) -> None:
+        """Accept packets of renewed keys too, until the caller has used them or was given time enough to."""
+        self.beside, connection.until = connection, now + CONFIRM_TIMEOUT
+
+    def confirm(self, connection: Connection, now: float) -> bool:
+        """Change to renewed keys now that the caller has used them; return whether ``connection`` is of such keys."""
+        before = self.current
+        if before is None or connection.begun <= before.begun:
+            return False
+        self.current, self.beside = connection, before
+        connection.until, before.until = connection.begun + MAX_KEY_AGE, now + OVERLAP
+        return True
+
+    def expire(self, now: float) -> None:
+        """Forget the connection beside the current one when its time is over."""
+        if self.beside and now > self.beside.until:
+            self.beside = None
