@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from tactophone.errors import ModelError
 from tactophone.link import (
     Address,
     Connected,
@@ -70,7 +71,13 @@ class OperatorEndpoint:
     pipeline
         For sound of ``channels`` channels.
     reopen
-        Opens the pipeline for another number of channels, when a robot with other microphones connects.
+        Returns the pipeline for another number of channels, when a robot with other microphones connects; raises
+        `ModelError` where the model cannot do with so many.
+
+    Attributes
+    ----------
+    refusal
+        Why the sound of the connected robot cannot be used; empty while it can.
     """
 
     def __init__(
@@ -83,6 +90,7 @@ class OperatorEndpoint:
     ) -> None:
         self.session, self.pipeline = session, pipeline
         self._channels, self._reopen = channels, reopen
+        self.refusal = ""
 
     @property
     def peer(self) -> str | None:
@@ -111,7 +119,8 @@ class OperatorEndpoint:
     def _step(self, event: ReceiveEvent) -> PipelineStep | None:
         match event:
             case DecodedAudio(block, stale):
-                self._match_channels(block.channels)
+                if not self._match_channels(block.channels):
+                    return None
                 step = self.pipeline.push(block)
                 return PipelineStep(block, (), ()) if stale else step
             case PredictionReceived(prediction, stale):
@@ -121,12 +130,21 @@ class OperatorEndpoint:
                 block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
                 return PipelineStep(block, (prediction,), commands)
             case Connected():
+                self.refusal = ""
                 self.pipeline.reset()
         return None
 
-    def _match_channels(self, channels: int) -> None:
+    def _match_channels(self, channels: int) -> bool:
+        """Change to the pipeline for so many channels; false if there is none."""
         if channels == self._channels or self._reopen is None:
-            return
-        before, self.pipeline, self._channels = self.pipeline, self._reopen(channels), channels
+            return True
+        try:
+            following = self._reopen(channels)
+        except ModelError as error:
+            self.refusal = str(error)
+            return False
+        before, self.pipeline, self._channels = self.pipeline, following, channels
         # A ceiling lowered or a profile chosen during the run holds for the next robot too.
         self.pipeline.limits, self.pipeline.profile = before.limits, before.profile
+        self.refusal = ""
+        return True

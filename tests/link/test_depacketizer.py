@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.link import Codec, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.depacketizer import HISTORY
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType
 from tactophone.types import AudioBlock, FloatArray
 
@@ -132,6 +133,30 @@ def test_a_longer_path_is_followed_within_a_second() -> None:
         late += [now for audio in depacketizer.push([packet], now=now) if audio.stale]
     assert late[0] == pytest.approx(1.205)
     assert late[-1] < 2.3
+
+
+def test_a_longer_path_is_followed_within_three_tenths_of_a_second() -> None:
+    depacketizer = Depacketizer()
+    late: list[float] = []
+    for step, packet in enumerate(packets(noise(240 * 600))):
+        now = step * SECOND + (0.2 if step > 200 else 0)
+        late += [now for audio in depacketizer.push([packet], now=now) if audio.stale]
+    assert late[-1] - late[0] < 0.3
+
+
+def test_of_a_long_backlog_only_the_newest_is_decoded() -> None:
+    depacketizer = Depacketizer()
+    sent = packets(noise(240 * 500))
+    for step, packet in enumerate(sent[:50]):
+        depacketizer.push([packet], now=step * SECOND)
+    decoded = depacketizer.push(sent[50:450], now=449.5 * SECOND)
+    assert sum(audio.block.size for audio in decoded) == pytest.approx(HISTORY * CLOCK_RATE, abs=480)
+    assert is_contiguous(decoded)
+    assert decoded[-1].block.end == 450 * 240
+    assert not decoded[-1].stale
+    stats = depacketizer.reception.stats
+    assert stats.samples_skipped == 400 * 240 - sum(audio.block.size for audio in decoded)
+    assert stats.packets_skipped == sum(audio.stale for audio in decoded) + stats.samples_skipped / 240
 
 
 def test_a_gap_too_long_to_conceal_is_skipped() -> None:

@@ -1,6 +1,9 @@
-import numpy as np
+from collections.abc import Iterator
 
-from tactophone.runtime.realtime_playback import paced
+import numpy as np
+import pytest
+
+from tactophone.runtime.realtime_playback import LONGEST_DELAY, paced
 from tactophone.types import AudioBlock
 
 
@@ -38,3 +41,37 @@ def test_a_short_delay_is_made_up_and_a_long_one_forgiven() -> None:
     np.testing.assert_allclose(times[8], 0.09)
     assert times[13] - times[12] <= 0.01
     np.testing.assert_allclose(np.diff(times[14:]), 0.01)
+
+
+def after_a_stall(*, skip: bool) -> list[tuple[float, AudioBlock]]:
+    """Blocks of 10 ms, each with the time at which it came; the reader stands still for half a second at block 12."""
+    clock, found = Clock(), []
+    for index, block in enumerate(paced(blocks(100), skip=skip, clock=clock, sleep=clock.sleep)):
+        found.append((clock.now, block))
+        clock.now += 0.5 if index == 12 else 0.0
+    return found
+
+
+@pytest.mark.parametrize("skip", [False, True])
+def test_times_go_on_with_the_clock_after_a_stall(skip: bool) -> None:
+    assert max(now - block.end / block.sample_rate for now, block in after_a_stall(skip=skip)) < LONGEST_DELAY + 1e-6
+
+
+def test_a_recording_skips_what_was_missed_and_a_simulation_goes_on_where_it_stopped() -> None:
+    recording, simulation = (after_a_stall(skip=skip) for skip in (True, False))
+    assert [block.start % 480 for _, block in recording] == [0] * len(recording)
+    assert len(recording) == pytest.approx(100 - 50, abs=7)
+    assert len(simulation) == 100
+
+
+def test_a_recording_that_cannot_be_skipped_in_time_goes_on_at_later_times() -> None:
+    clock = Clock()
+
+    def slow() -> Iterator[AudioBlock]:
+        for block in blocks(300):
+            clock.now += 0.012 if block.start else 1.0  # slower than the sound plays
+            yield block
+
+    found = [(clock.now, block) for block in paced(slow(), skip=True, clock=clock, sleep=clock.sleep)]
+    assert len(found) > 150
+    assert max(now - block.end / block.sample_rate for now, block in found) < LONGEST_DELAY + 0.013

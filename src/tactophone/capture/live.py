@@ -13,8 +13,8 @@ import numpy as np
 from tactophone.devices import Device, Process, open_at_rate
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
-LONGEST_WAIT = 0.1
-"""Seconds of sound that may be queued: by then, the operator's renderer has faded to silence anyway."""
+LONGEST_WAIT = 0.06
+"""Seconds of sound that may be queued: older sound is stale on arrival (`link.depacketizer.STALENESS`)."""
 
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""

@@ -9,11 +9,14 @@ import math
 from collections import deque
 from statistics import linear_regression
 
-WINDOW = 0.5
-"""Seconds of a window; the newest two count. A longer path is followed after one to two windows, a shorter at once."""
+WINDOW = 0.14
+"""Seconds of a window; the newest two count. A longer path is followed after one to two windows, a shorter at once.
+Two windows stay under 0.3 s, the longest that sound may count as stale after a stall has ended. Half a second, as
+before, kept it stale for 0.5 to 0.9 s whenever a stall had made the way longer (measured with a stopped robot)."""
 
-_MIN_PACKETS = 10
-"""Packets that complete a window, so that a stall and the burst after it are not taken for a longer path."""
+_MIN_PACKETS = 5
+"""Packets that complete a window, so that a stall and the burst after it are not taken for a longer path; fewer than
+a window holds of the longest packets, 20 ms."""
 
 _POINTS = 30
 _MIN_SPAN = 10.0

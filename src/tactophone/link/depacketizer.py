@@ -3,7 +3,8 @@
 There is no playout delay, because the oscillator runs on the operator's own clock. A packet that follows a gap waits
 for at most one other packet, and no longer than one packet's duration. The gap is then filled from redundancy, else
 concealed and marked. Sound that arrives too late for a prediction, after a stall, is still returned, marked ``stale``:
-the detector needs it as history, so that the next fresh packet completes a full window.
+the detector needs it as history, so that the next fresh packet completes a full window. Of a longer backlog only the
+newest `HISTORY` is decoded.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,6 +22,11 @@ MAX_CONCEALED_GAP = 0.1
 
 STALENESS = 0.06
 """Seconds above the minimum delay from which sound is stale: the delay noticed in a texture (Okamoto 2009)."""
+
+
+HISTORY = 0.256 + STALENESS
+"""Seconds of a backlog that are decoded, counted from its newest packet: a window of the detector, and what is fresh.
+What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +86,7 @@ class Depacketizer:
         """Take all packets that have arrived by ``now`` (s); return the sound that can be decoded, oldest first."""
         for packet in packets:
             self._accept(packet, now)
+        self._skip_old()
         decoded: list[DecodedAudio] = []
         self._decode_contiguous(decoded, now)
         # Redundant copies do not count: they say nothing about the order of the packets.
@@ -113,6 +120,18 @@ class Depacketizer:
     def _keep(self, position: int, waiting: _Waiting) -> None:
         if position >= self._next and (waiting.primary or position not in self._waiting):
             self._waiting[position] = waiting
+
+    def _skip_old(self) -> None:
+        """Drop what is too old to matter, when much more than a window has arrived at once after a stall."""
+        oldest = max(self._waiting, default=0) - round(HISTORY * CLOCK_RATE)
+        old = [position for position in self._waiting if position < oldest]
+        if not old:
+            return
+        for position in old:
+            self.reception.stats.packets_skipped += self._waiting.pop(position).primary
+        following = min(self._waiting)
+        self.reception.stats.samples_skipped += following - self._next
+        self._next = following
 
     def _decode_contiguous(self, decoded: list[DecodedAudio], now: float) -> None:
         """Decode the payloads that follow without a gap."""

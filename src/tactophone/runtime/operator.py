@@ -20,17 +20,24 @@ import numpy as np
 
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
-from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
+from tactophone.errors import ModelError
+from tactophone.link import Codec, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
+from tactophone.pipeline import Pipeline
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED, OutputGate
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
+from tactophone.runtime.rehearsal import (
+    open_rehearsed_pipeline,
+    rehearse_decoders,
+    rehearse_renderer,
+    rehearse_statistics,
+)
 from tactophone.runtime.requests import RequestHandler
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     actuator_response,
     microphone_faults,
     open_actuator,
-    open_pipeline_for,
     open_renderer,
     open_session,
     send_outgoing,
@@ -77,11 +84,15 @@ class Operator:
         self._renderer = open_renderer(settings, self._pull)
         self._actuator = open_actuator(settings, self._render)
         self._session = ReceiveSession(open_session(settings, call=False))
-        self._endpoint = OperatorEndpoint(
-            self._session,
-            open_pipeline_for(settings, channels=2),
-            reopen=lambda channels: open_pipeline_for(settings, channels=channels),
-        )
+        # Both are opened now: a robot with other microphones must not make the network thread load a model.
+        self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
+        self._without_pipeline = ""
+        try:
+            self._pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
+        except ModelError as error:
+            self._without_pipeline = str(error)
+        self._endpoint = OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
+        self._rehearse()
         self._session.bandwidth = round(self._endpoint.pipeline.bandwidth)
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
@@ -100,6 +111,8 @@ class Operator:
             self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
             self._telemetry = self._resources.enter_context(Telemetry(self._info.name))
             self._telemetry.count("process_restarts", self._info.restarts)
+            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+            self._watcher = Watcher(self._info.name)
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
         self._thread.start()
@@ -151,7 +164,7 @@ class Operator:
         self._local_robot.refresh()
         playout = self._session.playout
         stages = operator_stages(
-            Watcher(self._info.name), self._local_robot.watcher, self._actuator.device.latency,
+            self._watcher, self._local_robot.watcher, self._actuator.device.latency,
             sound_delay=playout.controller.margin + playout.latency + self._renderer.latency if playout else 0.0,
         )  # fmt: skip
         for stage, duration in stages.items():
@@ -182,11 +195,26 @@ class Operator:
             yield Fault("actuator", self._actuator.device.fault)
         yield from microphone_faults(self._endpoint.pipeline.detector)
         silent = now - self._received_at
+        if self._endpoint.refusal:
+            yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
         if self._session.peer is None and silent > LONGEST_CALL:
             failure = self._session.session.failure
             yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
         elif self._session.peer and silent > SILENT_LINK:
             yield Fault("silence", "connected, but the robot sends no sound: check its microphones and the network")
+
+    def _rehearse(self) -> None:
+        """Run each stage once, so that nothing is loaded while the side runs."""
+        rehearse_decoders(Codec(channels=channels) for channels in self._pipelines)
+        rehearse_renderer(self._renderer, period=self._settings.output.period)
+        rehearse_statistics()
+
+    def _pipeline_for(self, channels: int) -> Pipeline:
+        if channels not in self._pipelines:
+            raise ModelError(self._without_pipeline)
+        pipeline = self._pipelines[channels]
+        pipeline.reset()
+        return pipeline
 
     def _run(self, work: Callable[[], None]) -> None:
         """Run the thread's work; its end, whatever the reason, ends the whole side in silence."""

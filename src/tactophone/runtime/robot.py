@@ -19,6 +19,12 @@ from tactophone.link import UdpSocket
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
+from tactophone.runtime.rehearsal import (
+    rehearse_detector,
+    rehearse_encoder,
+    rehearse_microphone_check,
+    rehearse_statistics,
+)
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     OpenSource,
@@ -77,6 +83,11 @@ class Robot:
         detector = open_pipeline_for(settings, channels=self._source.channels).detector if remote else None
         self._endpoint = RobotEndpoint(self._session, detector)
         self._microphone_check = open_microphone_check(settings, channels=self._source.channels)
+        rehearse_encoder(self._session.codec)
+        rehearse_microphone_check(self._microphone_check, channels=self._source.channels)
+        if detector is not None:
+            rehearse_detector(detector, channels=self._source.channels)
+        rehearse_statistics()
         self._lock = threading.Lock()
         self._info = info
         self._budgeted_at = 0.0
@@ -92,6 +103,8 @@ class Robot:
             self._socket = self._resources.enter_context(UdpSocket())
             self._telemetry = self._resources.enter_context(Telemetry(self._info.name))
             self._telemetry.count("process_restarts", self._info.restarts)
+            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+            self._watcher = Watcher(self._info.name)
             self._resources = self._resources.pop_all()
         for thread in self._threads:
             thread.start()
@@ -120,7 +133,7 @@ class Robot:
             self._telemetry.gauge("round_trip", round_trip)
         if now - self._budgeted_at >= BUDGET_INTERVAL:
             self._budgeted_at = now
-            for stage, duration in robot_stages(Watcher(self._info.name), self._session.codec).items():
+            for stage, duration in robot_stages(self._watcher, self._session.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
         if self._microphone_check:
@@ -164,7 +177,8 @@ class Robot:
             self._warn("memory", lock_memory())
         if self._settings.capture.source == "file":
             self._await_operator()
-        sound = iter(self._source) if isinstance(self._source, LiveSource) else paced(self._source)
+        recorded = self._settings.capture.source == "file"
+        sound = iter(self._source) if isinstance(self._source, LiveSource) else paced(self._source, skip=recorded)
         for block in sound:
             if self.ended.is_set():
                 return

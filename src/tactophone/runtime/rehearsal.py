@@ -1,0 +1,88 @@
+"""Runs everything once before a side reports that it has started, so that nothing is loaded or compiled in a run.
+
+Libraries load parts of themselves at first use: NumPy its FFT and medians, the Opus binding its shared library (which
+starts the linker to find it), the resampler its filters. On a machine that has just been installed that takes seconds.
+"""
+
+import contextlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from tactophone.config import Settings
+from tactophone.errors import PacketError
+from tactophone.haptics import Renderer
+from tactophone.link import Codec, open_decoder, open_encoder
+from tactophone.perception import AnyTouchDetector, FaultDetector
+from tactophone.pipeline import Pipeline
+from tactophone.runtime.wiring import open_pipeline_for
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+
+DURATION = 0.6
+"""Seconds of noise that a detector is rehearsed with: its longest window, and half a second for what is measured
+rarely."""
+
+_BLOCK = 240
+
+
+def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
+    """Open the pipeline that the settings name, and let it process noise.
+
+    Raises
+    ------
+    ModelError
+        Also where the model cannot do with so many channels.
+    """
+    pipeline = open_pipeline_for(settings, channels=channels)
+    rehearse_detector(pipeline.detector, channels=channels)
+    return pipeline
+
+
+def rehearse_detector(detector: AnyTouchDetector, *, channels: int) -> None:
+    """Let a detector process noise, loud and then digital silence, and return it to its initial state."""
+    for sound in (_noise(DURATION, channels), np.zeros((_BLOCK, channels), np.float32)):
+        for start in range(0, len(sound), _BLOCK):
+            detector.push(AudioBlock(sound[start : start + _BLOCK], LIVE_SAMPLE_RATE, start))
+    detector.reset()
+
+
+def rehearse_microphone_check(check: FaultDetector | None, *, channels: int) -> None:
+    """Let the check for microphone faults process noise, and return it to its initial state."""
+    if check is not None:
+        check.push(AudioBlock(_noise(DURATION, channels), LIVE_SAMPLE_RATE, 0))
+        check.reset()
+
+
+def rehearse_encoder(codec: Codec) -> bytes:
+    """Encode a packet of noise with an encoder of this codec; returns it."""
+    return open_encoder(codec).encode(_noise(codec.packet_size / LIVE_SAMPLE_RATE, codec.channels))
+
+
+def rehearse_decoders(codecs: Iterable[Codec]) -> None:
+    """Decode and conceal packets of these codecs; a payload that cannot be decoded here is reported when it comes."""
+    for codec in codecs:
+        with contextlib.suppress(PacketError):
+            payload = rehearse_encoder(codec)
+            decoder = open_decoder(codec.kind)
+            decoder.decode(payload)
+            decoder.conceal(codec.packet_size, payload)
+
+
+def rehearse_renderer(renderer: Renderer, *, period: int) -> None:
+    """Render a period, and return the renderer to its initial state."""
+    renderer.render(np.zeros(period, np.float32))
+    renderer.reset()
+
+
+def rehearse_statistics() -> None:
+    """Load what medians and quantiles need."""
+    np.median(np.zeros(2))
+    np.quantile(np.zeros(2), 0.5)
+
+
+def _noise(duration: float, channels: int) -> FloatArray:
+    random = np.random.default_rng(0)
+    noise: FloatArray = (0.1 * random.standard_normal((round(duration * LIVE_SAMPLE_RATE), channels))).astype(
+        np.float32
+    )
+    return noise
