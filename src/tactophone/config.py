@@ -50,7 +50,7 @@ class Link:
     """The network link between robot and operator."""
 
     peer: str = _setting("", "host of the other side; the robot calls the operator")
-    host: str = _setting("0.0.0.0", "address at which the operator's side listens")
+    host: str = _setting("", "address at which the operator's side listens; empty: all, of IPv4 and IPv6")
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
     identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
     codec: str = _choice("opus", "pcm16 for a local network, opus for the rest", ("opus", "pcm16"))

@@ -51,5 +51,5 @@ class SessionPair:
                     continue
                 if target == AT_OPERATOR:
                     self.at_operator += self.operator.receive(datagram, source=AT_ROBOT, now=self.now)
-                else:
+                elif target == AT_ROBOT:
                     self.at_robot += self.robot.receive(datagram, source=AT_OPERATOR, now=self.now)

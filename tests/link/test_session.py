@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import Connected, Disconnected, PacketReceived, Session
+from tactophone.link import Connected, Disconnected, PacketReceived, Peers, Session
 from tactophone.link.admission import MAX_HANDSHAKES
 from tactophone.link.events import DatagramKind
+from tactophone.link.handshake import HANDSHAKE_TIMEOUT
 from tactophone.link.rtcp import ReceiverReport
 from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT
 
@@ -81,6 +82,14 @@ def test_the_robot_may_start_first() -> None:
     pair = SessionPair(lost=[True] * 12)
     pair.wait(5)
     assert pair.robot.peer == "operator"
+
+
+def test_a_robot_tries_each_address_of_its_operator() -> None:
+    nowhere = ("2001:db8::1", 6_000)
+    pair = SessionPair(Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=[nowhere, AT_OPERATOR]))
+    while pair.robot.peer is None and pair.now < 2 * HANDSHAKE_TIMEOUT:
+        pair.wait(0.05)
+    assert pair.operator.peer == "robot"
 
 
 def test_a_robot_that_returns_is_connected_at_once_with_fresh_keys() -> None:

@@ -1,15 +1,17 @@
 """The UDP socket."""
 
+import socket
 from collections.abc import Iterator
 
 import pytest
 
 from tactophone.errors import DeviceError
-from tactophone.link import DatagramSocket, UdpSocket, resolve
+from tactophone.link import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
+from tactophone.link.udp import MAX_FOREIGN
 
 
 @pytest.fixture
-def pair() -> Iterator[tuple[DatagramSocket, DatagramSocket]]:
+def pair() -> Iterator[tuple[UdpSocket, UdpSocket]]:
     with UdpSocket("127.0.0.1") as first, UdpSocket("127.0.0.1") as second:
         yield first, second
 
@@ -59,3 +61,106 @@ def test_an_unknown_host_is_named() -> None:
     with pytest.raises(DeviceError, match=r"nowhere\.invalid"):
         resolve("nowhere.invalid", 1)
     assert resolve("127.0.0.1", 5) == ("127.0.0.1", 5)
+
+
+HOSTS = ["127.0.0.1", "::1"]
+SSRC = 0xDEADBEEF
+SOUND = b"\x80\x62" + bytes(6) + SSRC.to_bytes(4, "big") + b"sound"
+REPORT = b"\x80\xc9" + bytes(2) + SSRC.to_bytes(4, "big") + b"report"
+HANDSHAKE = b"\x16\xfe\xfd" + bytes(20)
+FOREIGN = [
+    b"\x80\x62" + bytes(6) + b"\1\2\3\4" + b"sound",
+    b"\x80\xc9" + bytes(2) + b"\1\2\3\4" + b"report",
+    b"\x80",
+    b"\x7f" + SOUND[1:],
+    b"\x13" + SOUND[1:],
+    b"\xc0" + SOUND[1:],
+]
+
+
+def everything(receiver: UdpSocket) -> list[tuple[bytes, Endpoint]]:
+    """Return all that has arrived; on one machine, what was sent has arrived."""
+    received: list[tuple[bytes, Endpoint]] = []
+    while batch := receiver.receive(0):
+        received += batch
+    return received
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
+def test_a_socket_for_all_addresses_takes_both_families(host: str) -> None:
+    with UdpSocket() as operator, UdpSocket() as robot:
+        target = next(iter(resolve_all(host, operator.address[1])))
+        if robot.send([(b"hello", target)]):
+            pytest.skip(f"this machine has no {host}")
+        ((datagram, source),) = operator.receive(1.0)
+        assert datagram == b"hello"
+        assert operator.send([(b"answer", source)]) == 0
+        assert robot.receive(1.0) == [(b"answer", target)]
+
+
+@pytest.mark.parametrize("host", [*HOSTS, ""])
+def test_strangers_cannot_crowd_out_the_peer_that_is_followed(host: str) -> None:
+    with (
+        UdpSocket(host) as operator,
+        UdpSocket(host or "127.0.0.1") as peer,
+        UdpSocket(host or "127.0.0.1") as stranger,
+    ):
+        target = (host or "127.0.0.1", operator.address[1])
+        operator.follow((peer.address, frozenset({SSRC})))
+        for _ in range(5_000):
+            stranger.send([(HANDSHAKE, target)])
+        assert peer.send([(SOUND, target), (REPORT, target), (HANDSHAKE, target)]) == 0
+        received = operator.receive(1.0)
+        assert [(SOUND, peer.address), (REPORT, peer.address), (HANDSHAKE, peer.address)] == received[:3]
+        assert len(received) <= 3 + MAX_FOREIGN
+
+
+def test_the_kernel_drops_what_belongs_to_no_stream_of_the_peer_whoever_sent_it(
+    pair: tuple[UdpSocket, UdpSocket],
+) -> None:
+    operator, peer = pair
+    with UdpSocket("127.0.0.1") as stranger:
+        operator.follow((peer.address, frozenset({5, SSRC})))
+        for sender in (peer, stranger):
+            sender.send([(datagram, operator.address) for datagram in FOREIGN])
+            sender.send([(datagram, operator.address) for datagram in (SOUND, REPORT, HANDSHAKE)])
+        passed = everything(operator)
+        # The robot itself may have a new address: its stream passes from anywhere.
+        assert sorted(passed) == sorted(
+            (datagram, sender.address) for sender in (peer, stranger) for datagram in (SOUND, REPORT, HANDSHAKE)
+        )
+
+
+def test_without_a_session_everything_passes_again(pair: tuple[UdpSocket, UdpSocket]) -> None:
+    operator, peer = pair
+    operator.follow((peer.address, frozenset({SSRC})))
+    peer.send([(SOUND, operator.address)])
+    operator.follow(None)
+    peer.send([(FOREIGN[0], operator.address)])
+    assert everything(operator) == [(SOUND, peer.address), (FOREIGN[0], peer.address)]
+
+
+def test_a_port_that_a_peer_shares_can_be_taken_by_nobody_else(pair: tuple[UdpSocket, UdpSocket]) -> None:
+    operator, peer = pair
+    operator.follow((peer.address, frozenset({SSRC})))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        with pytest.raises(OSError, match="in use"):
+            thief.bind(operator.address)
+
+
+def test_a_peer_with_a_new_address_is_followed_there(pair: tuple[UdpSocket, UdpSocket]) -> None:
+    operator, before = pair
+    with UdpSocket("127.0.0.1") as after:
+        operator.follow((before.address, frozenset({SSRC})))
+        after.send([(SOUND, operator.address)])
+        assert everything(operator) == [(SOUND, after.address)]
+        operator.follow((after.address, frozenset({SSRC})))
+        after.send([(SOUND, operator.address)] * 100)
+        assert len(operator.receive(1.0)) == 100
+
+
+def test_all_addresses_of_a_name_are_found() -> None:
+    assert resolve_all("::1", 7) == [("::1", 7)]
+    assert resolve_all("127.0.0.1", 7) == [("127.0.0.1", 7)]

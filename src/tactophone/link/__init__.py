@@ -17,7 +17,7 @@ from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, Re
 from tactophone.link.send_session import Datagrams, SendSession
 from tactophone.link.session import Session
 from tactophone.link.stats import StreamStats
-from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve
+from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
 
 __all__ = [
     "IDENTITY_FOLDER",
@@ -52,5 +52,6 @@ __all__ = [
     "open_encoder",
     "parse_packet",
     "resolve",
+    "resolve_all",
     "round_trip",
 ]

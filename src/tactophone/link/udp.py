@@ -4,9 +4,10 @@ import contextlib
 import select
 import socket
 from collections.abc import Iterable
-from typing import Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 from tactophone.errors import DeviceError
+from tactophone.link.socket_filter import set_filter
 
 Endpoint: TypeAlias = tuple[str, int]
 """Host and port, as the socket expects and returns them."""
@@ -14,6 +15,12 @@ Endpoint: TypeAlias = tuple[str, int]
 _LARGEST = 2_048
 _MOST_AT_ONCE = 256
 """Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
+
+MAX_FOREIGN = 16
+"""Maximum datagrams of one read from others than the connected peer: 3,200 a second where a read waits 5 ms."""
+
+_ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
+_MAPPED = "::ffff:"
 
 _EXPEDITED = 46 << 2
 """DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
@@ -32,17 +39,25 @@ class DatagramSocket(Protocol):
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
         """Send each without waiting; return how many the system refused."""
 
+    def follow(self, remote: tuple[Endpoint, frozenset[int]] | None) -> None:
+        """Prefer the connected peer, by its address and SSRCs, to everybody else."""
+
     def close(self) -> None:
         """Free the port."""
 
 
 class UdpSocket:
-    """A UDP socket; a context manager.
+    """UDP at one port, of IPv4, IPv6 or both; a context manager.
+
+    While a peer is `follow`-ed, two sockets share the port. The system passes the peer's datagrams to one that is
+    connected to its address, and everybody else's to the first one, of which each `receive` takes only a few: so
+    strangers can fill their own queue and not the peer's. A filter in both drops what belongs to no stream of the peer.
+    Everything is sent through the first one, whose source address follows the route.
 
     Parameters
     ----------
     host, port
-        Local address; port 0 lets the system choose.
+        Local address; an empty host is all addresses of both families; port 0 lets the system choose.
 
     Raises
     ------
@@ -50,19 +65,11 @@ class UdpSocket:
         When the address is not of this machine, or is in use.
     """
 
-    def __init__(self, host: str = "0.0.0.0", port: int = 0) -> None:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self._socket = socket.socket(family, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        with contextlib.suppress(OSError):  # works without, where a system does not support it
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
-        try:
-            self._socket.bind((host, port))
-        except OSError as error:
-            self._socket.close()
-            raise DeviceError(
-                f"cannot listen at {host}:{port}: {error.strerror}; choose another with --set link.port=..."
-            ) from error
+    def __init__(self, host: str = "", port: int = 0) -> None:
+        self._socket = _open(host, port)
+        self._followed: tuple[Endpoint, frozenset[int]] | None = None
+        self._peer_socket: socket.socket | None = None
+        self._left: list[tuple[bytes, Endpoint]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -73,47 +80,153 @@ class UdpSocket:
     @property
     def address(self) -> Endpoint:
         """Local host and port."""
-        host, port, *_ = self._socket.getsockname()
-        return host, port
+        return _endpoint(self._socket.getsockname())
 
     def fileno(self) -> int:
-        """Return the file descriptor, for ``select``."""
+        """Return the file descriptor of the first socket, for ``select``."""
         return self._socket.fileno()
+
+    def follow(self, remote: tuple[Endpoint, frozenset[int]] | None) -> None:
+        """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
+        if remote == self._followed:
+            return
+        before, self._followed = self._followed, remote
+        if remote is None or before is None or before[0] != remote[0]:
+            self._connect(remote[0] if remote else None)
+        for each in filter(None, (self._socket, self._peer_socket)):
+            set_filter(each, remote[1] if remote else ())
 
     def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
         """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
-        if timeout > 0:
-            select.select([self._socket], [], [], timeout)
-        datagrams: list[tuple[bytes, Endpoint]] = []
-        while len(datagrams) < _MOST_AT_ONCE:
-            try:
-                datagram, origin = self._socket.recvfrom(_LARGEST)
-            except BlockingIOError:
-                break
-            except OSError:
-                continue  # an earlier datagram reached a closed port; the next may succeed
-            datagrams.append((datagram, (origin[0], origin[1])))
-        return datagrams
+        waited, first = (self._peer_socket, MAX_FOREIGN) if self._peer_socket else (self._socket, _MOST_AT_ONCE)
+        if timeout > 0 and not self._left:
+            select.select([waited], [], [], timeout)
+        datagrams, self._left = self._left, []
+        if self._peer_socket:
+            datagrams += _read(self._peer_socket, _MOST_AT_ONCE)
+        return datagrams + _read(self._socket, first)
 
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
         """Send each without waiting; return how many the system refused."""
         refused = 0
         for datagram, target in datagrams:
             try:
-                self._socket.sendto(datagram, target)
+                self._socket.sendto(datagram, _socket_address(target, self._socket.family))
             except OSError:
                 refused += 1
         return refused
 
     def close(self) -> None:
         """Free the port."""
+        self._connect(None)
         self._socket.close()
+
+    def _connect(self, peer: Endpoint | None) -> None:
+        """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""
+        if self._peer_socket:
+            self._left += _read(self._peer_socket, _MOST_AT_ONCE)
+            self._peer_socket.close()
+            self._peer_socket = None
+        if peer is not None:
+            with contextlib.suppress(OSError):
+                self._peer_socket = _share(self._socket, peer)
 
 
 def resolve(host: str, port: int) -> Endpoint:
     """Resolve a host name; `DeviceError` when that fails."""
+    return resolve_all(host, port)[0]
+
+
+def resolve_all(host: str, port: int) -> list[Endpoint]:
+    """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order; `DeviceError` when that fails."""
     try:
-        *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
         raise DeviceError(f"{host!r} cannot be resolved ({error.strerror}); check link.peer") from error
-    return str(address[0]), int(address[1])
+    return list(dict.fromkeys(_endpoint(address) for *_, address in found))
+
+
+def _open(host: str, port: int) -> socket.socket:
+    """Open and bind a socket; all addresses are one socket of IPv6 that takes IPv4 too, where there is IPv6."""
+    families = [socket.AF_INET6, socket.AF_INET] if not host else [socket.AF_INET6 if ":" in host else socket.AF_INET]
+    error = OSError()
+    for family in families:
+        try:
+            opened = _socket(family, only=bool(host))
+        except OSError as refused:
+            error = refused
+            continue
+        try:
+            opened.bind(_socket_address((host or _ANY[family], port), family))
+        except OSError as refused:
+            opened.close()
+            error = refused
+            continue
+        return opened
+    raise DeviceError(
+        f"cannot listen at {host or '*'}:{port}: {error.strerror}; choose another with --set link.port=..."
+    ) from error
+
+
+def _socket(family: int, *, only: bool) -> socket.socket:
+    opened = socket.socket(family, socket.SOCK_DGRAM)
+    opened.setblocking(False)
+    if family == socket.AF_INET6:
+        opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, only)
+    with contextlib.suppress(OSError):  # works without, where a system does not support it
+        opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
+    with contextlib.suppress(OSError, AttributeError):
+        opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
+    return opened
+
+
+def _share(first: socket.socket, peer: Endpoint) -> socket.socket:
+    """Open a second socket at the port of ``first``, for one peer alone.
+
+    Sharing is permitted for the time of the two calls only, so that no other program can ever take the port too.
+    """
+    only = first.family == socket.AF_INET6 and bool(first.getsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY))
+    second = _socket(first.family, only=only)
+    try:
+        for each in (first, second):
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        second.bind(first.getsockname())
+        second.connect(_socket_address(peer, first.family))
+    except (OSError, AttributeError):
+        second.close()
+        raise
+    finally:
+        first.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
+    second.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 0)
+    return second
+
+
+def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
+    datagrams: list[tuple[bytes, Endpoint]] = []
+    # An error concerns an earlier datagram, which reached a closed port; the next may succeed.
+    for _ in range(most):
+        try:
+            datagram, origin = source.recvfrom(_LARGEST)
+        except BlockingIOError:
+            break
+        except OSError:
+            continue
+        datagrams.append((datagram, _endpoint(origin)))
+    return datagrams
+
+
+def _endpoint(address: tuple[Any, ...]) -> Endpoint:
+    """Return host and port; an IPv4 address that a socket of IPv6 reports as ``::ffff:192.0.2.1`` in its usual form."""
+    host = str(address[0])
+    return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
+
+
+def _socket_address(endpoint: Endpoint, family: int) -> tuple[Any, ...]:
+    """Return the inverse of `_endpoint`, for a socket of ``family``."""
+    host, port = endpoint
+    if family == socket.AF_INET6 and ":" not in host:
+        return _MAPPED + host, port
+    if "%" in host:  # a link-local address, which means something on one interface only
+        host, _, interface = host.partition("%")
+        return host, port, 0, socket.if_nametoindex(interface)
+    return host, port

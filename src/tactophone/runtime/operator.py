@@ -60,6 +60,9 @@ LONGEST_CALL = 2.0
 SILENT_LINK = 0.5
 """Seconds without sound or predictions after which the connected link is reported as silent."""
 
+SENT_AWAY_SHOWN = 10.0
+"""Seconds for which a second robot is reported after its call; it calls every few seconds."""
+
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
 
@@ -202,6 +205,10 @@ class Operator:
             yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
         elif self._session.peer and silent > SILENT_LINK:
             yield Fault("silence", "connected, but the robot sends no sound: check its microphones and the network")
+
+        sent_away = self._session.session.sent_away
+        if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
+            yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
 
     def _rehearse(self) -> None:
         """Run each stage once, so that nothing is loaded while the side runs."""

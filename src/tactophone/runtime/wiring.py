@@ -27,6 +27,7 @@ from tactophone.haptics import (
 from tactophone.link import (
     IDENTITY_FOLDER,
     NARROW_BAND,
+    Address,
     Codec,
     DatagramSocket,
     Endpoint,
@@ -36,7 +37,7 @@ from tactophone.link import (
     RedundancyRule,
     SendSession,
     Session,
-    resolve,
+    resolve_all,
 )
 from tactophone.perception import (
     FALLBACK_MESSAGES,
@@ -169,11 +170,11 @@ def open_session(settings: Settings, *, call: bool) -> Session:
     folder = Path(link.identity or IDENTITY_FOLDER).expanduser()
     if call and not link.peer:
         raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
-    callee = resolve(link.peer, link.port) if call else None
+    callee = resolve_all(link.peer, link.port) if call else None
     peers = Peers.load(folder)
     if not peers.items():
         raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
-    return Session(Identity.load(folder), peers, call=callee)
+    return Session(Identity.load(folder), peers, call=cast(list[Address] | None, callee))
 
 
 def open_send_session(settings: Settings, channels: int) -> SendSession:
@@ -192,5 +193,7 @@ def open_send_session(settings: Settings, channels: int) -> SendSession:
 
 
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
-    """Send the datagrams that a session has to send."""
+    """Send the datagrams that a session has to send, over a socket that prefers its peer."""
+    # First the socket: what the peer sends once it has these datagrams must meet the new preference.
+    socket.follow(cast(tuple[Endpoint, frozenset[int]] | None, session.session.remote))
     socket.send(cast(list[tuple[bytes, Endpoint]], session.outgoing()))

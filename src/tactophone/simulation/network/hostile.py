@@ -1,4 +1,7 @@
-"""Callers that mean harm, as values; used by the tests of sessions, by fuzzing and by `benchmarks/attack.py`."""
+"""Callers that mean harm, as values: for the tests of sessions, for fuzzing and for `benchmarks/attack.py`.
+
+They repeat what once ended the operator's process. Nothing here opens a socket.
+"""
 
 import datetime
 import heapq
