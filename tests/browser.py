@@ -14,6 +14,9 @@ from selenium.webdriver.support.ui import WebDriverWait
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--mute-audio", "--no-first-run")
 """No sandbox, because containers forbid it its name spaces; it only ever sees our own page."""
 
+RULES = "MAP phone.test 127.0.0.1, MAP other.test 127.0.0.1"
+"""Names that resolve to this machine, but are no secure context as 127.0.0.1 is: as for a phone."""
+
 
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[webdriver.Chrome]:
@@ -23,7 +26,7 @@ def chromium() -> Iterator[webdriver.Chrome]:
         pytest.skip("no chromium and chromedriver here: scripts/system-packages installs them")
     options = webdriver.ChromeOptions()
     options.binary_location = program
-    for flag in (*FLAGS, "--autoplay-policy=no-user-gesture-required"):
+    for flag in (*FLAGS, "--autoplay-policy=no-user-gesture-required", f"--host-resolver-rules={RULES}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     browser = webdriver.Chrome(options, Service(driver))

@@ -34,7 +34,9 @@ class Capture:
     """Where the robot's sound comes from."""
 
     source: str = _choice(
-        "jack", "microphones, a recording, or the simulated finger", ("jack", "portaudio", "file", "finger")
+        "jack",
+        "microphones, one plain microphone, that of a page in a browser, a recording, or the simulated finger",
+        ("jack", "portaudio", "microphone", "browser", "file", "finger"),
     )
     device: str = _setting(
         "", "PortAudio device (name or number), recording to play, or seed of the simulated finger; empty: the default"

@@ -1,9 +1,10 @@
 """Sources of sound: microphones behind JACK and PortAudio, and files; all obey `tactophone.types.Source`."""
 
+from tactophone.capture.browser import browser_source
 from tactophone.capture.files import FileSource
 from tactophone.capture.jack import jack_source
 from tactophone.capture.live import LiveSource
 from tactophone.capture.portaudio import portaudio_source
 from tactophone.capture.recorded import RecordedSource
 
-__all__ = ["FileSource", "LiveSource", "RecordedSource", "jack_source", "portaudio_source"]
+__all__ = ["FileSource", "LiveSource", "RecordedSource", "browser_source", "jack_source", "portaudio_source"]

@@ -18,6 +18,7 @@ VERBS: dict[str, str] = {
     "demo": "stroke a smooth and a rough stone with no hardware: picture, sound, numbers",
     "pair": "create this machine's key, and choose which other machine to trust",
     "play": "the stone box in a browser: find the rough ones of five hidden stones by touch alone",
+    "try": "slide a phone, or a hand beside a laptop, over something real, and feel it on a page",
     "loopback": "run robot and operator as two processes on this machine: a first try",
     "send": "the robot's side: capture the finger's sound and send it encrypted to the operator",
     "receive": "the operator's side: receive sound, detect roughness and drive the actuator",
@@ -43,7 +44,7 @@ VERBS: dict[str, str] = {
 }
 """Each verb with its line in ``tactophone --help``; ``a-b`` lives in ``a_b.py``."""
 
-_SHARED_MODULES = dict.fromkeys(("stop", "mute", "arm"), "stop_mute_arm")
+_SHARED_MODULES = {**dict.fromkeys(("stop", "mute", "arm"), "stop_mute_arm"), "try": "try_it"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
 from tactophone.config import Settings
+from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.runtime import Supervisor
+    from tactophone.runtime.wiring import OpenSource
 
 FLAGS = {
     "--source": "capture.source",
@@ -52,21 +54,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run both sides until interrupted, or until the sound ends."""
-    settings = flags.settings_of(args)
+    from tactophone.cli._support.page_source import for_one_microphone, source_of
+
+    settings = for_one_microphone(flags.settings_of(args))
     name = settings.process.name or "loopback"
+    source = source_of(settings)
+    _require_page(args, settings)
     with (
-        both_sides(settings, args.network, name=name, seed=args.seed) as sides,
+        both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open) as sides,
         log_option.logged(args.log, name),
-        dashboard_options.shown(args, name),
+        dashboard_options.shown(args, name, microphone=source.microphone),
     ):
         outcome = console.follow(sides, name, duration=args.duration)
     return run_summary.print_outcome(args, outcome)
 
 
 @contextmanager
-def both_sides(settings: Settings, network: str, *, name: str, seed: int) -> "Iterator[list[Supervisor]]":
-    """Run operator and robot, in this order, as two processes with that network between them and fresh keys."""
-    from tactophone.cli._support.sources import open_source
+def both_sides(
+    settings: Settings, network: str, *, name: str, seed: int, open_source: "OpenSource | None" = None
+) -> "Iterator[list[Supervisor]]":
+    """Run operator and robot, in this order, as two processes with that network between them and fresh keys.
+
+    ``open_source`` replaces the way in which the settings' source is opened.
+    """
+    from tactophone.cli._support import sources
     from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
 
     with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
@@ -76,8 +87,13 @@ def both_sides(settings: Settings, network: str, *, name: str, seed: int) -> "It
         if network != "clean":
             port = _impaired_port(stack, operator.link.port, network, seed)
             robot = replace(robot, link=replace(robot.link, port=port))
-        send = partial(run_robot, open_source=open_source)
+        send = partial(run_robot, open_source=open_source or sources.open_source)
         yield [receiving, stack.enter_context(Supervisor(send, robot, name=robot.process.name))]
+
+
+def _require_page(args: argparse.Namespace, settings: Settings) -> None:
+    if settings.capture.source == "browser" and not (args.dashboard or args.lan):
+        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
 
 
 def _impaired_port(stack: ExitStack, port: int, network: str, seed: int) -> int:

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     inbox, finger = Pipe(duplex=False)
     game = GameSettings(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results)
     # The page comes first: both sides take seconds to start, and it shows their progress.
-    with serve_game(game, args.dashboard_address) as page, TemporaryDirectory(prefix="tactophone-") as folder:
+    with serve_game(game, **dashboard_options.place(args)) as page, TemporaryDirectory(prefix="tactophone-") as folder:
         dashboard_options.announce(page)
 
         from tactophone.cli._support import console

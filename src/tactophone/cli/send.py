@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Send until interrupted, or until the sound ends."""
-    from tactophone.cli._support.sources import open_source
+    from tactophone.cli._support.page_source import source_of
     from tactophone.runtime import Supervisor, run_robot
 
     settings = flags.settings_of(args)
@@ -42,11 +42,14 @@ def run(args: argparse.Namespace) -> int:
             "send --log needs predictions on this side: add --send-predictions, or log with receive --log"
         )
     name = settings.process.name or "send"
-    main = partial(run_robot, open_source=open_source)
+    source = source_of(settings)
+    if source.microphone is not None and not (args.dashboard or args.lan):
+        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
+    main = partial(run_robot, open_source=source.open)
     with (
         Supervisor(main, settings, name=name) as robot,
         log_option.logged(args.log, name),
-        dashboard_options.shown(args, name),
+        dashboard_options.shown(args, name, microphone=source.microphone),
     ):
         outcome = console.follow([robot], name, duration=args.duration)
     return run_summary.print_outcome(args, outcome)

@@ -6,8 +6,12 @@ import multiprocessing
 import os
 import signal
 import socket
+import ssl
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from tactophone.dashboard.security import AccessControl
@@ -31,7 +35,12 @@ class Page:
     build
         Makes the application in that process; must be picklable.
     address
-        Host and port to listen at, port 0 for any free one; `ADDRESS` if ``None``.
+        Host and port to listen at, port 0 for any free one; `ADDRESS` if ``None``. An address of the local network is
+        served at this machine's loopback address too, where browsers allow a page its microphone.
+    certificate
+        Files of a certificate and its private key, for https; plain http if ``None``.
+    names
+        Further names of this machine under which the page may be opened.
 
     Raises
     ------
@@ -39,22 +48,36 @@ class Page:
         When the address is not available, or the web server is not installed.
     """
 
-    def __init__(self, build: "Callable[[], web.Application]", address: str | None = None) -> None:
+    def __init__(
+        self,
+        build: "Callable[[], web.Application]",
+        address: str | None = None,
+        *,
+        certificate: tuple[Path, Path] | None = None,
+        names: tuple[str, ...] = (),
+    ) -> None:
         if importlib.util.find_spec("aiohttp") is None:
             raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
-        listening = _listen(ADDRESS if address is None else address)
-        self._access = AccessControl(*listening.getsockname()[:2])
+        listening = _listen_everywhere(ADDRESS if address is None else address)
+        host, port = listening[0].getsockname()[:2]
+        self._access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
         # Spawned, not forked: a fork would carry audio threads' locks and files along.
         self._process = multiprocessing.get_context("spawn").Process(
-            target=_serve, args=(build, self._access, listening), name="tactophone-page", daemon=True
+            target=_serve, args=(build, self._access, listening, certificate), name="tactophone-page", daemon=True
         )
         self._process.start()
-        listening.close()
+        for listener in listening:
+            listener.close()
 
     @property
     def url(self) -> str:
         """The address to open, with the token."""
         return self._access.url
+
+    @property
+    def secure(self) -> bool:
+        """Whether it is served by https."""
+        return self._access.scheme == "https"
 
     @property
     def private(self) -> bool:
@@ -69,15 +92,59 @@ class Page:
         self._process.join()
 
 
-def watch(name: str, address: str | None = None) -> Page:
-    """Serve the operator's page for the run of that name."""
-    return Page(partial(_dashboard, name), address)
+def watch(
+    name: str,
+    address: str | None = None,
+    *,
+    microphone: Connection | None = None,
+    certificate: tuple[Path, Path] | None = None,
+    names: tuple[str, ...] = (),
+) -> Page:
+    """Serve the operator's page for the run of that name; see `Page`.
+
+    Parameters
+    ----------
+    microphone
+        Takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end); without it, no
+        page can.
+    """
+    return Page(partial(_dashboard, name, microphone), address, certificate=certificate, names=names)
 
 
-def _dashboard(name: str) -> "web.Application":
+def network_address() -> str:
+    """Return this machine's address in its network.
+
+    Raises
+    ------
+    TactophoneError
+        If it has none.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            # Connecting a datagram socket sends nothing; it only chooses the interface (RFC 5737: a test address).
+            probe.connect(("192.0.2.1", 9))
+            address = str(probe.getsockname()[0])
+        except OSError:
+            address = ""
+    if not address or address.startswith("127."):
+        raise TactophoneError("--lan: this machine is in no network: join one, or leave --lan out")
+    return address
+
+
+def _dashboard(name: str, microphone: Connection | None) -> "web.Application":
     from tactophone.dashboard.server import dashboard
 
-    return dashboard(name)
+    return dashboard(name, microphone)
+
+
+def _listen_everywhere(address: str) -> list[socket.socket]:
+    """Listen at an address, and at 127.0.0.1 too if another machine can reach the address but this one cannot."""
+    sockets = [_listen(address)]
+    host, port = sockets[0].getsockname()[:2]
+    if sockets[0].family == socket.AF_INET and host != "0.0.0.0" and not host.startswith("127."):
+        with suppress(TactophoneError):  # the port may be in use there: the page is then not served at 127.0.0.1
+            sockets.append(_listen(f"127.0.0.1:{port}"))
+    return sockets
 
 
 def _listen(address: str) -> socket.socket:
@@ -92,20 +159,39 @@ def _listen(address: str) -> socket.socket:
         raise TactophoneError(f"the page cannot listen at {address} ({error}): choose another address") from None
 
 
-def _serve(build: "Callable[[], web.Application]", access: AccessControl, listening: socket.socket) -> None:
+def _serve(
+    build: "Callable[[], web.Application]",
+    access: AccessControl,
+    listening: list[socket.socket],
+    certificate: tuple[Path, Path] | None,
+) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     os.nice(NICENESS)
-    asyncio.run(_run(build, access, listening))
+    asyncio.run(_run(build, access, listening, _tls(certificate)))
 
 
-async def _run(build: "Callable[[], web.Application]", access: AccessControl, listening: socket.socket) -> None:
+def _tls(certificate: tuple[Path, Path] | None) -> ssl.SSLContext | None:
+    if certificate is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(*certificate)
+    return context
+
+
+async def _run(
+    build: "Callable[[], web.Application]",
+    access: AccessControl,
+    listening: list[socket.socket],
+    tls: ssl.SSLContext | None,
+) -> None:
     from aiohttp import web
 
     from tactophone.dashboard.server import protect
 
     runner = web.AppRunner(protect(build(), access), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
-    await web.SockSite(runner, listening).start()
+    for listener in listening:
+        await web.SockSite(runner, listener, ssl_context=tls).start()
     parent = multiprocessing.parent_process()
     ended = asyncio.Event()
     if parent is not None:

@@ -13,7 +13,7 @@ MAX_NAME_BYTES = 64
 """Of a profile's name: the size of the mailbox."""
 
 
-def parse_request(text: str, state: State) -> Request | str:
+def parse_request(text: str, state: State, *, local: bool = True) -> Request | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
     Parameters
@@ -21,6 +21,9 @@ def parse_request(text: str, state: State) -> Request | str:
     state
         Settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier value. The run
         itself refuses any ceiling above the local machine's; this check is the stricter.
+    local
+        Whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken the
+        vibration; it never arms, strengthens or changes what is detected.
 
     Examples
     --------
@@ -34,6 +37,8 @@ def parse_request(text: str, state: State) -> Request | str:
         action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
     except (ValueError, TypeError, KeyError, AttributeError):
         return "not a request: write JSON with an action"
+    if not local and (reason := _refusal_of_remote(action, value, state)):
+        return reason
     if action in _WITHOUT_VALUE:
         return Request(action)
     if action in (*_LEVELS, "threshold_dbfs"):
@@ -41,6 +46,16 @@ def parse_request(text: str, state: State) -> Request | str:
     if action == "profile":
         return _profile(name, state)
     return f"there is no action {str(action)[:20]!r}"
+
+
+def _refusal_of_remote(action: Any, value: Any, state: State) -> str:
+    if action in ("stop", "mute", "ceiling") or (action == "output_level" and _at_most(value, state.output_level)):
+        return ""
+    return f"only a page on the run's own machine may do that ({str(action)[:20]}): this one may stop, mute and weaken"
+
+
+def _at_most(value: Any, limit: float) -> bool:
+    return isinstance(value, int | float) and value <= limit
 
 
 def _number(action: Any, value: Any, state: State) -> Request | str:

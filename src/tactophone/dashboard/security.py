@@ -36,6 +36,10 @@ class AccessControl:
         Where the server listens; ``0.0.0.0`` and ``::`` mean all interfaces.
     token
         Random, new for every page.
+    scheme
+        ``http`` or ``https``.
+    names
+        Further names of this machine under which it may be opened.
 
     Examples
     --------
@@ -51,12 +55,14 @@ class AccessControl:
     host: str
     port: int
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+    scheme: str = "http"
+    names: tuple[str, ...] = ()
 
     @property
     def url(self) -> str:
         """The address to open; with the machine's name if it listens on all interfaces."""
         host = socket.gethostname() if _everywhere(self.host) else self.host
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
+        return f"{self.scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/{self.token}/"
 
     @property
     def private(self) -> bool:
@@ -71,26 +77,28 @@ class AccessControl:
             return "Host is not an address of this page"
         if origin is None and not websocket:
             return ""
-        return "" if origin == f"http://{host}" else "Origin is another page"
+        return "" if origin == f"{self.scheme}://{host}" else "Origin is another page"
 
     def _is_own_host(self, host: str) -> bool:
         try:
             parts = urlsplit(f"//{host}")
-            name, port = parts.hostname or "", parts.port or 80
+            name, port = parts.hostname or "", parts.port or (443 if self.scheme == "https" else 80)
         except ValueError:
             return False
         return port == self.port and (name in self._names or self._is_own_address(name))
 
     @property
     def _names(self) -> set[str]:
-        return {"localhost", self.host} | ({socket.gethostname().lower()} if _everywhere(self.host) else set())
+        own = [socket.gethostname()] if _everywhere(self.host) else []
+        return {name.lower() for name in ("localhost", self.host, *self.names, *own)}
 
     def _is_own_address(self, name: str) -> bool:
         """Return whether the name is a numeric address of this machine; a rebound name never is."""
         address, own = _address(name), _address(self.host)
         if address is None:
             return False
-        return _everywhere(self.host) or address == own or (address.is_loopback and own is not None and own.is_loopback)
+        # The page is served at this machine's loopback address too, which no other machine can be reached by.
+        return _everywhere(self.host) or address == own or (own is not None and address.is_loopback)
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

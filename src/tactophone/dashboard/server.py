@@ -10,11 +10,15 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
+from multiprocessing.connection import Connection
 
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Middleware
 
+from tactophone.dashboard.admission import FLOOD_RATE, MAX_MESSAGE_BYTES, FloodGate, admit, end_flood
 from tactophone.dashboard.feed import Feed, WatchedRun
+from tactophone.dashboard.fingertip import Fingertips
+from tactophone.dashboard.listen import PageMicrophone
 from tactophone.dashboard.requests import parse_request
 from tactophone.dashboard.security import HEADERS, AccessControl
 from tactophone.telemetry import State
@@ -25,11 +29,8 @@ PERIOD = 1 / 60
 CREDIT = 3
 """Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
 
-VIEWERS = 8
+VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
-
-MAX_MESSAGE_BYTES = 4_096
-"""Bytes of a message from a page."""
 
 STATIC = files("tactophone.dashboard") / "static"
 
@@ -38,12 +39,16 @@ RUN = web.AppKey("run", WatchedRun)
 VIEWS: web.AppKey[set[web.WebSocketResponse]] = web.AppKey("views", set)
 
 
-def dashboard(name: str) -> web.Application:
-    """Build the operator's page for the run of that name."""
+def dashboard(name: str, microphone: Connection | None = None) -> web.Application:
+    """Build the operator's page for the run of that name; ``microphone`` takes the sound of a page that listens."""
     app = web.Application()
     app[RUN], app[VIEWS] = WatchedRun(name), set()
     app.router.add_get("/", page(STATIC / "index.html"))
+    app.router.add_get("/try", page(STATIC / "try.html"))
     app.router.add_get("/live", _live)
+    app.router.add_get("/feel", Fingertips(app[RUN]).connect)
+    if microphone is not None:
+        app.router.add_get("/listen", PageMicrophone(microphone).connect)
     return app
 
 
@@ -85,16 +90,15 @@ async def _add_headers(request: web.Request, response: web.StreamResponse) -> No
 
 async def _live(request: web.Request) -> web.StreamResponse:
     views, run = request.app[VIEWS], request.app[RUN]
-    if len(views) >= VIEWERS:
-        return web.Response(status=503, text=f"{VIEWERS} pages are open already: close one.\n")
-    view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
-    await view.prepare(request)
+    view = await admit(request, views, VIEWERS)
+    if view is None:
+        return web.Response()
     views.add(view)
     credit = asyncio.Semaphore(CREDIT)
     try:
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(_send(view, Feed(run), credit))
-            await _receive(view, run, credit)
+            await _receive(view, run, credit, local=_is_local(request))
             sending.cancel()
     finally:
         views.discard(view)
@@ -109,15 +113,27 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
             await asyncio.sleep(PERIOD)
 
 
-async def _receive(view: web.WebSocketResponse, run: WatchedRun, credit: asyncio.Semaphore) -> None:
+def _is_local(request: web.Request) -> bool:
+    """Return whether a page is open on this machine: both ends of its connection then have the same address."""
+    if request.transport is None:
+        return False
+    peer, own = (request.transport.get_extra_info(end) for end in ("peername", "sockname"))
+    return bool(peer and own and peer[0] == own[0])
+
+
+async def _receive(view: web.WebSocketResponse, run: WatchedRun, credit: asyncio.Semaphore, *, local: bool) -> None:
+    gate, snapshot = FloodGate(FLOOD_RATE), None
     async for message in view:
+        if gate.overflows():
+            await end_flood(view)
+            return
         if message.type is not WSMsgType.TEXT:
             continue
         if message.data == "ok":
             credit.release()
             continue
-        snapshot = run.snapshot()
-        request = parse_request(message.data, snapshot.state if snapshot else State())
+        snapshot = run.snapshot(snapshot)  # only what is new: a flood of requests must stay cheap
+        request = parse_request(message.data, snapshot.state if snapshot else State(), local=local)
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
         else:

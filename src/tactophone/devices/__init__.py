@@ -9,6 +9,7 @@ from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient, JackPort
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
+from tactophone.devices.stream import StreamDevice
 from tactophone.devices.survey import SurveyedDevice, survey
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "PortAudioDevice",
     "PortAudioStream",
     "Process",
+    "StreamDevice",
     "SurveyedDevice",
     "open_at_rate",
     "survey",

@@ -2,7 +2,7 @@
 
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from tactophone.config import Settings
 from tactophone.dashboard import Page
@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from aiohttp import web
 
 
-def serve_game(game: GameSettings, address: str | None = None) -> Page:
-    """Serve the stone box's page in a process of its own.
+def serve_game(game: GameSettings, address: str | None = None, **place: Any) -> Page:
+    """Serve the stone box's page in a process of its own; ``place`` as in `tactophone.dashboard.Page`.
 
     Raises
     ------
     TactophoneError
         If the address is not available, or the web server is not installed.
     """
-    return Page(partial(_application, game), address)
+    return Page(partial(_application, game), address, **place)
 
 
 def open_finger(inbox: Connection, settings: Settings) -> Source:

@@ -22,7 +22,9 @@ from aiohttp import WSMsgType, web
 from numpy.typing import NDArray
 
 from tactophone.dashboard import WatchedRun, pack, step_table
-from tactophone.dashboard.server import CREDIT, MAX_MESSAGE_BYTES, page
+from tactophone.dashboard.admission import FLOOD_RATE, TAKEN, FloodGate, admit, end_flood
+from tactophone.dashboard.fingertip import command_of
+from tactophone.dashboard.server import CREDIT, page
 from tactophone.game.rounds import GameSettings, Point, Round, read_results, within_reach
 from tactophone.telemetry import Request, Snapshot
 from tactophone.types import Touch
@@ -35,9 +37,6 @@ LONGEST_ROUND = 600.0
 
 SHOWN = 2_000
 """Points of a signal on the last screen."""
-
-TAKEN = 4001
-"""WebSocket close code, of the range for applications: the game was opened in another window."""
 
 STATIC = files("tactophone.game") / "static"
 
@@ -61,8 +60,9 @@ class _PlayerSlot:
         self._view: web.WebSocketResponse | None = None
 
     async def connect(self, request: web.Request) -> web.StreamResponse:
-        view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
-        await view.prepare(request)
+        view = await admit(request, (), 1)
+        if view is None:
+            return web.Response()
         if self._view is not None and not self._view.closed:
             loser = view if "again" in request.query else self._view
             await loser.close(code=TAKEN)
@@ -98,7 +98,11 @@ class _Player:
             "choose": self._choose,
             "delay": self._delay,
         }
+        gate = FloodGate(FLOOD_RATE)
         async for message in self._view:
+            if gate.overflows():
+                await end_flood(self._view)
+                return
             if message.type is not WSMsgType.TEXT:
                 continue
             if message.data == "ok":
@@ -130,7 +134,7 @@ class _Player:
     def _message(self, snapshot: Snapshot) -> bytes:
         # The operator's side starts before the robot's: a round can begin when sound has arrived.
         started = snapshot.alive and snapshot.step_end > 0
-        header: dict[str, Any] = {"alive": started, "armed": snapshot.state.armed}
+        header: dict[str, Any] = {**command_of(snapshot, self._last), "alive": started}
         if self._round is not None:
             self._keep(snapshot)
             if self._round.trainer and len(snapshot.steps):

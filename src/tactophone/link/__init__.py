@@ -8,7 +8,7 @@ from tactophone.link.codec_loopback import round_trip
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
-from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
+from tactophone.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity, Peers
 from tactophone.link.packet import parse_packet
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.playout import Playout
@@ -20,7 +20,9 @@ from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
 
 __all__ = [
+    "CERTIFICATE_FILE",
     "IDENTITY_FOLDER",
+    "KEY_FILE",
     "NARROW_BAND",
     "Address",
     "Codec",

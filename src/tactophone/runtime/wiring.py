@@ -68,7 +68,11 @@ def open_device(settings: Settings) -> Source:
         return jack_source(contact=capture.contact, air=capture.air, server=process.jack_server, name=name)
     if capture.source == "portaudio":
         return portaudio_source(capture.device, channels=2 if capture.air else 1)
-    raise ConfigError(f"capture.source = {capture.source!r} is not a device; devices are jack and portaudio")
+    if capture.source == "microphone":
+        return portaudio_source(capture.device, channels=1)
+    raise ConfigError(
+        f"capture.source = {capture.source!r} is not a device; devices are jack, portaudio and microphone"
+    )
 
 
 def open_actuator(settings: Settings, render: Render) -> Actuator:

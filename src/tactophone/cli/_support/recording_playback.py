@@ -29,7 +29,7 @@ class Take:
 
 def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
     """Play takes on the page, if ``--dashboard`` was set, over and over until interrupted."""
-    if not args.dashboard or not takes:
+    if not (args.dashboard or args.lan) or not takes:
         return
     with Telemetry(name) as telemetry, dashboard_options.shown(args, name):
         terminal.log().print("playing back on the page until Ctrl-C")

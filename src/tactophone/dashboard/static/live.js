@@ -1,7 +1,19 @@
 // The feed: one WebSocket, binary messages in (their layout: message.py), requests out.
 
 const RETRY = 1000; // ms
-const TAKEN = 4001; // close code of game/server.py: another window took over
+const TAKEN = 4001; // close code of admission.py: another window took over
+const OTHER_VERSION = 4002;
+const VERSION = "1"; // of the messages: as in admission.py
+
+export const NO_RETRY = 1000; // close code of a socket that the page closed itself
+
+/** Open a WebSocket beside the page, with the version of this page. */
+export function socketTo(path) {
+  const address = new URL(path, location.href);
+  address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+  address.searchParams.set("v", VERSION);
+  return new WebSocket(address);
+}
 
 /** Split a message into its header and its tables; a table is {rows, columns, numbers}, row by row. */
 export function parse(buffer) {
@@ -20,6 +32,7 @@ export function parse(buffer) {
 export class Feed {
   #path;
   #socket = null;
+  #closed = false;
 
   constructor(path, { onMessage, onAnswer, onLost }) {
     this.#path = path;
@@ -29,19 +42,24 @@ export class Feed {
     this.#connect();
   }
 
+  /** Disconnect for good. */
+  close() {
+    this.#closed = true;
+    this.#socket.close(NO_RETRY);
+  }
+
   send(request) {
     if (this.#socket.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(request));
   }
 
   #connect(query = "") {
-    const address = new URL(this.#path + query, location.href);
-    address.protocol = "ws:";
-    this.#socket = new WebSocket(address);
+    this.#socket = socketTo(this.#path + query);
     this.#socket.binaryType = "arraybuffer";
     this.#socket.addEventListener("message", ({ data }) => this.#take(data));
-    this.#socket.addEventListener("close", ({ code }) => {
-      this.onLost(code === TAKEN ? "opened in another window" : "disconnected");
-      setTimeout(() => this.#connect("?again"), RETRY);
+    this.#socket.addEventListener("close", ({ code, reason }) => {
+      if (this.#closed) return;
+      this.onLost(code === TAKEN ? "opened in another window" : reason || "disconnected");
+      if (code !== OTHER_VERSION) setTimeout(() => this.#connect("?again"), RETRY);
     });
   }
 

@@ -3,7 +3,8 @@
 import { put, formatNumber } from "../static/figures.js";
 import { Feed } from "../static/live.js";
 import { reveal } from "./reveal.js";
-import { Speaker } from "./speaker.js";
+import { Fingertip } from "../static/fingertip.js";
+import { Speaker } from "../static/speaker.js";
 import { Hand } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
@@ -22,10 +23,14 @@ const speaker = new Speaker((time) => {
   feed.send({ action: "delay", seconds: delay / 1000 });
 });
 
+// The motor of a phone or gamepad beside the sound, which always plays.
+const motor = new Fingertip({ onWay: () => {}, quiet: true });
+
 const feed = new Feed("player", {
   onMessage: ({ header, tables }) => {
     if (header.result) return lift(header, tables);
     speaker.play(tables.vibration.numbers);
+    motor.take(header);
     if (header.alive) showLife(header.armed ? "ready" : "muted by a fault: begin a new round", header.armed);
     else showLife("starting", false);
     $("begin").disabled = $("again").disabled = !header.alive;
@@ -84,7 +89,12 @@ async function begin() {
   $("done").disabled = true;
   feed.send({ action: "begin", trainer: $("trainer").checked });
   $("stage").focus();
-  await speaker.start();
+  motor.start();
+  try {
+    await speaker.start();
+  } catch (error) {
+    return put($("message"), error.message); // vibration goes on where there is any
+  }
   speaker.volume = $("volume").valueAsNumber;
   speaker.overtones = $("overtones").checked;
 }

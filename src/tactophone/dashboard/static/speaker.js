@@ -1,26 +1,26 @@
-// Plays the vibration as sound, and by a phone's own motor; reports when sound starts after silence.
+// Plays the vibration as sound; reports when sound starts after silence.
 
 const RATE = 48000;
-const BUZZ = 50; // ms of a phone's vibration at a time: its motor is not faster
-const WEAKEST_BUZZ = 0.02; // of full drive
+
+export const NEEDS_HTTPS = "Sound is missing: a browser plays it only at a secure address. Start again with --https, or open the page on the machine itself.";
 
 export class Speaker {
   #context = null;
   #node = null;
   #gain = null;
   #shaper = null;
-  #strength = 0;
 
   /** `onSound(time)`: the first vibration after silence left the loudspeaker at that time of `performance.now()`. */
   constructor(onSound) {
     this.onSound = onSound;
   }
 
-  /** Browsers allow sound only after a button press: call this from its handler. */
+  /** Browsers allow sound only after a button press: call this from its handler. Throws what is missing, in words. */
   async start() {
-    if (this.#context) return this.#context.resume();
-    if (navigator.vibrate) setInterval(() => this.#buzz(), BUZZ);
-    this.#context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
+    if (this.#node) return this.#context.resume();
+    this.#context ??= new AudioContext({ sampleRate: RATE, latencyHint: 0 });
+    // Plain http over a network is no secure context, and there is no audioWorklet.
+    if (!this.#context.audioWorklet) throw new Error(NEEDS_HTTPS);
     await this.#context.audioWorklet.addModule(new URL("./vibration.js", import.meta.url));
     this.#node = new AudioWorkletNode(this.#context, "vibration", { numberOfInputs: 0, outputChannelCount: [1] });
     this.#node.port.addEventListener("message", ({ data }) => this.#report(data));
@@ -33,9 +33,12 @@ export class Speaker {
 
   /** Queue samples. */
   play(samples) {
-    if (!samples.length) return;
-    this.#strength = samples.reduce((greatest, sample) => Math.max(greatest, Math.abs(sample)), 0);
-    this.#node?.port.postMessage(samples);
+    if (samples.length) this.#node?.port.postMessage(samples);
+  }
+
+  /** Drop what is queued. */
+  silence() {
+    this.#node?.port.postMessage(null);
   }
 
   set volume(value) {
@@ -54,9 +57,5 @@ export class Speaker {
   #report({ time }) {
     const { contextTime, performanceTime } = this.#context.getOutputTimestamp();
     this.onSound(performanceTime + 1000 * (time - contextTime));
-  }
-
-  #buzz() {
-    if (this.#strength > WEAKEST_BUZZ) navigator.vibrate(Math.ceil(BUZZ * Math.min(1, 2 * this.#strength)));
   }
 }

@@ -39,6 +39,11 @@ class Vibration extends AudioWorkletProcessor {
   }
 
   #take(samples) {
+    if (samples === null) {
+      this.#read = this.#written;
+      this.#waiting = true;
+      return;
+    }
     for (const sample of samples.subarray(-CAPACITY / 2)) this.#ring[this.#written++ % CAPACITY] = sample;
     if (this.#written - this.#read > MOST) this.#read = this.#written - TARGET;
   }

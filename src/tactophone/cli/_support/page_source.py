@@ -1,0 +1,43 @@
+"""``--source browser`` and ``--source microphone``: one air microphone, of a page or of this machine."""
+
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+
+from tactophone import config
+from tactophone.capture import browser_source
+from tactophone.cli._support.sources import open_source
+from tactophone.config import Settings
+from tactophone.runtime.wiring import OpenSource
+from tactophone.types import Source
+
+MODEL = "impulses"
+"""The shipped model for one air microphone; `paper-mono` was trained on a contact microphone."""
+
+
+@dataclass(frozen=True, slots=True)
+class PageSource:
+    """What opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources."""
+
+    open: OpenSource
+    microphone: Connection | None
+
+
+def source_of(settings: Settings) -> PageSource:
+    """Return how the source of the settings is opened."""
+    if settings.capture.source != "browser":
+        return PageSource(open_source, None)
+    inbox, microphone = Pipe(duplex=False)
+    return PageSource(partial(_open_browser, inbox), microphone)
+
+
+def for_one_microphone(settings: Settings) -> Settings:
+    """Choose the model for one air microphone, where that is the source and no model is named."""
+    if settings.capture.source not in ("browser", "microphone") or settings.detector.model:
+        return settings
+    return config.change(settings, [f"detector.model={MODEL}"])
+
+
+def _open_browser(sound: Connection, _: Settings) -> Source:
+    return browser_source(sound)

@@ -1,0 +1,101 @@
+"""The vibration for pages that render it: the newest command and the waveform, read once for all of them.
+
+A page fades to silence by itself 150 ms after its last command (`static/fingertip.js`). So this sends a command only
+when the run has made a new one, and nothing stands in for a run that stalls or ends.
+"""
+
+import asyncio
+import time
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from aiohttp import WSMsgType, web
+
+from tactophone.dashboard.admission import FLOOD_RATE, FloodGate, admit, end_flood
+from tactophone.dashboard.feed import WatchedRun
+from tactophone.dashboard.message import pack
+from tactophone.telemetry import Snapshot
+
+PERIOD = 0.005
+"""Seconds between two looks for a new command: half the interval of predictions."""
+
+CREDIT = 6
+"""Unacknowledged messages to a page, 30 ms of them; a stalled page gets none until it answers."""
+
+FINGERTIPS = 16
+"""Greatest number of pages that render the vibration at once."""
+
+
+def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
+    """Return what a page renders: ``command`` is ``None`` unless the run has made a new one since ``last``.
+
+    The amplitude is that after every limit and the output gate, 0 to 1 of full drive.
+    """
+    entries: dict[str, Any] = {
+        "alive": snapshot.alive,
+        "armed": snapshot.state.armed,
+        "muted_because": snapshot.state.muted_because,
+        "ceiling": snapshot.state.ceiling,
+        "command": None,
+    }
+    if len(snapshot.steps) and snapshot.alive and (last is None or snapshot.step_end != last.step_end):
+        newest = snapshot.steps[-1]
+        amplitude = float(newest["amplitude"]) * snapshot.state.armed
+        entries["command"] = [amplitude, float(newest["roughness"]), float(newest["frequency"])]
+    return entries
+
+
+class Fingertips:
+    """All pages that render a run's vibration; one task reads the run for all of them, while there are any."""
+
+    def __init__(self, run: WatchedRun) -> None:
+        self._run = run
+        self._credit: dict[web.WebSocketResponse, int] = {}
+        self._sending: asyncio.Task[None] | None = None
+        self._last: Snapshot | None = None
+
+    async def connect(self, request: web.Request) -> web.StreamResponse:
+        """Serve one page until it leaves."""
+        view = await admit(request, self._credit, FINGERTIPS)
+        if view is None:
+            return web.Response()
+        self._credit[view] = CREDIT
+        if self._sending is None or self._sending.done():
+            self._sending = asyncio.create_task(self._send())
+        gate = FloodGate(FLOOD_RATE)
+        try:
+            async for message in view:
+                if gate.overflows():
+                    await end_flood(view)
+                elif message.type is WSMsgType.TEXT and message.data == "ok" and self._credit[view] < CREDIT:
+                    self._credit[view] += 1
+        finally:
+            del self._credit[view]
+        return view
+
+    async def _send(self) -> None:
+        self._last = None
+        while self._credit:
+            begun = time.monotonic()
+            if message := self._message():
+                for view in [view for view, credit in self._credit.items() if credit]:
+                    self._credit[view] -= 1
+                    with suppress(ConnectionError):
+                        await view.send_bytes(message)
+            await asyncio.sleep(max(0.0, PERIOD - (time.monotonic() - begun)))
+
+    def _message(self) -> bytes:
+        """Return the message with what is new; empty when nothing is."""
+        snapshot = self._run.snapshot(self._last)
+        if snapshot is None:
+            return b""
+        restarted = self._last is not None and snapshot.step_end < self._last.step_end
+        # A page plays only what follows its first message; older vibration is out of date.
+        vibration = np.zeros(0, np.float32) if self._last is None or restarted else snapshot.vibration
+        entries = command_of(snapshot, None if restarted else self._last)
+        state_changed = self._last is None or self._last.state != snapshot.state or self._last.alive != snapshot.alive
+        self._last = snapshot
+        if entries["command"] is None and not len(vibration) and not state_changed:
+            return b""
+        return pack(entries, {"vibration": vibration})

@@ -1,0 +1,46 @@
+// *Feel it here*: the button, the way it is rendered, and the feed of commands while it is on.
+
+import { put } from "./figures.js";
+import { Feed } from "./live.js";
+import { Fingertip } from "./fingertip.js";
+
+const $ = (id) => document.getElementById(id);
+let feed = null;
+let lost = "";
+
+const fingertip = new Fingertip({
+  onWay: (text, way) => {
+    put($("feel-way"), lost || text);
+    $("feel-way").dataset.way = way;
+  },
+});
+
+async function toggle() {
+  const on = !fingertip.on;
+  $("feel").ariaPressed = on;
+  put($("feel"), on ? "Stop feeling" : "Feel it here");
+  if (!on) {
+    fingertip.stop();
+    feed?.close();
+    feed = null;
+    lost = "";
+    return put($("feel-way"), "");
+  }
+  feed = new Feed("feel", {
+    onMessage: ({ header, tables }) => {
+      lost = header.armed ? "" : `Muted: ${header.muted_because || "not armed"}.`;
+      fingertip.take(header, tables.vibration.numbers);
+      if (lost) put($("feel-way"), lost);
+    },
+    onAnswer: () => {},
+    onLost: (why) => { put($("feel-way"), `Silent: ${why}.`); },
+  });
+  await fingertip.start();
+  fingertip.volume = $("feel-volume").valueAsNumber;
+  fingertip.overtones = true;
+  fingertip.choose($("feel-by").value);
+}
+
+$("feel").addEventListener("click", toggle);
+$("feel-by").addEventListener("change", ({ target }) => fingertip.choose(target.value));
+$("feel-volume").addEventListener("input", ({ target }) => { fingertip.volume = target.valueAsNumber; });

@@ -1,0 +1,64 @@
+// The page that listens: the device's microphone, unprocessed, to the run.
+
+import { NO_RETRY, socketTo } from "./live.js";
+
+const RATE = 48000;
+const MOST_QUEUED = 40000; // bytes, 0.2 s: on a slow network sound is dropped rather than sent late
+const RAW = { channelCount: 1, sampleRate: RATE, echoCancellation: false, noiseSuppression: false, autoGainControl: false };
+
+const REASONS = {
+  NotAllowedError: "The browser refused the microphone: allow it for this page, beside the address, and try again.",
+  NotFoundError: "This device has no microphone: connect one, and try again.",
+  NotReadableError: "The microphone is in use by another program: close that, and try again.",
+};
+
+export class Microphone {
+  #stream = null;
+  #context = null;
+  #socket = null;
+
+  /** `onState(text, live)`. */
+  constructor({ onState }) {
+    this.onState = onState;
+    addEventListener("pagehide", () => this.stop());
+  }
+
+  get on() { return this.#stream !== null; }
+
+  /** Start, from a button's handler. */
+  async start() {
+    if (!navigator.mediaDevices?.getUserMedia) {
+      return this.onState("A browser gives the microphone only to a secure address: start again with --https, or use a page on the machine itself.", false);
+    }
+    try {
+      this.#stream = await navigator.mediaDevices.getUserMedia({ audio: RAW, video: false });
+      await this.#connect();
+    } catch (error) {
+      this.stop(REASONS[error.name] ?? `The microphone cannot be used: ${error.message}`);
+    }
+  }
+
+  stop(reason = "") {
+    this.#stream?.getTracks().forEach((track) => track.stop());
+    this.#socket?.close();
+    this.#context?.close();
+    this.#stream = this.#context = this.#socket = null;
+    this.onState(reason, false);
+  }
+
+  async #connect() {
+    const socket = socketTo("listen");
+    this.#socket = socket;
+    socket.addEventListener("close", ({ code, reason }) => {
+      if (this.#socket === socket) this.stop(reason || (code === NO_RETRY ? "" : "The run has ended, or takes no microphone from a page."));
+    });
+    this.#context = new AudioContext({ sampleRate: RATE, latencyHint: 0 });
+    await this.#context.audioWorklet.addModule(new URL("./capture.js", import.meta.url));
+    const node = new AudioWorkletNode(this.#context, "capture", { numberOfOutputs: 0, channelCount: 1, channelCountMode: "explicit" });
+    node.port.onmessage = ({ data }) => {
+      if (socket.readyState === WebSocket.OPEN && socket.bufferedAmount < MOST_QUEUED) socket.send(data);
+    };
+    this.#context.createMediaStreamSource(this.#stream).connect(node);
+    this.onState("This microphone is live: it is sent to the run as long as this page is open.", true);
+  }
+}
