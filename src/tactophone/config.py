@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.types import DEFAULT_CEILING
+from tactophone.types import DEFAULT_CEILING, DEFAULT_TIP, TIP_NAMES
 
 _ANY = (-math.inf, math.inf)
 
@@ -41,6 +41,7 @@ class Capture:
     device: str = _setting(
         "", "PortAudio device (name or number), recording to play, or seed of the simulated finger; empty: the default"
     )
+    tip: str = _choice(DEFAULT_TIP, "tip that touches: the simulated finger's", TIP_NAMES)
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
     block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))

@@ -27,6 +27,12 @@ CONTACT = 0
 AIR = 1
 """Channel of the air microphone, the MEMS beside the finger."""
 
+TIP_NAMES = ("rubber", "pad", "plastic", "stylus")
+"""Kinds of tip that touch, softest first: soft rubber, a hard skin on a silicone pad, a plastic rod, a steel stylus."""
+
+DEFAULT_TIP = "pad"
+"""The tip of the paper's finger, as the simulator has it."""
+
 
 class Touch(enum.IntEnum):
     """What the finger does, in the class order of the paper's published models."""

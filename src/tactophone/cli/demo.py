@@ -25,6 +25,7 @@ PATIENCE = 20.0
 """Seconds beyond the sound's length after which a hanging demonstration is ended."""
 
 FLAGS = {
+    "--tip": "capture.tip",
     "--codec": "link.codec",
     "--packet-duration": "link.packet_duration",
     "--send-predictions": "link.send_predictions",
@@ -61,9 +62,10 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.telemetry import read_timeline
 
     args.out.mkdir(parents=True, exist_ok=True)
-    source = FileSource(args.recording or _demonstration(args.out, args.seed))
+    settings = flags.settings_of(args)
+    source = FileSource(args.recording or _demonstration(args.out, args.seed, settings.capture.tip))
     terminal.log().print(f"sending {source.duration:.0f} s of sound over {args.network}, in real time", style="dim")
-    settings = _settings(args, source.path)
+    settings = _over(settings, source.path)
     name = settings.process.name
     with (
         both_sides(settings, args.network, name=name, seed=args.seed) as sides,
@@ -82,14 +84,14 @@ def _timeline(args: argparse.Namespace) -> Path:
     return args.log or Path(args.out, TIMELINE)
 
 
-def _demonstration(folder: Path, seed: int) -> Path:
+def _demonstration(folder: Path, seed: int, tip: str) -> Path:
     from tactophone.simulation import write_demonstration
 
-    return write_demonstration(folder, seed=seed)
+    return write_demonstration(folder, seed=seed, tip=tip)
 
 
-def _settings(args: argparse.Namespace, sound: Path) -> Settings:
-    settings = flags.settings_of(args)
+def _over(settings: Settings, sound: Path) -> Settings:
+    """Settings of both sides over a recording."""
     fixed = ["capture.source=file", f"capture.device={sound}", "capture.loop=false", "output.actuator=none"]
     return config.change(settings, [*fixed, f"process.name={settings.process.name or 'demo'}"])
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FLAGS = {
     "--source": "capture.source",
     "--device": "capture.device",
+    "--tip": "capture.tip",
     "--actuator": "output.actuator",
     "--output": "output.device",
     "--actuator-port": "output.port",

@@ -11,6 +11,7 @@ FLAGS = {
     "--port": "link.port",
     "--source": "capture.source",
     "--device": "capture.device",
+    "--tip": "capture.tip",
     "--contact": "capture.contact",
     "--air": "capture.air",
     "--codec": "link.codec",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from tactophone.cli._support import terminal
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
+from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 if TYPE_CHECKING:
     from tactophone.simulation import SimulatedObject, Take
@@ -72,6 +73,7 @@ def _sound_arguments(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
     add("--seed", type=int, default=0, help="random seed of sessions, strokes and noise")
     add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
+    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
 def _objects(args: argparse.Namespace) -> int:
@@ -105,7 +107,9 @@ def _row(obj: "SimulatedObject") -> dict[str, object]:
 def _dataset(args: argparse.Namespace) -> int:
     from tactophone.simulation import PAPER, RenderOptions, plan_dataset, render_dataset, write_manifest
 
-    options = RenderOptions(args.seconds, args.seed, opus=args.opus, authors_layout=args.authors_layout, bits=args.bits)
+    options = RenderOptions(
+        args.seconds, args.seed, opus=args.opus, authors_layout=args.authors_layout, bits=args.bits, tip=args.tip
+    )
     objects = _objects_named(args.objects)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
@@ -130,7 +134,7 @@ def _competition(args: argparse.Namespace) -> int:
     from tactophone.dataset import write_metadata
     from tactophone.simulation import DAYS, CompetitionRun, run_recording, write_finals, write_run
 
-    runs = [CompetitionRun(day, number + 1, args.seed) for day in DAYS for number in range(args.runs)]
+    runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
     args.out.mkdir(parents=True, exist_ok=True)
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")

@@ -35,12 +35,13 @@ from tactophone.simulation.physics.scene import Scene, five_stones, row, single
 from tactophone.simulation.physics.sensor_faults import CODES, FaultSpan, FaultySource
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
+from tactophone.simulation.physics.tip import TIPS, Tip
 
 __all__ = [
-    "CODES", "DAYS", "LIFT", "PAPER", "TAKES", "CompetitionRun", "Electronics", "FaultSpan", "FaultySource",
+    "CODES", "DAYS", "LIFT", "PAPER", "TAKES", "TIPS", "CompetitionRun", "Electronics", "FaultSpan", "FaultySource",
     "Finger", "Move", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
     "SimulatedFinger", "SimulatedObject", "SimulatedParticipant", "SoundToVibration", "StrokingFinger",
-    "Take", "Truth", "catalogue", "demonstration", "find", "five_stones", "perceive_visits", "plan_dataset",
+    "Take", "Tip", "Truth", "catalogue", "demonstration", "find", "five_stones", "perceive_visits", "plan_dataset",
     "play_rounds", "read_render_metadata", "render_dataset", "render_visits", "row", "run_recording",
     "shuffled", "single", "summarize_rounds", "take_moves", "write_demonstration", "write_finals",
     "write_manifest", "write_run",

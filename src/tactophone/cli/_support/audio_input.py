@@ -12,7 +12,7 @@ from tactophone.cli._support import flags
 if TYPE_CHECKING:
     from tactophone.types import AudioBlock, Source
 
-FLAGS = {"--source": "capture.source", "--device": "capture.device"}
+FLAGS = {"--source": "capture.source", "--device": "capture.device", "--tip": "capture.tip"}
 
 SETTLING = 0.5
 """Seconds that are discarded after a source is opened and after each instruction."""
@@ -62,7 +62,9 @@ class AudioInput:
         if self.name == "finger":
             from tactophone.simulation import FaultSpan, FaultySource, SimulatedParticipant, find
 
-            self._participant = SimulatedParticipant(find(object_name), gain_db=args.finger_gain, seed=args.seed)
+            self._participant = SimulatedParticipant(
+                find(object_name), gain_db=args.finger_gain, seed=args.seed, tip=settings.capture.tip
+            )
             faults = [FaultSpan.parse(text) for text in args.fault]
             self.source: Source = FaultySource(self._participant, faults)
         else:

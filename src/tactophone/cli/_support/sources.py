@@ -25,7 +25,7 @@ def open_source(settings: Settings) -> Source:
     if capture.source == "finger":
         from tactophone.simulation import StrokingFinger
 
-        return StrokingFinger(capture.block_size, seed=_seed(capture.device))
+        return StrokingFinger(capture.block_size, seed=_seed(capture.device), tip=capture.tip)
     if capture.source != "file":
         return open_device(settings)
     if not capture.device:

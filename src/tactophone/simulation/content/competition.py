@@ -16,9 +16,10 @@ from tactophone.simulation.content.stone_order import shuffled
 from tactophone.simulation.physics.scene import Scene, five_stones
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
+from tactophone.types import DEFAULT_TIP
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
-VERSION = "1"
+VERSION = "2"
 """Raise it when the same seed gives other sound."""
 
 DAYS = (1, 2)
@@ -36,6 +37,7 @@ class CompetitionRun:
     day: int
     number: int
     seed: int = 0
+    tip: str = DEFAULT_TIP
 
     @property
     def name(self) -> str:
@@ -45,7 +47,7 @@ class CompetitionRun:
     @property
     def fingerprint(self) -> str:
         """Everything that the sound depends on."""
-        return f"competition {VERSION} {self.seed} {self.name}"
+        return f"competition {VERSION} {self.seed} {self.name} {self.tip}"
 
     @property
     def scene(self) -> Scene:
@@ -69,7 +71,7 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
                       slips=rng.random() < SLIP_SHARE)  # fmt: skip
         explore(script, placed, visit)
     script.hover(1.0)
-    session = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION)
+    session = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION, tip=run.tip)
     seed = [0xC1, run.seed, run.day, run.number]
     finger = SimulatedFinger(scene, script.moves, session=session, seed=seed, place=_START)
     return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
@@ -93,6 +95,7 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
         "stones": " ".join(label.name.lower() for label in run.order),
         "truth": f"{run.name}.csv",
         "split": "competition",
+        "tip": run.tip,
         "source": "simulated",
     }
     return Recording(

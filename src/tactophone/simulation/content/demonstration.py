@@ -12,6 +12,7 @@ from tactophone.simulation.content.render_store import touch_segments
 from tactophone.simulation.physics.scene import row
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
+from tactophone.types import DEFAULT_TIP
 
 STROKING = 3.0
 """Seconds on each stone."""
@@ -19,8 +20,8 @@ STROKING = 3.0
 _START = (-0.03, 0.035)
 
 
-def demonstration(seed: int = 0) -> SimulatedFinger:
-    """Return a finger with a script of about ten seconds, drawn from the seed.
+def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP) -> SimulatedFinger:
+    """Return a finger with this tip and a script of about ten seconds, drawn from the seed.
 
     The stones are those of the competition, on which no shipped model was trained.
     """
@@ -31,13 +32,13 @@ def demonstration(seed: int = 0) -> SimulatedFinger:
     for placed, slips in zip(scene.placed, (False, True), strict=True):
         explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
-    session = SessionVariation.draw(seed, COMPETITION)
+    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
     return SimulatedFinger(scene, script.moves, session=session, seed=seed, duration=script.time, place=_START)
 
 
-def write_demonstration(folder: Path, *, seed: int) -> Path:
+def write_demonstration(folder: Path, *, seed: int, tip: str = DEFAULT_TIP) -> Path:
     """Write the demonstration's sound and its labels as a data set of one recording; return the path of the sound."""
-    path, finger = folder / "microphones.wav", demonstration(seed)
+    path, finger = folder / "microphones.wav", demonstration(seed, tip=tip)
     indices = []
     with soundfile.SoundFile(path, "w", finger.sample_rate, finger.channels, "PCM_24") as file, finger:
         for block in finger:

@@ -22,15 +22,16 @@ from tactophone.simulation.content.render_store import (
     write_sound,
 )
 from tactophone.simulation.content.takes import TAKES, Take
-from tactophone.simulation.physics.finger import FLEXURE
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.simulation.physics.motion import Hand, Move
 from tactophone.simulation.physics.scene import Scene, single
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
+from tactophone.simulation.physics.tip import tip_named
+from tactophone.types import DEFAULT_TIP
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
-VERSION = "1"
+VERSION = "2"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
 
 DURATION = 30.0
@@ -56,6 +57,8 @@ class RenderOptions:
         ``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``.
     bits
         16 or 24 per sample.
+    tip
+        What touches: one of `~tactophone.simulation.physics.tip.TIPS`.
     """
 
     duration: float = DURATION
@@ -63,6 +66,7 @@ class RenderOptions:
     opus: bool = False
     authors_layout: bool = False
     bits: int = 16
+    tip: str = DEFAULT_TIP
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,8 @@ class RenderJob:
     @property
     def fingerprint(self) -> str:
         """A hash of everything that the sound depends on."""
-        return hashlib.sha256(f"{VERSION} {self!r} {SessionVariation()!r} {FLEXURE!r}".encode()).hexdigest()[:16]
+        tip = tip_named(self.options.tip)
+        return hashlib.sha256(f"{VERSION} {self!r} {SessionVariation()!r} {tip!r}".encode()).hexdigest()[:16]
 
     @property
     def session(self) -> int:
@@ -146,7 +151,7 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground truth."""
     scene = single(job.object, job.mounting)
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
-    session = SessionVariation.draw(job.session)
+    session = SessionVariation.draw(job.session, tip=job.options.tip)
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     return (through_opus(block.samples) if job.options.opus else block.samples), finger.truth
@@ -185,6 +190,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         "rq_um": f"{roughness.rq * 1e6:.2f}",
         "slides": write_slides(_slides(job, metadata)),
         "seed": str(job.options.seed),
+        "tip": job.options.tip,
         "source": "simulated",
     }
     return Recording(

@@ -16,6 +16,8 @@ from tactophone.simulation.physics.motion import LIFT
 from tactophone.simulation.physics.scene import single
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
+from tactophone.simulation.physics.tip import tip_named
+from tactophone.types import DEFAULT_TIP
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 
 PRESS = 1.5
@@ -39,6 +41,8 @@ class SimulatedParticipant(AlwaysOpen):
         Extra gain of the contact microphone's preamplifier; negative attenuates.
     seed
         Of set-up, movement and noise.
+    tip
+        What touches: one of `~tactophone.simulation.physics.tip.TIPS`.
 
     Examples
     --------
@@ -53,12 +57,18 @@ class SimulatedParticipant(AlwaysOpen):
     channels = 2
 
     def __init__(
-        self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, seed: int = 0
+        self,
+        obj: SimulatedObject,
+        mounting: Mounting | None = None,
+        *,
+        gain_db: float = 0.0,
+        seed: int = 0,
+        tip: str = DEFAULT_TIP,
     ) -> None:
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        session = SessionVariation.draw(seed, amplified(Electronics(), gain_db))
+        session = SessionVariation.draw(seed, amplified(tip_named(tip).electronics, gain_db), tip=tip)
         self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
         self._now = 0.0
 

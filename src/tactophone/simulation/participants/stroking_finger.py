@@ -7,7 +7,9 @@ import numpy as np
 from tactophone.simulation.content.movement import Script, Visit, explore
 from tactophone.simulation.content.stone_order import shuffled
 from tactophone.simulation.physics.scene import five_stones
+from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
+from tactophone.types import DEFAULT_TIP
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 
 AHEAD = 1.0
@@ -23,16 +25,20 @@ class StrokingFinger(AlwaysOpen):
         Samples per block.
     seed
         Of the order of the stones, the strokes and the noise.
+    tip
+        What touches: one of `~tactophone.simulation.physics.tip.TIPS`; other than the default, its radius, mass and
+        microphone are drawn by the seed.
     """
 
     channels = 2
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(self, block_size: int, *, seed: int = 0) -> None:
+    def __init__(self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
         self._rng = np.random.default_rng([0x57, seed])
         self._scene = five_stones(shuffled(seed))
         place = self._scene.placed[0].centre
-        self._finger = SimulatedFinger(self._scene, seed=seed, block_size=block_size, place=place)
+        session = SessionVariation() if tip == DEFAULT_TIP else SessionVariation.draw(seed, tip=tip)
+        self._finger = SimulatedFinger(self._scene, session=session, seed=seed, block_size=block_size, place=place)
         self._script = Script(self._rng, x=place[0], y=place[1])
         self._queued = 0
 

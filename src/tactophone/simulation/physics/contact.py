@@ -2,8 +2,9 @@
 
 A chain of masses and springs is stepped at twice the sample rate, semi-implicitly (each speed before its position, so
 that springs do not gain energy): arm -> silicone -> pad -> contact -> body, and sideways joint -> silicone -> pad. The
-contact is Hunt-Crossley along the normal and LuGre along the surface; the track's height excites it, its slope and
-friction patches drag on it, and roughness finer than the track acts as noise.
+contact is Hunt-Crossley along the normal and LuGre along the surface. The track's height excites it: where the tip
+leaves one asperity and meets the next, the track has a cusp, and the surface's normal speed jumps. Its slope and
+friction patches drag on it.
 """
 
 from typing import Any
@@ -15,7 +16,6 @@ from tactophone.simulation.physics.compiled import compiled
 from tactophone.simulation.physics.contact_state import (
     OVERSAMPLING,
     Array,
-    Coefficients,
     ContactSignals,
     Ground,
     Motion,
@@ -32,12 +32,6 @@ _GRIP = 0.1
 _BEND = 0.25
 """Share of friction that bends the finger's shell: the pad's height over its neutral axis by its length."""
 
-_MICRO_TOP = 3000.0
-"""Hz over which micro-roughness fades: the pad's inertia low-passes it."""
-
-_MICRO_CORNER = 40.0
-"""Hz under which micro-roughness moves nothing: its wavelengths are shorter than the patch."""
-
 
 @compiled
 def slide(
@@ -52,9 +46,6 @@ def slide(
 ) -> None:
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
-    c = Coefficients(
-        step, 1 - np.exp(-2 * np.pi * _MICRO_TOP * step), 1 - np.exp(-2 * np.pi * finger.hiss_corner * step)
-    )
     s = state[0]
     for i in range(motion.position.size):
         strain, force, air, radiated = 0.0, 0.0, 0.0, 0.0
@@ -62,7 +53,7 @@ def slide(
             at = motion.position[i] + k * step * motion.speed[i]
             step_signals = _step(
                 s, finger, ground, ringing, motion.body[i], at, motion.speed[i], motion.press[i], motion.height[i],
-                noise[i, k], c,
+                noise[i, k], step,
             )  # fmt: skip
             strain += step_signals[0]
             force += step_signals[1]
@@ -75,27 +66,26 @@ def slide(
 @compiled
 def _step(
     s: Any, finger: Finger, ground: Ground, ringing: Ringing, which: int, at: float, speed: float, press: float,
-    height: float, noise: float, c: Coefficients,
+    height: float, noise: float, step: float,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     body = ground.bodies[which]
     slip = speed + s.link_speed + s.shear_speed
     track, slope, drag = _under(ground, which, at + s.link + s.shear, s.load)
-    micro = _micro_impacts(s, body, finger, abs(slip), noise, c)
     own = ground.bodies.size
     yielding, yielding_speed = _moved(ringing, which, body.modes)
     bent, bent_speed = _moved(ringing, own, ground.flexure)
-    depth = track + height + s.micro + yielding - s.pad - bent
-    rate = slope * slip + micro + yielding_speed - s.pad_speed - bent_speed
+    depth = track + height + yielding - s.pad - bent
+    rate = slope * slip + yielding_speed - s.pad_speed - bent_speed
     normal = _press(depth, rate, body.stiffness, finger.restitution)
-    tangential = _rub(s, body, finger, normal, slip, drag, noise, c)
-    pad, shear, shake = _swing(s, finger, press, normal, tangential, c.step)
+    tangential = _rub(s, body, finger, normal, slip, drag, noise, step)
+    pad, shear, shake = _swing(s, finger, press, normal, tangential, step)
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
-    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, c.step)
+    bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, step)
     air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
-    radiated = 0.0
+    radiated = body.plate * normal
     for b in range(ground.bodies.size):  # bodies that the finger has left still ring
         push = _GRIP * tangential - normal if b == which else 0.0
-        radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, c.step)[1]
+        radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, step)[1]
     s.load += 0.004 * (normal - s.load)
     return strain + bend, normal, air, radiated
 
@@ -117,16 +107,6 @@ def _under(ground: Ground, which: int, at: float, load: float) -> tuple[float, f
 
 
 @compiled
-def _micro_impacts(s: Any, body: Any, finger: Finger, slip: float, noise: float, c: Coefficients) -> float:
-    """Surface speed (m/s) of roughness finer than the track: noise under 3 kHz, growing as speed^0.75."""
-    s.micro_noise += c.micro * (noise - s.micro_noise)
-    unit = np.sqrt((2 - c.micro) / c.micro)  # of a one-pole low-pass fed with white noise
-    speed = body.micro_speed * np.sqrt(slip * 10.0 * np.sqrt(slip * 10.0)) * unit * s.micro_noise
-    s.micro += c.step * (speed - 2 * np.pi * _MICRO_CORNER * s.micro)
-    return speed
-
-
-@compiled
 def _press(depth: float, rate: float, stiffness: float, restitution: float) -> float:
     """Hunt-Crossley: ``K d^1.5 (1 + c d')``, never pulling."""
     if depth <= 0.0:
@@ -137,7 +117,7 @@ def _press(depth: float, rate: float, stiffness: float, restitution: float) -> f
 
 @compiled
 def _rub(
-    s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, c: Coefficients
+    s: Any, body: Any, finger: Finger, normal: float, slip: float, drag: float, noise: float, step: float
 ) -> float:
     """LuGre friction, solved implicitly, with the track's drag and the noise of micro-slips; in N, against the slip."""
     if normal <= 0.0:
@@ -145,11 +125,11 @@ def _rub(
         return 0.0
     speed = abs(slip)
     limit = body.kinetic + (body.static - body.kinetic) / (1.0 + (slip / body.stribeck_speed) ** 2)
-    bristle = (s.bristle + c.step * slip) / (1.0 + c.step * finger.bristle_stiffness * speed / limit)
-    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / c.step
+    bristle = (s.bristle + step * slip) / (1.0 + step * finger.bristle_stiffness * speed / limit)
+    friction = finger.bristle_stiffness * bristle + finger.bristle_damping * (bristle - s.bristle) / step
     s.bristle = bristle
-    s.friction_noise += c.friction * (noise - s.friction_noise)
-    unit = np.sqrt((2 - c.friction) / c.friction)
+    s.friction_noise += body.hiss_share * (noise - s.friction_noise)
+    unit = np.sqrt((2 - body.hiss_share) / body.hiss_share)  # of a one-pole low-pass fed with white noise
     hiss = body.hiss * normal**0.8 * np.sqrt(speed * 10.0) * unit * s.friction_noise
     return hiss - normal * (min(max(friction, -1.5), 1.5) + drag)
 

@@ -13,20 +13,21 @@ STATE = np.dtype(
         for name in (
             *("arm", "arm_speed", "pad", "pad_speed"),
             *("link", "link_speed", "shear", "shear_speed"),
-            *("bristle", "load", "micro", "micro_noise", "friction_noise"),
+            *("bristle", "load", "friction_noise"),
         )
     ]
 )
-"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and two noise filters."""
+"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filter of friction noise."""
 
 BODY = np.dtype(
     [
-        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "micro_speed", "hiss")),
+        *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "hiss", "hiss_share")),
+        ("plate", np.float64),
         ("modes", np.int64),
     ]
 )
-"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, micro-roughness and micro-slips,
-and how many modes it has."""
+"""A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, rms of micro-slips and the
+coefficient of their one-pole low-pass, pressure of the body as a plate in Pa/N, and how many modes it has."""
 
 OVERSAMPLING = 2
 """Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""
@@ -63,14 +64,6 @@ class Ringing(NamedTuple):
 
     displacement: Array
     speed: Array
-
-
-class Coefficients(NamedTuple):
-    """Length of a step (s), and the coefficients of the one-pole low-passes of micro-roughness and friction noise."""
-
-    step: float
-    micro: float
-    friction: float
 
 
 class ContactSignals(NamedTuple):

@@ -1,12 +1,14 @@
 """The finger: masses, springs and dampers, and the sensitivity of its two microphones.
 
-Values are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III). They were
+Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III); the other tips
+are in :mod:`~tactophone.simulation.physics.tip`. They were
 chosen within the cited ranges so that levels come out as the paper reports them: noise floor of the contact microphone
 a little under -26 dBFS, air microphone well under it, more so on smooth surfaces.
 """
 
 from typing import NamedTuple
 
+from tactophone.simulation.physics.contact_mechanics import SKIN
 from tactophone.simulation.physics.modes import Mode
 
 
@@ -15,8 +17,10 @@ class Finger(NamedTuple):
 
     Parameters
     ----------
-    tip_radius
-        Of the pad's curvature.
+    tip_radius, tip_modulus
+        Of the tip's curvature; plane-strain modulus of what touches.
+    air_distance
+        From the contact to the air microphone.
     arm_mass, arm_damping, arm_rest
         The force-controlled arm, moving along the normal, and the height at which it hovers.
     pad_mass, pad_stiffness, pad_damping
@@ -31,11 +35,6 @@ class Finger(NamedTuple):
         1975).
     bristle_stiffness, bristle_damping
         LuGre friction in 1/m and s/m (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
-    hiss_corner
-        Hz over which micro-slips fade (Akay, "Acoustics of friction", J. Acoust. Soc. Am. 111, 1525, 2002, section IV).
-    micro_speed
-        Rms surface speed in m/s, at 0.1 m/s, of micro-roughness of 1 um; grows as speed^0.75 (Akay 2002, section V:
-        rubbing noise grows by 6 to 15 dB per tenfold speed, and with roughness to the power 0.4 to 1).
     normal_strain, shear_strain
         Newtons at the piezo per newton of normal and tangential contact force.
     pad_radiation, shear_radiation
@@ -46,6 +45,8 @@ class Finger(NamedTuple):
     """
 
     tip_radius: float = 3e-3
+    tip_modulus: float = SKIN
+    air_distance: float = 0.02
     arm_mass: float = 0.035
     arm_damping: float = 12.0
     arm_rest: float = 3e-3
@@ -60,8 +61,6 @@ class Finger(NamedTuple):
     restitution: float = 14.0
     bristle_stiffness: float = 6e4
     bristle_damping: float = 8.0
-    hiss_corner: float = 1200.0
-    micro_speed: float = 1.0e-3
     normal_strain: float = 0.55
     shear_strain: float = 0.5
     pad_radiation: float = 1.86e-3

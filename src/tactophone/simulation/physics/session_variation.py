@@ -5,7 +5,10 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.simulation.physics.finger import Electronics, Finger
+from tactophone.simulation.physics.finger import FLEXURE, Electronics, Finger
+from tactophone.simulation.physics.modes import Mode
+from tactophone.simulation.physics.tip import tip_named
+from tactophone.types import DEFAULT_TIP
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,17 +21,25 @@ class SessionVariation:
         Mechanics and microphones.
     seed
         Draws the objects' modes and the phase of the hum.
+    flexure
+        Bending modes of what holds the tip.
     """
 
     finger: Finger = field(default_factory=Finger)
     electronics: Electronics = field(default_factory=Electronics)
     seed: int = 0
+    flexure: tuple[Mode, ...] = FLEXURE
 
     @classmethod
-    def draw(cls, seed: int, electronics: Electronics | None = None) -> Self:
-        """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %."""
-        rng = np.random.default_rng([0x5E75, seed])
-        finger, wired = Finger(), electronics or Electronics()
+    def draw(cls, seed: int, electronics: Electronics | None = None, *, tip: str = DEFAULT_TIP) -> Self:
+        """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %.
+
+        ``electronics`` replaces those of the tip; ``tip`` is one of `~tactophone.simulation.physics.tip.TIPS`.
+        """
+        rng, tip_rng = np.random.default_rng([0x5E75, seed]), np.random.default_rng([0x71B, seed])
+        chosen = tip_named(tip)
+        finger = chosen.draw_finger(tip_rng)
+        wired = chosen.draw_electronics(tip_rng, electronics)
         closeness = rng.uniform(0.85, 1.2)
         return cls(
             finger=finger._replace(
@@ -46,6 +57,7 @@ class SessionVariation:
                 room_dbfs=wired.room_dbfs + rng.normal(0, 2.5),
             ),
             seed=seed,
+            flexure=chosen.flexure,
         )
 
 

@@ -6,17 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.simulation.content.catalogue import SimulatedObject
 from tactophone.simulation.physics.compiled import compiled
 from tactophone.simulation.physics.contact import slide
 from tactophone.simulation.physics.contact_state import BODY, OVERSAMPLING, STATE, ContactSignals, Ground, Ringing
-from tactophone.simulation.physics.finger import FLEXURE, Finger
+from tactophone.simulation.physics.finger import Finger
 from tactophone.simulation.physics.microphones import NORMALS, Microphones
-from tactophone.simulation.physics.modes import body_modes, mode_table
+from tactophone.simulation.physics.modes import body_modes, mode_table, plate_pressure
 from tactophone.simulation.physics.motion import Hand, Move
 from tactophone.simulation.physics.scene import Scene
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.surface import SPACING
-from tactophone.simulation.physics.track import Material, track
+from tactophone.simulation.physics.track import Track, track
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 
 MOTOR_SPEED = 0.15
@@ -24,9 +25,6 @@ MOTOR_SPEED = 0.15
 
 HOLD = 0.02
 """Seconds that a touch outlasts the force: a finger that bounces from grain to grain has not left the object."""
-
-PAD_HEIGHT = 0.7e-6
-"""Rms height in m of the pad's own micro-roughness."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,33 +157,38 @@ class SimulatedFinger(AlwaysOpen):
 def _ground(scene: Scene, session: SessionVariation) -> Ground:
     """Make the kernel's tables of all that can be touched."""
     objects = scene.objects
-    tracks = [track(obj.surface, obj.material, session.finger.tip_radius) for obj in objects]
+    finger, flexure = session.finger, session.flexure
+    tracks = [track(obj.surface, obj.material, finger.tip_radius, finger.tip_modulus) for obj in objects]
     modes = [
         body_modes(obj.body, obj.mounting, mass=obj.mass, rng=np.random.default_rng([session.seed, 7, k]))
         for k, obj in enumerate(objects)
     ]
     bodies = np.zeros(len(objects), BODY)
-    for body, obj, ringing in zip(bodies, objects, modes, strict=True):
-        _fill(body, obj.material, session.finger)
+    for body, obj, traced, ringing in zip(bodies, objects, tracks, modes, strict=True):
+        _fill(body, obj, traced, finger)
         body["modes"] = len(ringing)
-    size = max(len(FLEXURE), *map(len, modes))
+    size = max(len(flexure), *map(len, modes))
     return Ground(
         light=np.stack([each.light for each in tracks]),
         heavy=np.stack([each.heavy for each in tracks]),
         friction=np.stack([each.friction for each in tracks]),
         spacing=SPACING,
         bodies=bodies,
-        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, FLEXURE)]),
-        flexure=len(FLEXURE),
+        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]),
+        flexure=len(flexure),
     )
 
 
-def _fill(body: np.void, material: Material, finger: Finger) -> None:
-    # Hertz: F = 4/3 E* sqrt(r) d^1.5 (Johnson 1985, eq. 4.23). Micro-roughness of pad and surface adds in power.
-    body["stiffness"] = 4 / 3 * material.stiffness * np.sqrt(material.asperity_radius)
-    body["kinetic"], body["static"] = material.kinetic, material.static
-    body["stribeck_speed"], body["hiss"] = material.stribeck_speed, material.hiss
-    body["micro_speed"] = finger.micro_speed * (np.hypot(material.micro_height, PAD_HEIGHT) / 1e-6) ** 0.8
+def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) -> None:
+    material, mechanics = obj.material, traced.mechanics
+    body["stiffness"] = mechanics.hertz_stiffness
+    # Adhesion goes with the true contact area: a hard tip on stone hardly sticks, whatever is polished.
+    body["kinetic"] = material.kinetic
+    body["static"] = material.kinetic + min(mechanics.adhesion, 1.0) * (material.static - material.kinetic)
+    body["stribeck_speed"], body["hiss"] = material.stribeck_speed, mechanics.adhesion * material.hiss
+    step = 1.0 / (OVERSAMPLING * LIVE_SAMPLE_RATE)
+    body["hiss_share"] = 1 - np.exp(-2 * np.pi * mechanics.tangential_corner(finger.pad_mass) * step)
+    body["plate"] = plate_pressure(obj.body, finger.air_distance)
 
 
 def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:

@@ -1,8 +1,9 @@
 """Surfaces as statistics of their height.
 
 A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst exponent),
-grains, pits, periodic ridges, and waviness. From these a periodic profile of 0.655 m is
-drawn, the same at every call for the same surface. All lengths in metres.
+grains, pits, periodic ridges, waviness, and a fine texture down to some micrometres. From these
+a periodic profile of 0.655 m is drawn, the same at every call for the same surface. All lengths
+in metres.
 """
 
 from dataclasses import dataclass
@@ -14,14 +15,21 @@ from tactophone.simulation.physics.compiled import compiled
 
 Profile = NDArray[np.float64]
 
-SPACING = 5e-6
-"""Metres between two samples of a profile: a tenth of the finest wavelength that a 3 mm tip lets through."""
+SPACING = 1.25e-6
+"""Metres between two samples of a profile: a third of the finest wavelength, a step of the contact at 0.12 m/s."""
 
-SIZE = 1 << 17
+SIZE = 1 << 19
 """Samples of a profile: 0.655 m, longer than any stroke, and quick to transform."""
 
 FINEST = 20e-6
-"""Shortest wavelength drawn; finer roughness acts as noise (:class:`~tactophone.simulation.physics.track.Material`)."""
+"""Shortest wavelength in m of the coarse part of a surface; the fine texture goes on from there."""
+
+FINEST_TEXTURE = 4e-6
+"""Shortest wavelength in m of the fine texture: a third of the smallest patch, of steel on steel."""
+
+_TEXTURE_ROLLOFF = 50.0, 10e-6, 300e-6
+"""The fine texture's roll-off by its rms height, and bounds in m: an rms slope of about 0.1 and an RSm of about 50 Rq,
+as ground, honed and cast surfaces have them (Persson et al. 2005, section 2; Thomas, *Rough Surfaces*, 1999)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +68,7 @@ class Surface:
     name, seed
         Identifier, and the seed of its profile.
     rms_height
-        Of the self-affine part, in m.
+        Of the coarse self-affine part, down to `FINEST`, in m.
     rolloff
         Wavelength in m beyond which the self-affine spectrum is flat; the correlation length is about a sixth of it.
     hurst
@@ -68,6 +76,8 @@ class Surface:
         "On the nature of surface roughness", J. Phys.: Condens. Matter 17, R1, 2005).
     waviness
         Rms height in m of form and waviness, of wavelengths between 3 and 20 mm.
+    fine_height
+        Rms height in m of the fine texture, a self-affine part down to `FINEST_TEXTURE`.
     grains, pits, ridges
         Features added to the profile.
     """
@@ -78,6 +88,7 @@ class Surface:
     rolloff: float
     hurst: float = 0.8
     waviness: float = 0.0
+    fine_height: float = 0.0
     grains: Grains | None = None
     pits: Pits | None = None
     ridges: Ridges | None = None
@@ -96,7 +107,17 @@ def height_profile(surface: Surface) -> Profile:
         height += self_affine(surface.waviness, 20e-3, hurst=1.0, finest=3e-3, rng=rng)
     if surface.ridges:
         height += _ridges(surface.ridges)
+    if surface.fine_height:
+        height += _fine_texture(surface)
     return height - height.mean()
+
+
+def _fine_texture(surface: Surface) -> Profile:
+    """Draw what the tip's cusps are made of, from a generator of its own."""
+    ratio, least, most = _TEXTURE_ROLLOFF
+    rng = np.random.default_rng(np.random.SeedSequence([0xF19E, surface.seed]))
+    rolloff = min(max(ratio * surface.fine_height, least), most)
+    return self_affine(surface.fine_height, rolloff, hurst=0.8, rng=rng, finest=FINEST_TEXTURE)
 
 
 def self_affine(
@@ -106,9 +127,9 @@ def self_affine(
 
     That is the one-dimensional spectrum of a self-affine surface with roll-off ``q_r`` (Persson et al., section 3).
     """
-    wavenumber = 2 * np.pi * np.fft.rfftfreq(SIZE, SPACING)
-    power = (1 + (wavenumber * rolloff / (2 * np.pi)) ** 2) ** (-(hurst + 0.5))
-    power[wavenumber > 2 * np.pi / finest] = 0
+    # Only the waves that are drawn: half a million numbers for each part would take most of the time.
+    frequency = np.arange(int(SIZE * SPACING / finest) + 1) / (SIZE * SPACING)
+    power = (1 + (frequency * rolloff) ** 2) ** (-(hurst + 0.5))
     power[0] = 0
     phase = rng.standard_normal(power.size) + 1j * rng.standard_normal(power.size)
     height = np.fft.irfft(np.sqrt(power) * phase, SIZE)

@@ -1,0 +1,163 @@
+"""The tip that touches: soft rubber, a hard skin on silicone (the default), a plastic rod, a steel stylus.
+
+The tip decides how sound shows roughness, and even the sign of some features: under a hard tip a rough surface clicks,
+under a soft one a smooth surface sticks and slips while a rough one is averaged away. So it has to be stated; it cannot
+be derived from the sound. Values are from handbooks and geometry, none from recordings.
+
+A rod is a cantilever of length L, held at its end: ``f = (3.516, 22.03, 61.70) / 2 pi * c d / 4 L^2`` with ``c`` the
+speed of longitudinal waves and ``d`` the diameter (Blevins 1979, table 8-1), a modal mass of a quarter of its own. Its
+microphone is mounted on it, so the rod's motion shakes it: 0.3 to 6 mPa per m/s^2, 43 to 69 dB SPL at 1 g, the range of
+electret capsules.
+"""
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from tactophone.errors import ConfigError
+from tactophone.simulation.physics.contact_mechanics import SKIN
+from tactophone.simulation.physics.finger import FLEXURE, Electronics, Finger
+from tactophone.simulation.physics.modes import Mode
+
+_Bounds = tuple[float, float]
+
+_STEEL = 220e9
+"""Plane-strain modulus of steel in Pa: E = 200 GPa, Poisson's ratio 0.3."""
+
+_PLASTIC = 3.3e9
+"""Of POM, PMMA or ABS, in Pa: E = 2.3 to 3 GPa, Poisson's ratio 0.35 to 0.37."""
+
+_RUBBER = 4e6
+"""Of rubber of Shore 45 to 50 A, in Pa: E = 2 to 3 MPa, Poisson's ratio 0.5."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tip:
+    """A tip, and how it varies from session to session.
+
+    Parameters
+    ----------
+    name, description
+        As the command line has it, and a line about it.
+    finger
+        Mechanics; what follows replaces parts of it.
+    flexure
+        Bending modes of what holds the tip.
+    radius, mass, air_distance, shaken
+        Bounds of ``tip_radius``, ``pad_mass``, ``air_distance`` and ``pad_radiation`` of the finger, drawn uniformly in the
+        logarithm; ``None`` leaves the finger's own.
+    electronics
+        Microphones and the noise around them.
+    air_gain_db
+        Bounds of extra gain of the air microphone: that of a stylus is unknown.
+    """
+
+    name: str
+    description: str
+    finger: Finger
+    flexure: tuple[Mode, ...] = FLEXURE
+    radius: _Bounds | None = None
+    mass: _Bounds | None = None
+    air_distance: _Bounds | None = None
+    shaken: _Bounds | None = None
+    electronics: Electronics = Electronics()  # noqa: RUF009  # an immutable tuple
+    air_gain_db: _Bounds = (0.0, 0.0)
+
+    def draw_finger(self, rng: np.random.Generator) -> Finger:
+        """Draw a session's finger."""
+        bounds = {
+            "tip_radius": self.radius,
+            "pad_mass": self.mass,
+            "air_distance": self.air_distance,
+            "pad_radiation": self.shaken,
+        }
+        drawn = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items() if pair}
+        return self.finger._replace(**drawn)
+
+    def draw_electronics(self, rng: np.random.Generator, electronics: Electronics | None = None) -> Electronics:
+        """Draw a session's microphones; ``electronics`` replaces the tip's own, such as those of a hall."""
+        wired = electronics or self.electronics
+        gain = rng.uniform(*self.air_gain_db)
+        return wired._replace(
+            air_gain=wired.air_gain * 10 ** (gain / 20),
+            room_dbfs=wired.room_dbfs + gain,
+            air_noise_dbfs=wired.air_noise_dbfs + gain,
+            motor_air_dbfs=wired.motor_air_dbfs + gain,
+        )
+
+
+_ROD = Finger(
+    arm_mass=0.12,  # a hand's fingers about a pen
+    pad_stiffness=2.5e3,  # their grip: 25 Hz with the hand's mass
+    pad_damping=4.0,
+    shear_stiffness=4e3,
+    shear_damping=4.0,
+    restitution=8.0,  # of the speed, 0.73 comes back at 5 cm/s: e = 1 - 2/3 c v (Hunt & Crossley 1975)
+    bristle_stiffness=2e5,
+    bristle_damping=15.0,
+    shear_radiation=1e-4,
+    shake_radiation=2e-4,
+)
+"""A rod in a hand."""
+
+_ROD_ELECTRONICS = Electronics(room_dbfs=-67.0, motor_air_dbfs=-95.0)
+"""A quiet room of 25 dB SPL (0 dBFS is 92 dB SPL), and a hand in place of motors."""
+
+TIPS = MappingProxyType(
+    {
+        tip.name: tip
+        for tip in (
+            Tip("rubber", "soft rubber of 4 MPa, 6 mm radius", Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
+            Tip("pad", "hard skin of 3.3 GPa on a silicone pad, 3 mm radius", Finger(tip_modulus=SKIN)),
+            Tip(
+                "plastic",
+                "plastic rod of 8 mm, 0.5 to 2 mm tip radius, the air microphone on it",
+                _ROD._replace(tip_modulus=_PLASTIC),
+                # 8 x 100 mm, c = 1.6 km/s, 6 g
+                (
+                    Mode(177.0, 1.5e-3, 0.10, 2e-5, strain=0.20),
+                    Mode(1110.0, 1.5e-3, 0.05, 1e-4, strain=0.18),
+                    Mode(3110.0, 1.5e-3, 0.04, 2.6e-4, strain=0.07),
+                ),
+                radius=(0.5e-3, 2e-3),
+                mass=(1.5e-3, 4e-3),  # from the free rod's quarter to one with a microphone
+                air_distance=(0.03, 0.15),
+                shaken=(3e-4, 6e-3),
+                electronics=_ROD_ELECTRONICS,
+                air_gain_db=(0.0, 20.0),
+            ),
+            Tip(
+                "stylus",
+                "steel stylus of 5 mm, 0.5 to 2 mm tip radius, the air microphone on it",
+                _ROD._replace(tip_modulus=_STEEL),
+                # 5 x 100 mm, c = 5.05 km/s, 15.4 g
+                (
+                    Mode(355.0, 3.8e-3, 0.10, 2e-5, strain=0.20),
+                    Mode(2220.0, 3.8e-3, 0.04, 1e-4, strain=0.18),
+                    Mode(6220.0, 3.8e-3, 0.03, 2.6e-4, strain=0.07),
+                ),
+                radius=(0.5e-3, 2e-3),
+                mass=(3e-3, 8e-3),
+                air_distance=(0.03, 0.15),
+                shaken=(3e-4, 6e-3),
+                electronics=_ROD_ELECTRONICS,
+                air_gain_db=(0.0, 20.0),
+            ),
+        )
+    }
+)
+"""The tips by name, as `tactophone.types.TIP_NAMES` lists them."""
+
+
+def tip_named(name: str) -> Tip:
+    """Return a tip.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name.
+    """
+    if name not in TIPS:
+        raise ConfigError(f"{name!r} is not a tip; there are {', '.join(TIPS)}")
+    return TIPS[name]
