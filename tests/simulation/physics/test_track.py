@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from tactophone.simulation.physics.contact_mechanics import SKIN, tip_on_body
 from tactophone.simulation.physics.surface import SIZE, SPACING, Surface
-from tactophone.simulation.physics.track import Material, envelope, patch_filter, patch_radius, track
+from tactophone.simulation.physics.track import Material, envelope, patch_filter, track
 
 
 def sine(wavelength: float, amplitude: float = 10e-6) -> np.ndarray:
@@ -21,7 +22,8 @@ def test_a_tip_follows_wide_waves() -> None:
 
 
 def test_the_patch_grows_with_load_as_hertz_says() -> None:
-    assert patch_radius(8.0, Material()) == pytest.approx(2 * patch_radius(1.0, Material()))
+    mechanics = tip_on_body(3e-3, SKIN, 55e9, rq=1e-6)
+    assert mechanics.patch(8.0) == pytest.approx(2 * mechanics.patch(1.0))
 
 
 def test_the_patch_kills_fine_waves_and_keeps_coarse_ones() -> None:
@@ -32,5 +34,29 @@ def test_the_patch_kills_fine_waves_and_keeps_coarse_ones() -> None:
 
 def test_a_heavier_load_is_smoother() -> None:
     rough = Surface("test", seed=1, rms_height=5e-6, rolloff=0.5e-3)
-    traced = track(rough, Material(asperity_radius=3e-4), 3e-3)
+    traced = track(rough, Material(), 3e-3, SKIN)
     assert np.diff(traced.heavy).std() < np.diff(traced.light).std()
+
+
+def test_the_envelope_is_exact() -> None:
+    """Against the definition, at places all over a rough profile and across its seam."""
+    rng = np.random.default_rng(0)
+    height = np.cumsum(rng.standard_normal(SIZE)) * 1e-8
+    height -= np.linspace(0, height[-1], SIZE)
+    places = np.concatenate([rng.integers(SIZE, size=200), [0, 1, SIZE - 1]])
+    reach = int(np.sqrt(2 * 3e-3 * np.ptp(height)) / SPACING) + 1
+    offset = np.arange(-reach, reach + 1)
+    expected = [np.max(height[(at + offset) % SIZE] - (offset * SPACING) ** 2 / 6e-3) for at in places]
+    np.testing.assert_allclose(envelope(height, tip_radius=3e-3)[places], expected, atol=1e-15)
+
+
+def test_between_two_summits_the_tip_turns_at_a_cusp() -> None:
+    """Leaving one asperity for another at a distance ``l``, the slope jumps by ``l / R``: geometry, nothing drawn."""
+    height = np.full(SIZE, -1e-3)
+    distance = 400
+    height[[1000, 1000 + distance]] = 0.0
+    slope = np.diff(envelope(height, tip_radius=1e-3)) / SPACING
+    between = slope[1000 : 1000 + distance]
+    # The grid's own curvature adds one step to the jump.
+    assert np.diff(between).max() == pytest.approx(distance * SPACING / 1e-3, rel=0.02)
+    assert (np.diff(between) > 0).sum() == 1

@@ -16,8 +16,7 @@ from tactophone.simulation.content.stone_order import shuffled
 from tactophone.simulation.physics.scene import Scene, five_stones
 from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
-from tactophone.types import DEFAULT_TIP
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
 
 VERSION = "2"
 """Raise it when the same seed gives other sound."""

@@ -28,8 +28,7 @@ from tactophone.simulation.physics.scene import Scene, single
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
 from tactophone.simulation.physics.tip import tip_named
-from tactophone.types import DEFAULT_TIP
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
 
 VERSION = "2"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""

@@ -17,8 +17,7 @@ from tactophone.simulation.physics.scene import single
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
 from tactophone.simulation.physics.tip import tip_named
-from tactophone.types import DEFAULT_TIP
-from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock
 
 PRESS = 1.5
 """Newtons of a stroke of medium pressure."""

@@ -9,8 +9,7 @@ from tactophone.simulation.content.stone_order import shuffled
 from tactophone.simulation.physics.scene import five_stones
 from tactophone.simulation.physics.session_variation import SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger
-from tactophone.types import DEFAULT_TIP
-from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 
 AHEAD = 1.0
 """Seconds of movement that are queued in advance."""

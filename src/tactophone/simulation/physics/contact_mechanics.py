@@ -1,10 +1,10 @@
 """How a round tip meets a rough body: patch, stiffness, contact time and corner, from radius, moduli and hardness.
 
-A tip under load touches a patch of Hertz' radius ``a = (3 F R / 4 E*)^(1/3)``, with ``1 / E*`` the sum of the compliances
-of *both* bodies (Johnson, *Contact Mechanics*, 1985, section 4.2). On a rough surface fewer summits carry the load.
-Greenwood and Tripp (J. Appl. Mech. 34, 153, 1967) measure that by ``alpha = Rq R / a^2``: far under 1 the tip sinks over
-many summits and the patch is Hertz'; far over 1 it stands on one summit, crushed until ``pi a^2 H = F`` (``H``: the
-softer body's hardness). Between the two, the patch is their geometric mean, weighed by alpha.
+A tip under load touches a patch of Hertz' radius ``a = (3 F R / 4 E*)^(1/3)``, with ``1 / E*`` the sum of the
+compliances of *both* bodies (Johnson, *Contact Mechanics*, 1985, section 4.2). On a rough surface fewer summits carry
+the load. Greenwood and Tripp (J. Appl. Mech. 34, 153, 1967) measure that by ``alpha = Rq R / a^2``: far under 1 the tip
+sinks over many summits and the patch is Hertz'; far over 1 it stands on one summit, crushed until ``pi a^2 H = F``
+(``H``: the softer body's hardness). Between the two, the patch is their geometric mean, weighed by alpha.
 
 The patch shapes the sound: it averages heights (`track`), it is the spring on which the tip's mass rings, and it is
 the area in which friction adheres.
@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 SKIN = 3.3e9
-"""Plane-strain modulus in Pa of the default tip's hard skin (ABS, PMMA: E = 2.3 to 3 GPa, Poisson's ratio 0.35 to 0.37).
-The catalogue's friction figures hold for it."""
+"""Plane-strain modulus in Pa of the default tip's hard skin (ABS, PMMA: E = 2.3 to 3 GPa, Poisson's ratio 0.35 to
+0.37). The catalogue's friction figures hold for it."""
 
 YIELDING = 0.1e9
 """Pa; softer bodies (rubber, skin) spring back and are not crushed."""

@@ -17,7 +17,8 @@ STATE = np.dtype(
         )
     ]
 )
-"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filter of friction noise."""
+"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filter of
+friction noise."""
 
 BODY = np.dtype(
     [

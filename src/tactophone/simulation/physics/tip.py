@@ -45,8 +45,8 @@ class Tip:
     flexure
         Bending modes of what holds the tip.
     radius, mass, air_distance, shaken
-        Bounds of ``tip_radius``, ``pad_mass``, ``air_distance`` and ``pad_radiation`` of the finger, drawn uniformly in the
-        logarithm; ``None`` leaves the finger's own.
+        Bounds of ``tip_radius``, ``pad_mass``, ``air_distance`` and ``pad_radiation`` of the finger, drawn uniformly
+        in the logarithm; ``None`` leaves the finger's own.
     electronics
         Microphones and the noise around them.
     air_gain_db
@@ -93,7 +93,7 @@ _ROD = Finger(
     pad_damping=4.0,
     shear_stiffness=4e3,
     shear_damping=4.0,
-    restitution=8.0,  # of the speed, 0.73 comes back at 5 cm/s: e = 1 - 2/3 c v (Hunt & Crossley 1975)
+    restitution=8.0,  # 0.79 of the speed comes back at 5 cm/s (Hunt & Crossley 1975)
     bristle_stiffness=2e5,
     bristle_damping=15.0,
     shear_radiation=1e-4,

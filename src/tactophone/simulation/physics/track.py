@@ -1,10 +1,10 @@
 """The track of a fingertip of given radius and softness over a surface: height, and friction along the way.
 
 A round tip never reaches the floor of a groove narrower than itself: its centre follows the envelope of the profile,
-the grey dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth arcs
-joined by downward cusps, where the tip leaves one asperity and meets the next: its normal speed jumps by ``v l / R``
-(``v`` slip, ``l`` distance of the two summits, ``R`` the tip's radius). So the rate and strength of the impacts follow
-from the heights; nothing is drawn for an impact.
+the grey dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth
+arcs joined by downward cusps, where the tip leaves one asperity and meets the next: its normal speed jumps by
+``v l / R`` (``v`` slip, ``l`` distance of the two summits, ``R`` the tip's radius). So the rate and strength of the
+impacts follow from the heights; nothing is drawn for an impact.
 
 The contact patch then averages over its own width, which grows with load: Remington's filter,
 ``|H|^2 = 1 / (1 + (pi/4) (k a)^3)`` with the patch radius ``a`` (Remington, "Wheel/rail rolling noise", J. Acoust. Soc.
@@ -119,9 +119,7 @@ def patch_filter(height: Profile, radius: float) -> Profile:
     return np.fft.irfft(np.fft.rfft(height) * passed, height.size)
 
 
-def _friction(
-    traced: Profile, material: Material, mechanics: ContactMechanics, rng: np.random.Generator
-) -> Profile:
+def _friction(traced: Profile, material: Material, mechanics: ContactMechanics, rng: np.random.Generator) -> Profile:
     """Tangential over normal force beyond plain friction: slope, patches of friction, and snags."""
     slope = np.gradient(patch_filter(traced, mechanics.patch(1.0)), SPACING)
     patchiness = mechanics.adhesion * material.kinetic * material.patchiness
