@@ -10,7 +10,7 @@ from tactophone.evaluation import measure, scores_of
 from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest
 from tactophone.types import Touch
 
-PINNED = {"level": 0.537, "rules": 0.697, "median-frequency": 0.787, "logistic": 0.867, "texture": 0.910}
+PINNED = {"level": 0.537, "rules": 0.704, "median-frequency": 0.787, "logistic": 0.802, "texture": 0.829}
 """Balanced accuracy on eight simulated objects, two left out at a time."""
 
 TOLERANCE = 0.03

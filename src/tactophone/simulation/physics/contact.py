@@ -82,7 +82,9 @@ def _step(
     strain = finger.normal_strain * normal + finger.shear_strain * tangential
     bend, flexed = _ring(ground, ringing, own, ground.flexure, normal + _BEND * tangential, step)
     air = finger.pad_radiation * pad + finger.shear_radiation * shear + finger.shake_radiation * shake + flexed
-    radiated = body.plate * normal
+    # What is under the highest of the body's modes is radiated by them, and by the plate only beyond.
+    s.plate_force += body.plate_share * (normal - s.plate_force)
+    radiated = body.plate * (normal - s.plate_force)
     for b in range(ground.bodies.size):  # bodies that the finger has left still ring
         push = _GRIP * tangential - normal if b == which else 0.0
         radiated += _ring(ground, ringing, b, ground.bodies[b].modes, push, step)[1]

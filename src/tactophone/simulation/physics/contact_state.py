@@ -13,22 +13,23 @@ STATE = np.dtype(
         for name in (
             *("arm", "arm_speed", "pad", "pad_speed"),
             *("link", "link_speed", "shear", "shear_speed"),
-            *("bristle", "load", "friction_noise"),
+            *("bristle", "load", "friction_noise", "plate_force"),
         )
     ]
 )
-"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filter of
-friction noise."""
+"""The finger's state: heights and displacements in m, speeds in m/s, the smoothed load in N, and the filters of
+friction noise and of the force on the body as a plate."""
 
 BODY = np.dtype(
     [
         *((name, np.float64) for name in ("stiffness", "kinetic", "static", "stribeck_speed", "hiss", "hiss_share")),
-        ("plate", np.float64),
+        *((name, np.float64) for name in ("plate", "plate_share")),
         ("modes", np.int64),
     ]
 )
 """A touched body: Hertz' stiffness in N/m^1.5, friction coefficients, Stribeck speed, rms of micro-slips and the
-coefficient of their one-pole low-pass, pressure of the body as a plate in Pa/N, and how many modes it has."""
+coefficient of their one-pole low-pass, pressure of the body as a plate in Pa/N and the
+coefficient of its high-pass, and how many modes it has."""
 
 OVERSAMPLING = 2
 """Steps a sample: the stiffest mode, at 8 kHz, needs a step under 1 / (pi f) = 40 us; 10 us leave it undistorted."""

@@ -71,7 +71,7 @@ _AIR_DENSITY = 1.2
 
 
 def plate_pressure(body: Body, distance: float) -> float:
-    """Pressure in Pa per newton on a large plate under its coincidence frequency, flat in frequency.
+    """Pressure in Pa per newton on a large plate, from its highest separate mode to its coincidence: flat in frequency.
 
     ``p = rho / (2 pi r m)`` (Cremer, Heckl, Petersson, *Structure-Borne Sound*, 2005, section 6.7).
 

@@ -166,6 +166,7 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
     bodies = np.zeros(len(objects), BODY)
     for body, obj, traced, ringing in zip(bodies, objects, tracks, modes, strict=True):
         _fill(body, obj, traced, finger)
+        body["plate_share"] = _share(max(mode.frequency for mode in ringing))
         body["modes"] = len(ringing)
     size = max(len(flexure), *map(len, modes))
     return Ground(
@@ -186,9 +187,13 @@ def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) ->
     body["kinetic"] = material.kinetic
     body["static"] = material.kinetic + min(mechanics.adhesion, 1.0) * (material.static - material.kinetic)
     body["stribeck_speed"], body["hiss"] = material.stribeck_speed, mechanics.adhesion * material.hiss
-    step = 1.0 / (OVERSAMPLING * LIVE_SAMPLE_RATE)
-    body["hiss_share"] = 1 - np.exp(-2 * np.pi * mechanics.tangential_corner(finger.pad_mass) * step)
+    body["hiss_share"] = _share(mechanics.tangential_corner(finger.pad_mass))
     body["plate"] = plate_pressure(obj.body, finger.air_distance)
+
+
+def _share(frequency: float) -> float:
+    """Return the coefficient of a one-pole low-pass with this corner in Hz, at the kernel's step."""
+    return float(1 - np.exp(-2 * np.pi * frequency / (OVERSAMPLING * LIVE_SAMPLE_RATE)))
 
 
 def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:
