@@ -8,10 +8,9 @@ import soundfile
 from tactophone import Touch
 from tactophone.benchmark import method_of, recipe_method
 from tactophone.benchmark.methods import NetworkMethod, RegressionMethod
-from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL
+from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL, RENDERERS
 from tactophone.dataset import Recording, open_dataset
 from tactophone.evaluation import TakePredictions, measure, scores_of
-from tactophone.haptics import PASSTHROUGH
 from tactophone.training import OPEN_GATE, NetworkJob, network_settings
 from tests.dataset.folders import audiofolder
 from tests.surfaces import surfaces
@@ -75,7 +74,7 @@ def test_a_regression_learns_separable_features_and_predicts_every_window(monkey
     assert (smooth.probabilities.argmax(axis=1) == Touch.SMOOTH).mean() > 0.9
 
 
-@pytest.mark.parametrize("name", PASSTHROUGH)
+@pytest.mark.parametrize("name", RENDERERS)
 def test_a_renderers_vibration_separates_plainly_different_surfaces(name: str, tmp_path: Path) -> None:
     recordings = surfaces(tmp_path).recordings
     predict = RegressionMethod(name).fit(recordings[:4])

@@ -115,7 +115,8 @@ def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) 
     assert costs["direct"].parameters == 0
     assert costs["direct"].update_us > 0
     assert costs["texture"].parameters < 20_000
-    assert cost_of_model(model_path("paper"), duration=0.5).parameters > 1_800_000
+    assert cost_of_model(model_path("paper"), duration=0.5).parameters == 1_882_755
+    assert cost_of_model(model_path("paper-mono"), duration=0.5).parameters == 1_619_587
 
 
 def test_the_report_loads_nothing_and_has_every_result(

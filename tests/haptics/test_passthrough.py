@@ -63,3 +63,19 @@ def test_latency_is_as_declared() -> None:
     click[4800:4808] = 0.5
     first = int(np.flatnonzero(np.abs(Passthrough(limits=FULL).render_whole(click)) > 1e-3)[0]) - 4800
     assert abs(first / 48_000 - Passthrough(limits=FULL).latency) < 2e-3
+
+
+def test_the_median_frequency_of_the_sound_is_the_frequency_felt() -> None:
+    both = 0.05 * (tone(120) + 1.2 * tone(480))
+    for sound, median in ((tone(150), 150), (tone(700), 700), (both, 480)):
+        felt = PASSTHROUGH["median-frequency"](FULL).render_whole(sound)[12_000:-4800]
+        assert peak_frequency(felt) == pytest.approx(median, abs=12)
+
+
+def test_a_median_outside_the_actuators_band_is_felt_within_it() -> None:
+    felt = PASSTHROUGH["median-frequency"](FULL).render_whole(noise(level_dbfs=-20))[12_000:-4800]
+    assert FULL.lowest < peak_frequency(felt) < FULL.highest
+
+
+def test_the_median_frequency_is_silent_on_silence() -> None:
+    assert np.abs(PASSTHROUGH["median-frequency"](FULL).render_whole(0 * tone(200))).max() == 0.0

@@ -11,10 +11,11 @@ import onnx
 
 from tactophone.benchmark.entries import NO_AIR, channels_of
 from tactophone.benchmark.methods import recipe_method
+from tactophone.benchmark.regression_features import RENDERERS
 from tactophone.dataset import Dataset, Recording
 from tactophone.haptics import PASSTHROUGH, Passthrough
 from tactophone.perception import WindowDetector, model_path, read_model
-from tactophone.training import FEATURE_RECIPES
+from tactophone.training import FEATURE_RECIPES, read_weights
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 BUFFER_SIZE = 512
@@ -48,8 +49,8 @@ def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[
 
 
 def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
-    if name in PASSTHROUGH:
-        return cost_of_renderer(PASSTHROUGH[name](None))
+    if name in RENDERERS:
+        return cost_of_renderer(PASSTHROUGH[RENDERERS[name]](None))
     if name not in FEATURE_RECIPES:
         return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
     job = recipe_method(name, channels=channels).job
@@ -66,10 +67,16 @@ def cost_of_model(path: Path, *, duration: float = 5.0) -> Cost:
     model = read_model(path)
     detector = WindowDetector(model, sample_rate=LIVE_SAMPLE_RATE)
     updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
+    return Cost(_count_parameters(path, model.card.kind), path.stat().st_size, 1e6 * spent / max(updates, 1))
+
+
+def _count_parameters(path: Path, kind: str) -> int:
+    """Count what was trained; scales, padding and shapes of weights in 8 bits are none."""
+    if kind == "paper":
+        return sum(weight.size for weight in read_weights(path).values())
     graph = onnx.load(str(path)).graph
     trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
-    parameters = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
-    return Cost(parameters, path.stat().st_size, 1e6 * spent / max(updates, 1))
+    return sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
 
 
 def cost_of_renderer(renderer: Passthrough, *, duration: float = 5.0) -> Cost:

@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone.benchmark.crossvalidation import Method
 from tactophone.benchmark.methods import FeatureMethod, RegressionMethod, method_of, recipe_method
-from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL, HIGH_BAND_EDGES
+from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL, HIGH_BAND_EDGES, RENDERERS
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics import PASSTHROUGH
@@ -56,7 +56,7 @@ def entry_names(channels: int) -> tuple[str, ...]:
     """List the names of all entries, the reference first."""
     networks = [f"paper/{name}" for name in VARIANTS if channels == 2 or name == "one-channel"]
     baselines = [name for name in FEATURE_RECIPES if name != "texture"]
-    return (*networks, *baselines, *PASSTHROUGH, *((NO_AIR, "texture") if channels == 2 else ("texture",)))
+    return (*networks, *baselines, *RENDERERS, *((NO_AIR, "texture") if channels == 2 else ("texture",)))
 
 
 def entries_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[BenchmarkEntry, ...]:
@@ -86,8 +86,8 @@ def channels_of(dataset: Dataset) -> int:
 
 
 def _entry(name: str, dataset: Dataset, channels: int) -> BenchmarkEntry:
-    if name in PASSTHROUGH:
-        return BenchmarkEntry(RegressionMethod(name), latency=PASSTHROUGH[name](None).latency)
+    if name in RENDERERS:
+        return BenchmarkEntry(RegressionMethod(name), latency=PASSTHROUGH[RENDERERS[name]](None).latency)
     if name.startswith("paper/"):
         # Without labelled segments every window is contact, both in training and in the model's gate.
         gate = None if any(recording.segments for recording in dataset.recordings) else OPEN_GATE

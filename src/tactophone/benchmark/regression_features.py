@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, channel_order
 from tactophone.haptics import PASSTHROUGH, STEP_SIZE, Limits
 from tactophone.perception import Resampler
+from tactophone.training import FEATURE_RECIPES
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Floats = NDArray[np.float64]
@@ -85,10 +86,15 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
     return (starts + WINDOW_SIZE) / VIBRATION_RATE, rows
 
 
+RENDERERS: Mapping[str, str] = MappingProxyType(
+    {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
+)
+"""The renderer of each entry: a name that a recipe has too gets ``/felt``."""
+
 REGRESSION_FEATURES: Mapping[str, Callable[[Recording], tuple[Floats, Floats]]] = MappingProxyType(
     {
         HIGH_BAND_CONTROL: high_band_features,
-        **{name: functools.partial(vibration_features, renderer=name) for name in PASSTHROUGH},
+        **{name: functools.partial(vibration_features, renderer=renderer) for name, renderer in RENDERERS.items()},
     }
 )
 """By name: recording to the end of each window, in s, and its features, shape ``(windows, features)``."""

@@ -24,11 +24,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     show.add_argument("--json", action="store_true", help="print the card as JSON")
     show.set_defaults(action=_show)
     line = (
-        "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt); such a file "
-        "is a program that torch runs while loading: import only from a source you trust"
+        "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
+        "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
+        "runs while loading: import it only from a source you trust"
     )
     published = actions.add_parser("import", help=line, description=line, formatter_class=terminal.HelpFormatter)
-    published.add_argument("source", type=Path, metavar="FILE.pt", help="the TorchScript file")
+    published.add_argument("source", type=Path, metavar="FILE.pt", help="the TorchScript file, or model.pt")
     published.add_argument(
         "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
     )

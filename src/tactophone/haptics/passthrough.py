@@ -2,7 +2,8 @@
 
 ``direct``: the contact microphone's sound goes to the actuator through a band-pass of the tactile range, an expander
 that suppresses noise, and a transient shaper. ``pitch``: the sound is shifted down by three octaves first, so that the
-band in which surfaces differ falls into the tactile range.
+band in which surfaces differ falls into the tactile range. ``median-frequency``: a sine whose frequency is the median
+frequency of the sound, as the stimulus of Svensson et al. (2021) has it.
 
 The low band is processed sample by sample at 4 kHz, so that the result is bit-equal in blocks of any size.
 """
@@ -11,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -27,6 +29,12 @@ TAPS = 97
 
 GRAIN = 1440
 """Samples, 30 ms, over which the two heads of the pitch shifter alternate: two periods of 70 Hz."""
+
+MEDIAN_SIZE = 256
+"""Values, 64 ms at 4 kHz, over which the median frequency is taken: two periods of the actuator's lowest."""
+
+MEDIAN_HOP = 16
+"""Values, 4 ms, from one median to the next."""
 
 Floats = NDArray[np.float64]
 
@@ -62,6 +70,8 @@ class Passthrough:
         Factor on every frequency; 1: unchanged.
     dynamics, limits
         Dynamics processing; bounds of the vibration.
+    open_chain
+        Makes what turns values of the low band into vibration; by default the sound itself, with dynamics.
 
     Examples
     --------
@@ -71,8 +81,16 @@ class Passthrough:
     ((4800,), True)
     """
 
-    def __init__(self, *, shift: float = 1.0, dynamics: Dynamics | None = None, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        shift: float = 1.0,
+        dynamics: Dynamics | None = None,
+        limits: Limits | None = None,
+        open_chain: "Callable[[Dynamics, Limits], Chain] | None" = None,
+    ) -> None:
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
+        self._open_chain = open_chain or _Chain
         self._kernel = _low_pass(TAPS, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4)
         self.reset()
 
@@ -87,7 +105,7 @@ class Passthrough:
         self._past: Floats = np.zeros(GRAIN + 1)
         self._count = 0
         self._waiting: Floats = np.zeros(TAPS - 1)
-        self._chain = _Chain(self._dynamics, self._limits)
+        self._chain = self._open_chain(self._dynamics, self._limits)
         self._last = 0.0
 
     def push(self, samples: FloatArray) -> FloatArray:
@@ -136,6 +154,13 @@ class Passthrough:
         return np.asarray((before[:, None] + (values - before)[:, None] * share).reshape(-1), np.float32)
 
 
+class Chain(Protocol):
+    """From a value of the low band to one of the vibration, at 4 kHz."""
+
+    def step(self, value: float) -> float:
+        """Take the next value; return the vibration, within the ceiling."""
+
+
 class _Chain:
     """Band-pass, expander, transient shaper, limiter: one value in, one out, at 4 kHz."""
 
@@ -156,6 +181,44 @@ class _Chain:
         return self._ceiling * math.tanh(band * under * sharp * self._gain)
 
 
+class _MedianChain:
+    """A sine at the median frequency of the sound, as loud as the sound after the expander.
+
+    The median is taken within the actuator's band, so that it can always be rendered: half of the power between
+    ``limits.lowest`` and ``limits.highest`` lies on either side. It lags by half of :data:`MEDIAN_SIZE`.
+    """
+
+    def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
+        rate = LIVE_SAMPLE_RATE / STEP_SIZE
+        self._rate, self._dynamics, self._ceiling = rate, dynamics, limits.ceiling
+        self._threshold, self._gain = 10 ** (dynamics.threshold_dbfs / 20), 10 ** (dynamics.gain_db / 20)
+        self._low, self._slow = _Pole(limits.lowest, rate), _Pole(1 / (2 * math.pi * 10e-3), rate)
+        bins = np.fft.rfftfreq(MEDIAN_SIZE, 1 / rate)
+        self._band = (bins >= limits.lowest) & (bins <= limits.highest)
+        self._bins, self._window = bins[self._band], np.hanning(MEDIAN_SIZE)
+        self._frequency = _Pole(1 / (2 * math.pi * 10e-3), rate)
+        self._past: Floats = np.zeros(MEDIAN_SIZE)
+        self._count, self._median, self._phase = 0, limits.lowest, 0.0
+
+    def step(self, value: float) -> float:
+        band = value - self._low.step(value)
+        slow = self._slow.step(abs(band))
+        self._past[self._count % MEDIAN_SIZE] = band
+        self._count += 1
+        if self._count % MEDIAN_HOP == 0:
+            self._median = self._measure()
+        # Continuous phase: the frequency glides, and nothing clicks.
+        self._phase = (self._phase + self._frequency.step(self._median) / self._rate) % 1.0
+        under = min(1.0, slow / self._threshold) ** (self._dynamics.ratio - 1)
+        return self._ceiling * math.tanh(slow * under * self._gain) * math.sin(2 * math.pi * self._phase)
+
+    def _measure(self) -> float:
+        ordered = np.roll(self._past, -(self._count % MEDIAN_SIZE))
+        powers = np.square(np.abs(np.fft.rfft(ordered * self._window))[self._band])
+        total = np.cumsum(powers)
+        return float(self._bins[np.searchsorted(total, total[-1] / 2)]) if total[-1] > 0 else self._median
+
+
 class _Pole:
     """A first-order low-pass."""
 
@@ -171,6 +234,7 @@ class _Pole:
 PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = MappingProxyType(
     {
         "direct": lambda limits: Passthrough(limits=limits),
+        "median-frequency": lambda limits: Passthrough(limits=limits, open_chain=_MedianChain),
         "pitch": lambda limits: Passthrough(shift=1 / 8, dynamics=Dynamics(threshold_dbfs=-45.0), limits=limits),
     }
 )

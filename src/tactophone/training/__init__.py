@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tactophone.training.features.training_set import build_training_set as build_training_set
     from tactophone.training.model_export import add_scores as add_scores
     from tactophone.training.model_export import set_decision as set_decision
+    from tactophone.training.network.export import read_weights as read_weights
     from tactophone.training.network.job import NetworkJob as NetworkJob
     from tactophone.training.network.published import import_published as import_published
     from tactophone.training.network.settings import LABEL_LEVEL_DBFS as LABEL_LEVEL_DBFS
@@ -49,6 +50,7 @@ _HOMES = {
     "features.job": ("FeatureJob",),
     "features.training_set": ("TrainingSet", "build_training_set"),
     "model_export": ("add_scores", "set_decision"),
+    "network.export": ("read_weights",),
     "network.job": ("NetworkJob",),
     "network.published": ("import_published",),
     "network.settings": (

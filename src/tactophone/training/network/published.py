@@ -1,9 +1,10 @@
-"""Converts one of the authors' published models into a model file."""
+"""Converts one of the authors' models, published or saved by their notebook, into a model file."""
 
 from dataclasses import replace
 from pathlib import Path
 
 from tactophone.training.network.export import make_card, write_model
+from tactophone.training.network.saved_state import SavedState, is_saved_state, read_saved_state
 from tactophone.training.network.settings import REFERENCE_GATE
 from tactophone.training.network.torchscript import read_torchscript
 
@@ -11,14 +12,21 @@ _LICENCE = "see github.com/AIS-Bonn/Roughness_Sensing (code BSD-3-Clause); cite 
 
 
 def import_published(source: Path, target: Path) -> None:
-    """Write the ONNX file of a published TorchScript model, weights unrounded, gate as in its authors' scoring.
+    """Write the ONNX file of a TorchScript model or of the notebook's ``model.pt``, weights unrounded.
+
+    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds.
 
     Raises
     ------
     ModelError
-        If the file is not one of theirs; see :func:`tactophone.training.network.torchscript.read_torchscript`.
+        If the file is not one of theirs; see :func:`tactophone.training.network.torchscript.read_torchscript` and
+        :func:`tactophone.training.network.saved_state.read_saved_state`.
     """
-    weights = read_torchscript(source)
-    card = make_card(weights, name=f"authors-{source.stem.replace('_', '-')}", gate=REFERENCE_GATE, licence=_LICENCE)
-    facts = {"source": f"{source.name}, published by the paper's authors"}
+    if is_saved_state(source):
+        state = read_saved_state(source)
+    else:
+        state = SavedState(read_torchscript(source), REFERENCE_GATE, {})
+    weights = state.weights
+    card = make_card(weights, name=f"authors-{source.stem.replace('_', '-')}", gate=state.gate, licence=_LICENCE)
+    facts = {"source": f"{source.name}, of the paper's authors or their notebook", **state.facts}
     write_model(target, replace(card, training=facts), weights, storage="float32")

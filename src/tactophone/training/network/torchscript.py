@@ -41,7 +41,7 @@ def read_torchscript(path: Path) -> dict[str, FloatArray]:
         raise ModelError(f"{path}: torch cannot load it ({reason}); download it again. Give {_EXPECTED}") from error
     # Only parameters: a resampler's kernel, or another constant, is not a weight.
     found = {name: value.detach().float().numpy().copy() for name, value in module.named_parameters()}
-    _require_structure(path, found)
+    require_structure(path, found)
     return found
 
 
@@ -64,7 +64,8 @@ def _require_torchscript(path: Path) -> None:
         )
 
 
-def _require_structure(path: Path, found: dict[str, FloatArray]) -> None:
+def require_structure(path: Path, found: dict[str, FloatArray]) -> None:
+    """Raise a ModelError unless parameters are those of the paper's network, for one or two microphones."""
     columns = found["layer1.weight"].shape[-1] if "layer1.weight" in found else 0
     if columns not in (BINS, 2 * BINS):
         raise ModelError(
