@@ -33,10 +33,11 @@ from tactophone.evaluation.predictions import TakePredictions, scores_of
 from tactophone.perception import magnitudes
 from tactophone.training import NetworkSettings, network_settings, read_signals
 from tactophone.training.network.model import PaperNetwork
+from tactophone.training.network.settings import FAST_CHANGES
 from tactophone.training.network.trainer import Run
 from tactophone.training.network.windows import SIZE, Windows, find_windows
 
-SETTINGS = network_settings("general")
+SETTINGS = replace(network_settings("general"), **FAST_CHANGES)
 EXACT = replace(SETTINGS, hop=1, batch_size=6000, least_steps=0)
 FAST = replace(SETTINGS, precision="bfloat16", learning_rate=5e-4)
 

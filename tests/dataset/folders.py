@@ -35,7 +35,7 @@ def audiofolder(root: Path, *, surfaces: int = 4, takes: int = 2) -> Path:
 
 
 def authors(root: Path) -> Path:
-    for name in ("00_long_light", "00_wiggle", "02_short_loud", "20_long_medium", "21_wiggle"):
+    for name in ("00_long_light", "00_wiggle", "02_short_loud", "22_long_medium", "21_wiggle"):
         write_sound(root / "opus" / "stereo" / f"{name}.wav")
     for name in ("day_1_smooth", "day_2_rough"):
         write_sound(root / "finals_recordings" / f"{name}.wav")

@@ -12,7 +12,7 @@ def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
         "00_long_light": Touch.ROUGH,
         "00_wiggle": Touch.ROUGH,
         "02_short_loud": Touch.SMOOTH,
-        "20_long_medium": Touch.ROUGH,
+        "22_long_medium": Touch.ROUGH,
         "21_wiggle": Touch.SMOOTH,
         "day_1_smooth": Touch.SMOOTH,
         "day_2_rough": Touch.ROUGH,
@@ -23,9 +23,22 @@ def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
 
 def test_the_authors_split_tests_their_test_objects_and_the_competition(tmp_path: Path) -> None:
     folds = {fold.name: fold for fold in split(open_dataset(authors(tmp_path)), "predefined")}
-    assert {recording.surface for recording in folds["test"].test} == {"object 20", "object 21"}
+    assert {recording.surface for recording in folds["test"].test} == {"object 21", "object 22"}
     assert {recording.surface for recording in folds["competition"].test} == {"competition smooth", "competition rough"}
     assert {recording.surface for recording in folds["test"].train} == {"object 00", "object 02"}
+
+
+def test_the_competitions_stones_are_kin_of_its_runs_and_the_spare_one_is_on_no_side(tmp_path: Path) -> None:
+    write_sound(authors(tmp_path) / "opus" / "stereo" / "20_wiggle.wav")
+    recordings = open_dataset(tmp_path).recordings
+    kin = {recording.surface: (recording.known("kin"), recording.known("split")) for recording in recordings}
+    assert kin["object 20"] == ("competition rough", "")
+    assert kin["object 22"] == ("competition rough", "test")
+    assert kin["competition rough"] == ("competition rough", "competition")
+    assert kin["object 21"][0] == kin["competition smooth"][0] == "competition smooth"
+    assert kin["object 00"] == ("object 00", "train")
+    for fold in split(open_dataset(tmp_path), "leave-one-kin-out"):
+        assert not {take.known("kin") for take in fold.train} & {take.known("kin") for take in fold.test}
 
 
 def test_a_file_that_does_not_fit_the_authors_names_is_named(tmp_path: Path) -> None:

@@ -13,12 +13,13 @@ if TYPE_CHECKING:
     from tactophone.benchmark.costs import Cost, measure_costs
     from tactophone.benchmark.html_report import format_heights, format_permuted, steps_by_profile, write_report
     from tactophone.benchmark.methods import graph_predictor, method_of, recipe_method
-    from tactophone.benchmark.paper_tables import TableRow, predict_held_out, table_one, table_two
+    from tactophone.benchmark.paper_tables import TableRow, by_gate, predict_held_out, table_one, table_two
     from tactophone.benchmark.plan import DatasetResults, Plan, origin_of, plan_for, run_plan, splits_of
     from tactophone.benchmark.result import in_true_contact
-    from tactophone.benchmark.stone_task import TaskOutcome, play_task, task_methods
+    from tactophone.benchmark.stone_task import PAPER_THREE, TaskOutcome, play_task, task_methods
 
 __all__ = [
+    "PAPER_THREE",
     "Cache",
     "Cost",
     "DatasetResults",
@@ -28,6 +29,7 @@ __all__ = [
     "Plan",
     "TableRow",
     "TaskOutcome",
+    "by_gate",
     "cross_validate",
     "default_cache",
     "format_heights",
@@ -56,10 +58,10 @@ _MODULE_OF = {
     "costs": ("Cost", "measure_costs"),
     "html_report": ("format_heights", "format_permuted", "steps_by_profile", "write_report"),
     "methods": ("graph_predictor", "method_of", "recipe_method"),
-    "paper_tables": ("TableRow", "predict_held_out", "table_one", "table_two"),
+    "paper_tables": ("TableRow", "by_gate", "predict_held_out", "table_one", "table_two"),
     "plan": ("DatasetResults", "Plan", "origin_of", "plan_for", "run_plan", "splits_of"),
     "result": ("in_true_contact",),
-    "stone_task": ("TaskOutcome", "play_task", "task_methods"),
+    "stone_task": ("PAPER_THREE", "TaskOutcome", "play_task", "task_methods"),
 }
 
 

@@ -95,7 +95,7 @@ def _entry(name: str, dataset: Dataset, channels: int) -> BenchmarkEntry:
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
             precision="bfloat16", gate=gate, changes=NETWORK_CHANGES,
         )  # fmt: skip
-        return BenchmarkEntry(method_of(RECIPES["paper"].open_job(options)), latency=NETWORK_LATENCY)
+        return BenchmarkEntry(method_of(RECIPES["paper-fast"].open_job(options)), latency=NETWORK_LATENCY)
     recipe = name.partition("/")[0]
     method = recipe_method(recipe, channels=channels)
     if name == NO_AIR:

@@ -3,9 +3,10 @@
 The operator is the same for every method and has no input but the vibration; it is a model, not a person.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,12 @@ from tactophone.simulation import SoundToVibration, perceive_visits, play_rounds
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 BLOCK_SIZE = 512
+
+PAPER_THREE: Mapping[str, str] = MappingProxyType(
+    {"NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567"}
+)
+"""Table III: time in s from the begin of the task until a rough stone was fetched; of the rivals the paper's range."""
+
 VISITS = 12
 """Visits of each label, for practice and for rounds; rounds draw from them."""
 

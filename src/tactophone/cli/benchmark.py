@@ -61,6 +61,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="print the paper's task with a simulated operator; --methods also takes paths of model files",
     )  # fmt: skip
     parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task, 1 or more")
+    parser.add_argument(
+        "--retrieval", type=float, default=0.0, metavar="S",
+        help="time to fetch the stone, added to the decision time in Table III, in s, 0 or more; the paper states none",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
@@ -68,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
     """Run, score and report."""
     if args.workers < 1 or args.rounds < 1:
         raise ConfigError(f"--workers {args.workers}, --rounds {args.rounds}: 1 or more of each")
+    if not 0 <= args.retrieval < math.inf:
+        raise ConfigError(f"--retrieval {args.retrieval:g}: 0 s or more")
     from tactophone.benchmark import Cache, default_cache, measure_costs, steps_by_profile
 
     cache = Cache(args.cache) if args.cache else default_cache()

@@ -11,6 +11,7 @@ from tactophone.dataset.converters import convert, set_split, write_card
 from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
 from tactophone.dataset.height_map import ArealRoughness, HeightReport, measure_heights, read_heights
 from tactophone.dataset.height_plots import draw_heights
+from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
@@ -22,6 +23,8 @@ __all__ = [
     "DEFAULT_CONTACT_DBFS",
     "FILE_NAME",
     "LABEL_NAMES",
+    "REDUCED_OBJECTS",
+    "SPARE_OBJECT",
     "SPLITS",
     "ArealRoughness",
     "Dataset",

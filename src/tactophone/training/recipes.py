@@ -193,8 +193,12 @@ _BASELINES = "tactophone.training.features.baselines"
 
 _LISTED = (
     Recipe(
-        "paper", "the paper's network: spectral magnitudes of 256 ms into a residual MLP", "magnitudes",
+        "paper", "the paper's network and figures: spectral magnitudes of 256 ms into a residual MLP", "magnitudes",
         job="tactophone.training.network.job:network_job", version=1, shipped=True,
+    ),
+    Recipe(
+        "paper-fast", "the same network, in smaller batches and at least 500 of them", "magnitudes",
+        job="tactophone.training.network.job:network_job", version=1,
     ),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",

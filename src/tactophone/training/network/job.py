@@ -12,6 +12,7 @@ from tactophone.perception import Gate
 from tactophone.training.network.export import make_card, read_weights, training_facts, write_model
 from tactophone.training.network.model import channels_of
 from tactophone.training.network.settings import (
+    FAST_CHANGES,
     LABEL_LEVEL_DBFS,
     NETWORK_RATE,
     OPEN_GATE,
@@ -26,6 +27,9 @@ from tactophone.training.provenance import caveats_of, licence_of
 from tactophone.training.recipes import Recipe, Report, TrainingOptions, silent
 from tactophone.training.sound import read_signals
 from tactophone.types import FloatArray, Touch
+
+FEW_BATCHES = 150
+"""Fewer end far from convergence: the loss still falls steeply (docs/guide/training.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +125,9 @@ class NetworkJob:
         windows = self.read_windows(dataset.recordings, report=lambda done: report(done, count, "reading"))
         log(f"{count} recordings, {len(dataset.surfaces)} surfaces: {windows}")
 
+        if (batches := _batches(self.settings, len(windows))) < FEW_BATCHES:
+            log(f"beware: {batches} batches are too few to converge; `--recipe paper-fast` trains on smaller ones")
+
         def show(progress: Progress) -> None:
             report(progress.steps, progress.total, f"loss {progress.loss:.4f}")
 
@@ -131,13 +138,16 @@ class NetworkJob:
         return leads
 
 
+def _batches(settings: NetworkSettings, windows: int) -> int:
+    """Count the batches of a training: as many as the epochs have, and at least what the settings ask for."""
+    return max(settings.least_steps, settings.epochs * -(-windows // (settings.hop * settings.batch_size)))
+
+
 def network_job(recipe: Recipe, options: TrainingOptions) -> NetworkJob:
-    """Return the job of the recipe ``paper``: the options name a variant and change single settings."""
-    del recipe
+    """Return the job of the recipe ``paper`` or ``paper-fast``: the options name a variant and change settings."""
+    changes = {**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **options.changes}
     settings = replace(
-        network_settings(options.variant, reference_code=options.reference_code),
-        precision=options.precision,
-        **options.changes,
+        network_settings(options.variant, reference_code=options.reference_code), precision=options.precision, **changes
     )
     gate = options.gate
     if gate == OPEN_GATE:
