@@ -114,9 +114,13 @@ class Output:
     """Where the vibration goes."""
 
     actuator: str = _choice(
-        "jack", "device that drives the actuator, a WAV file, or nothing", ("jack", "portaudio", "file", "none")
+        "jack",
+        "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
+        ("jack", "portaudio", "gamepad", "file", "none"),
     )
-    device: str = _setting("", "PortAudio device (name or number), or the WAV file to write; empty: the default")
+    device: str = _setting(
+        "", "PortAudio device (name or number), gamepad (name), or the WAV file to write; empty: the default"
+    )
     channel: int = _setting(
         1, "output channel of the PortAudio device, counted from 1; 3 or 4 on a DualSense", span=(1, 64)
     )

@@ -7,6 +7,7 @@ a device is lost, and reconnecting.
 from tactophone.devices.clocked import ClockedDevice
 from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.devices.dummy import DummyServer
+from tactophone.devices.gamepad import GamepadDevice, motor_levels
 from tactophone.devices.jack import JackClient, JackPort
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
 from tactophone.devices.stream import StreamDevice
@@ -16,6 +17,7 @@ __all__ = [
     "ClockedDevice",
     "Device",
     "DummyServer",
+    "GamepadDevice",
     "JackClient",
     "JackPort",
     "PortAudioDevice",
@@ -23,6 +25,7 @@ __all__ = [
     "Process",
     "StreamDevice",
     "SurveyedDevice",
+    "motor_levels",
     "open_at_rate",
     "survey",
 ]

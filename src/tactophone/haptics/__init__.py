@@ -1,6 +1,13 @@
 """Prediction to vibration: rendering profiles, limits, renderers and actuators."""
 
-from tactophone.haptics.actuator import Actuator, Render, clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics.actuator import (
+    Actuator,
+    Render,
+    clocked_actuator,
+    gamepad_actuator,
+    jack_actuator,
+    portaudio_actuator,
+)
 from tactophone.haptics.limits import Limits, peak_amplitude
 from tactophone.haptics.mapping import PROFILES, ROUGH_STIMULUS, SMOOTH_STIMULUS, PaperProfile, Stimulus, open_profile
 from tactophone.haptics.oscillator import Oscillator
@@ -39,6 +46,7 @@ __all__ = [
     "Stimulus",
     "clocked_actuator",
     "discriminable_steps",
+    "gamepad_actuator",
     "jack_actuator",
     "open_profile",
     "parse_levels",

@@ -1,14 +1,14 @@
-"""Where the vibration goes: the actuator's amplifier behind JACK or PortAudio, a WAV file, or nothing.
+"""Where the vibration goes: the actuator's amplifier behind JACK or PortAudio, a gamepad, a WAV file, or nothing.
 
-An actuator requests the waveform, period by period, in a thread of its own, and plays it. All four obey one contract.
+An actuator requests the waveform, period by period, in a thread of its own, and plays it. All five obey one contract.
 """
 
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
-from tactophone.devices import ClockedDevice, Device, JackClient, PortAudioStream, Process, open_at_rate
+from tactophone.devices import ClockedDevice, Device, GamepadDevice, JackClient, PortAudioStream, Process, open_at_rate
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Render: TypeAlias = Callable[[FloatArray], None]
@@ -67,6 +67,20 @@ def portaudio_actuator(
     process = _only_output(render, channel)
     stream = PortAudioStream(process, "output", device=device, channels=channels, sample_rate=sample_rate)
     return DeviceActuator(stream, sample_rate=sample_rate)
+
+
+def gamepad_actuator(
+    render: Render,
+    *,
+    device: str = "",
+    roughness: Callable[[], float],
+    ceiling: Callable[[], float],
+    find: Callable[[], list[Any]] | None = None,
+) -> DeviceActuator:
+    """Turn the motors of a gamepad; arguments as of `tactophone.devices.GamepadDevice`."""
+    return DeviceActuator(
+        GamepadDevice(_only_output(render), device=device, roughness=roughness, ceiling=ceiling, find=find)
+    )
 
 
 def clocked_actuator(

@@ -85,7 +85,9 @@ class Operator:
             ceiling=rendering.ceiling, output_level=rendering.output_level, muted_because=_muted_because(settings, info)
         )
         self._renderer = open_renderer(settings, self._pull)
-        self._actuator = open_actuator(settings, self._render)
+        self._actuator = open_actuator(
+            settings, self._render, roughness=lambda: self._roughness, ceiling=lambda: self._gate.ceiling
+        )
         self._session = ReceiveSession(open_session(settings, call=False))
         # Both are opened now: a robot with other microphones must not make the network thread load a model.
         self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
@@ -100,6 +102,7 @@ class Operator:
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = 0
+        self._roughness = 0.0
         self._received_at = time.monotonic()
         self._budgeted_at = 0.0
         self._counters: dict[str, int] = {}
@@ -282,6 +285,8 @@ class Operator:
         if commands:
             self._renderer.submit(commands[-1])
             self._submitted = end
+        if step.predictions:
+            self._roughness = step.predictions[-1].roughness
         for prediction in step.predictions:
             self._floor_dbfs = _noise_floor(self._floor_dbfs, prediction)
         now = time.monotonic()

@@ -19,6 +19,7 @@ from tactophone.haptics import (
     Render,
     Renderer,
     clocked_actuator,
+    gamepad_actuator,
     jack_actuator,
     open_profile,
     parse_levels,
@@ -75,8 +76,14 @@ def open_device(settings: Settings) -> Source:
     )
 
 
-def open_actuator(settings: Settings, render: Render) -> Actuator:
-    """Make the actuator, not yet entered."""
+def open_actuator(
+    settings: Settings,
+    render: Render,
+    *,
+    roughness: Callable[[], float] = lambda: 0.0,
+    ceiling: Callable[[], float] = lambda: 0.0,
+) -> Actuator:
+    """Make the actuator, not yet entered; a gamepad needs roughness and ceiling as they are now, 0 to 1."""
     output = settings.output
     match output.actuator:
         case "jack":
@@ -85,6 +92,8 @@ def open_actuator(settings: Settings, render: Render) -> Actuator:
             return jack_actuator(render, port=output.port, server=process.jack_server, name=name)
         case "portaudio":
             return portaudio_actuator(render, device=output.device, channel=output.channel)
+        case "gamepad":
+            return gamepad_actuator(render, device=output.device, roughness=roughness, ceiling=ceiling)
         case "file":
             return clocked_actuator(render, period=output.period, path=Path(output.device or "vibration.wav"))
     return clocked_actuator(render, period=output.period)
