@@ -21,17 +21,22 @@ RULES = "MAP phone.test 127.0.0.1, MAP other.test 127.0.0.1"
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[webdriver.Chrome]:
     """A browser, without a window; the tests that need it are skipped where Debian's packages are missing."""
+    browser = start_chromium()
+    yield browser
+    browser.quit()
+
+
+def start_chromium(*flags: str) -> webdriver.Chrome:
+    """Start a browser with further flags; the caller quits it."""
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if program is None or driver is None:
         pytest.skip("no chromium and chromedriver here: scripts/system-packages installs them")
     options = webdriver.ChromeOptions()
     options.binary_location = program
-    for flag in (*FLAGS, "--autoplay-policy=no-user-gesture-required", f"--host-resolver-rules={RULES}"):
+    for flag in (*flags, *FLAGS, "--autoplay-policy=no-user-gesture-required", f"--host-resolver-rules={RULES}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    browser = webdriver.Chrome(options, Service(driver))
-    yield browser
-    browser.quit()
+    return webdriver.Chrome(options, Service(driver))
 
 
 @pytest.fixture
