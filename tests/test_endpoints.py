@@ -7,6 +7,7 @@ import pytest
 
 import tactophone
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
+from tactophone.errors import ModelError
 from tactophone.haptics import Limits
 from tactophone.link import Codec
 from tactophone.pipeline import Pipeline, open_pipeline
@@ -124,6 +125,28 @@ def test_a_robot_with_other_microphones_gets_its_own_pipeline_under_the_same_cei
         link.carry(begun + block.end / RATE)
     assert opened == [1]
     assert endpoint.pipeline.limits.ceiling == 0.1
+
+
+def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_ends(model: str) -> None:
+    robot, operator = paired_sessions(Codec("pcm16", channels=1, packet_size=120))
+
+    def reopen(channels: int) -> Pipeline:
+        raise ModelError("the model needs contact and air; choose a one-channel model")
+
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), channels=2, reopen=reopen)
+    link = VirtualLink(robot, endpoint)
+    begun = link.connect(0.0)
+    steps = []
+    for block in blocks(noise(duration=0.05, channels=1), 120):
+        robot.push(block)
+        steps += [step for _, step in link.carry(begun + block.end / RATE)]
+    assert steps
+    assert not any(steps)
+    assert "one-channel model" in endpoint.refusal
+    operator.session.hang_up(endpoint.refusal)
+    link.carry(begun + 0.1)
+    assert robot.session.failure
+    assert "one-channel model" in robot.session.failure
 
 
 def calls(tree: ast.AST) -> Iterator[str]:

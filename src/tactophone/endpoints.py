@@ -130,13 +130,13 @@ class OperatorEndpoint:
                 block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
                 return PipelineStep(block, (prediction,), commands)
             case Connected():
-                self.refusal = ""
                 self.pipeline.reset()
         return None
 
     def _match_channels(self, channels: int) -> bool:
         """Change to the pipeline for so many channels; false if there is none."""
         if channels == self._channels or self._reopen is None:
+            self.refusal = ""
             return True
         try:
             following = self._reopen(channels)

@@ -42,7 +42,7 @@ class Strokes:
         while not self.closed:
             phase = 2 * np.pi * 400 / 48_000 * np.arange(position, position + 128)
             tone = (0.5 * np.sin(phase) * self.touching).astype(np.float32)
-            yield AudioBlock(np.stack([tone, 0.1 * tone], axis=1), 48_000, position)
+            yield AudioBlock(np.stack([tone, 0.1 * tone], axis=1)[:, : self.channels], 48_000, position)
             position += 128
 
 

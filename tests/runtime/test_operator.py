@@ -128,3 +128,14 @@ def test_the_sound_itself_is_rendered_and_stopped_like_any_vibration(tmp_path: P
         assert eventually(lambda: system.amplitude() > 0.3)
         operator.stop()
         assert eventually(lambda: system.amplitude() == 0.0)
+
+
+def test_a_one_channel_robot_and_a_two_channel_model_say_why_and_do_not_restart(tmp_path: Path) -> None:
+    system = LiveSystem(tmp_path, Path("paper"))
+    system.source.channels = 1  # type: ignore[misc]
+    with system.both() as operator:
+        assert eventually(lambda: any(fault.code == "refused" for fault in system.snapshot().state.faults))
+        robot = Watcher(system.names[0])
+        assert eventually(lambda: any("choose a one-channel" in f.text for f in robot.snapshot().state.faults))
+        assert operator.failure is None
+        assert not operator.ended.is_set()

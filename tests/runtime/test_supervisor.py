@@ -80,3 +80,55 @@ def test_a_process_whose_sound_has_ended_is_not_restarted(name: str) -> None:
         assert supervisor.wait(5.0)
         assert not supervisor.running
         assert supervisor.restarts == 0
+
+
+def fail_after_a_moment(settings: Settings, info: ProcessInfo) -> None:
+    with Telemetry(info.name) as telemetry:
+        telemetry.update(State(), now=time.monotonic())
+        time.sleep(0.3)
+        raise DeviceError("the model needs two channels: choose another")
+
+
+def test_the_reason_of_a_restart_is_reported_and_restarts_back_off(name: str) -> None:
+    lines: list[str] = []
+    with Supervisor(fail_after_a_moment, Settings(), name=name, report=lines.append):
+        assert eventually(lambda: sum(line.startswith("!") for line in lines) >= 2)
+    first, second, *_ = [line for line in lines if line.startswith("!")]
+    assert "the model needs two channels" in first
+    assert first.endswith("starts again in 0.5 s")
+    assert second.endswith("starts again in 1 s")
+
+
+def start_slowly(settings: Settings, info: ProcessInfo) -> None:
+    info.progress("reading the model")
+    until = time.monotonic() + 3.0
+    while time.monotonic() < until:
+        pass
+    live(settings, info)
+
+
+def start_never(settings: Settings, info: ProcessInfo) -> None:
+    info.progress("waiting for a device")
+    time.sleep(60.0)
+
+
+def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
+    with Supervisor(start_slowly, Settings(), name=name) as supervisor:
+        assert supervisor.running
+
+
+def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
+    with (
+        pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
+        Supervisor(start_never, Settings(), name=name),
+    ):
+        pass
+
+
+def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
+    with Supervisor(live, Settings(), name=name) as supervisor:
+        os.kill(supervisor.pid, signal.SIGSTOP)
+    with pytest.raises(TactophoneError, match="cannot watch"):
+        Watcher(name)

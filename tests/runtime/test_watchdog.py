@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from tactophone.runtime.watchdog import CHECK_INTERVAL, StallTimeouts, Watchdog
 from tactophone.telemetry import Pulse
@@ -49,3 +50,22 @@ def test_checks_that_were_late_themselves_do_not_count() -> None:
     stalled = Pulse(callbacks=3, amplitude=0.5, beat=1.0)
     kills = [watchdog.check(stalled, now=time) for time in np.cumsum([0.0, 0.005, 0.2, 0.005])]
     assert not any(kills)
+
+
+@pytest.mark.parametrize("samples", [64, 128, 256, 512, 1024])
+def test_a_process_that_was_only_late_by_some_periods_is_left_alone(samples: int) -> None:
+    """At 512 samples, 50 ms are under five periods: a busy machine is later than that now and then."""
+    period = samples / 48_000
+    for late in (3, 5, 7):
+        steps = np.arange(0.0, 2.0, CHECK_INTERVAL)
+        callbacks = np.where(steps < 1.0, steps / period, np.maximum(1.0, steps - late * period) / period)
+        pulses = [Pulse(1 + int(n), 0.5, beat=k, period=period) for k, n in enumerate(callbacks)]
+        assert first_kill(pulses) is None, late
+
+
+@pytest.mark.parametrize("samples", [128, 512, 1024])
+def test_a_stall_ends_within_a_tenth_of_a_second_or_ten_periods(samples: int) -> None:
+    period = samples / 48_000
+    killed = first_kill([Pulse(7, 0.5, beat=k, period=period) for k in range(200)])
+    assert killed is not None
+    assert killed + 2 * period <= max(0.1, 10 * period) + CHECK_INTERVAL

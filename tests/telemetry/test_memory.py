@@ -2,13 +2,18 @@ import os
 import stat
 import subprocess
 import sys
+import time
 import uuid
 
+import numpy as np
 import pytest
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry import Telemetry, Watcher, running
+from tactophone.telemetry import State, Telemetry, Watcher, remove_leftovers, running
 from tactophone.telemetry.memory import PREFIX, folder
+from tactophone.types import AudioBlock, PipelineStep
+
+STEP_OF_SILENCE = PipelineStep(AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ())
 
 
 @pytest.fixture
@@ -69,3 +74,75 @@ def test_a_symbolic_link_is_not_opened(name: str) -> None:
             Watcher(name)
     finally:
         path.unlink()
+
+
+OUT_OF_SPACE = """
+import os, sys
+from tactophone.telemetry import Telemetry, memory
+def refuse(*_):
+    raise OSError(28, "No space left on device")
+os.posix_fallocate = refuse
+Telemetry(sys.argv[1])
+"""
+
+
+def test_a_full_memory_file_system_is_one_clear_line_and_leaves_nothing(name: str) -> None:
+    """Without pages of its own, the first write into a full file system would end the process by SIGBUS."""
+    result = subprocess.run([sys.executable, "-c", OUT_OF_SPACE, name], capture_output=True, text=True)
+    assert "no room for" in result.stderr
+    assert "No space left on device" in result.stderr
+    assert not (folder() / f"{PREFIX}{name}").exists()
+
+
+def test_all_pages_exist_from_the_beginning(name: str) -> None:
+    with Telemetry(name):
+        found = (folder() / f"{PREFIX}{name}").stat()
+        assert found.st_blocks * 512 >= found.st_size
+
+
+@pytest.mark.parametrize("byte", [0x00, 0xFF, 0xA5])
+def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, byte: int) -> None:
+    path = folder() / f"{PREFIX}{name}"
+    with Telemetry(name) as telemetry:
+        telemetry.update(State(role="test"), now=time.monotonic())
+        telemetry.count("xruns", 3)
+        watcher = Watcher(name)
+        with path.open("r+b") as file:
+            file.write(bytes([byte]) * path.stat().st_size)
+        for _ in range(3):  # whoever watches meanwhile sees nonsense, and gets no exception
+            watcher.snapshot(), watcher.pulse(), watcher.newest_step(), watcher.marks("captured"), watcher.predictions()
+        assert telemetry.requests(time.monotonic()) == []
+        telemetry.count("xruns")
+        telemetry.publish(STEP_OF_SILENCE, now=time.monotonic())
+        telemetry.rendered(np.zeros(128, np.float32))
+        telemetry.mark(0, 240, now=1.0)
+        telemetry.update(State(role="test"), now=time.monotonic())
+        snapshot = Watcher(name).snapshot()
+        assert (snapshot.counters["xruns"], snapshot.state.role, snapshot.alive) == (4, "test", True)
+
+
+def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(name: str) -> None:
+    path = folder() / f"{PREFIX}{name}"
+    first = Telemetry(name)
+    path.unlink()
+    with Telemetry(name):
+        first.count("xruns")
+        first.close()
+        assert path.exists()
+        assert Watcher(name).snapshot().counters["xruns"] == 0
+
+
+def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
+    path = folder() / f"{PREFIX}{name}"
+    killed = (
+        "import os, sys, time; from tactophone.telemetry import State, Telemetry; "
+        "Telemetry(sys.argv[1]).update(State(), now=time.monotonic() - float(sys.argv[2])); os.abort()"
+    )
+    subprocess.run([sys.executable, "-c", killed, name, "1"])
+    assert name not in remove_leftovers()
+    path.unlink()
+    subprocess.run([sys.executable, "-c", killed, name, "100"])
+    assert name in remove_leftovers()
+    assert not path.exists()
+    with Telemetry(name):
+        assert name not in remove_leftovers()

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
 
@@ -84,12 +84,13 @@ def both_sides(
     with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
         robot, operator = pair_on_one_machine(settings, Path(folder), name=name)
         receive = partial(run_operator, robot=robot.process.name)
-        receiving = stack.enter_context(Supervisor(receive, operator, name=name))
+        receiving = stack.enter_context(Supervisor(receive, operator, name=name, report=terminal.note))
         if network != "clean":
-            port = _impaired_port(stack, operator.link.port, network, seed)
+            port = _impaired_port(stack, operator, network, seed)
             robot = replace(robot, link=replace(robot.link, port=port))
         send = partial(run_robot, open_source=open_source or sources.open_source)
-        yield [receiving, stack.enter_context(Supervisor(send, robot, name=robot.process.name))]
+        sending = Supervisor(send, robot, name=robot.process.name, report=terminal.note)
+        yield [receiving, stack.enter_context(sending)]
 
 
 def _require_page(args: argparse.Namespace, settings: Settings) -> None:
@@ -97,9 +98,11 @@ def _require_page(args: argparse.Namespace, settings: Settings) -> None:
         raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
 
 
-def _impaired_port(stack: ExitStack, port: int, network: str, seed: int) -> int:
-    """Start the simulated network in front of a local port; return the port that leads through it."""
+def _impaired_port(stack: ExitStack, operator: Settings, network: str, seed: int) -> int:
+    """Start the simulated network in front of the operator's port; return the port that leads through it."""
+    from tactophone.runtime import prioritize_thread
     from tactophone.simulation.network import ImpairmentProxy, network_profile
 
-    proxy = ImpairmentProxy(("127.0.0.1", port), network_profile(network), seed=seed)
+    prepare = partial(prioritize_thread, operator.process.priority)
+    proxy = ImpairmentProxy(("127.0.0.1", operator.link.port), network_profile(network), seed=seed, prepare=prepare)
     return stack.enter_context(proxy).address[1]

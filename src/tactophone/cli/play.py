@@ -60,15 +60,15 @@ def run(args: argparse.Namespace) -> int:
     with serve_game(game, **dashboard_options.place(args)) as page, TemporaryDirectory(prefix="tactophone-") as folder:
         dashboard_options.announce(page)
 
-        from tactophone.cli._support import console
+        from tactophone.cli._support import console, terminal
         from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
 
         robot, operator = pair_on_one_machine(settings, Path(folder), name=name)
         receive = partial(run_operator, robot=f"{name}-robot")
         send = partial(run_robot, open_source=partial(open_finger, inbox))
         with (
-            Supervisor(receive, operator, name=name) as receiving,
-            Supervisor(send, robot, name=f"{name}-robot") as sending,
+            Supervisor(receive, operator, name=name, report=terminal.note) as receiving,
+            Supervisor(send, robot, name=f"{name}-robot", report=terminal.note) as sending,
         ):
             console.follow([receiving, sending], name)
     return 0

@@ -2,7 +2,7 @@
 
 import argparse
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
 
 FLAGS = {
     "--port": "link.port",
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     settings = flags.settings_of(args)
     name = settings.process.name or "receive"
     with (
-        Supervisor(run_operator, settings, name=name) as operator,
+        Supervisor(run_operator, settings, name=name, report=terminal.note) as operator,
         log_option.logged(args.log, name),
         dashboard_options.shown(args, name),
     ):

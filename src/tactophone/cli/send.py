@@ -3,7 +3,7 @@
 import argparse
 from functools import partial
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
+from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
 from tactophone.errors import ConfigError
 
 FLAGS = {
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
     main = partial(run_robot, open_source=source.open)
     with (
-        Supervisor(main, settings, name=name) as robot,
+        Supervisor(main, settings, name=name, report=terminal.note) as robot,
         log_option.logged(args.log, name),
         dashboard_options.shown(args, name, microphone=source.microphone),
     ):

@@ -142,11 +142,11 @@ class Session:
             self._call(now)
         return []
 
-    def hang_up(self) -> list[Event]:
-        """Send a goodbye, so that the other end need not wait for the timeout."""
+    def hang_up(self, reason: str = "") -> list[Event]:
+        """Send a goodbye, so that the other end need not wait for the timeout; a caller shows the reason."""
         if self._current is None:
             return []
-        self.send(bytes(Goodbye(self._current.agreement.secrets.local_ssrc)))
+        self.send(bytes(Goodbye(self._current.agreement.secrets.local_ssrc, reason)))
         return self._end("closed on this side")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:

@@ -3,6 +3,7 @@
 from tactophone.runtime.operator import Operator, run_operator
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.pairing import pair_on_one_machine
+from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.robot import Robot, run_robot
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor
 from tactophone.runtime.wiring import OpenSource, open_device, open_pipeline_for
@@ -17,6 +18,7 @@ __all__ = [
     "open_device",
     "open_pipeline_for",
     "pair_on_one_machine",
+    "prioritize_thread",
     "run_operator",
     "run_robot",
 ]

@@ -89,6 +89,7 @@ class Operator:
             settings, self._render, roughness=lambda: self._roughness, ceiling=lambda: self._gate.ceiling
         )
         self._session = ReceiveSession(open_session(settings, call=False))
+        info.progress("opening the models")
         # Both are opened now: a robot with other microphones must not make the network thread load a model.
         self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
         self._without_pipeline = ""
@@ -97,7 +98,9 @@ class Operator:
         except ModelError as error:
             self._without_pipeline = str(error)
         self._endpoint = OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
+        info.progress("rehearsing")
         self._rehearse()
+        info.progress("opening the actuator and the port")
         self._session.bandwidth = round(self._endpoint.pipeline.bandwidth)
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
@@ -138,7 +141,7 @@ class Operator:
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
-        self._telemetry.count("requests_refused", len(self._requests.apply(self._telemetry.requests())))
+        self._telemetry.count("requests_refused", len(self._requests.apply(self._telemetry.requests(now))))
         self._actuator.device.revive()
         self._update_counts()
         self._update_budget(now)
@@ -253,6 +256,8 @@ class Operator:
                 if step is not None:
                     self._submit(step)
                 self._received_at, decoded = received, time.monotonic()
+            if self._endpoint.refusal and self._session.peer:
+                self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             send_outgoing(self._session, self._socket)
             if received - checked_at >= HOUSEKEEPING_INTERVAL:
                 # Copied by the one thread that changes them, for the main thread to publish.

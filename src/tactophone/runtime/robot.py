@@ -77,7 +77,9 @@ class Robot:
         self.failure: BaseException | None = None
         self._settings = settings
         self._resources = ExitStack()
+        info.progress("opening the source")
         self._source = open_source(settings)
+        info.progress("rehearsing")
         self._session = open_send_session(settings, self._source.channels)
         remote = settings.link.send_predictions
         detector = open_pipeline_for(settings, channels=self._source.channels).detector if remote else None

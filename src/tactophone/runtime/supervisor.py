@@ -6,31 +6,45 @@ by the watchdog is replaced by a new one, which starts muted: nothing restores v
 """
 
 import contextlib
+import dataclasses
 import multiprocessing
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
+from pathlib import Path
 from typing import Self, TypeAlias
 
 from tactophone.config import Settings
 from tactophone.errors import TactophoneError
 from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Watchdog
-from tactophone.telemetry import Watcher
+from tactophone.telemetry import Watcher, remove_leftovers, remove_memory
 
-RESTART_DELAY = 0.5
-"""Seconds between the end of a process and the next."""
+RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
+"""Seconds between the end of a process and the next, which double with every process that lived less than
+`SHORT_LIFE`."""
+
+SHORT_LIFE = 10.0
+"""Seconds under which the next process will most likely end for the same reason."""
 
 START_TIMEOUT = 20.0
-"""Seconds that a process may take to import, open its devices and report."""
+"""Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
+
+LONGEST_START = 300.0
+"""Seconds that a start may take in all; compiling the simulation on a busy machine takes one minute."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
+
+
+def ignore(_: str) -> None:
+    """Discard a message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +54,8 @@ class ProcessInfo:
     name: str
     restarts: int = 0
     parent: int = 0
+    progress: Callable[[str], None] = ignore
+    """Called with what the process does next, while it starts."""
 
     @property
     def orphaned(self) -> bool:
@@ -54,22 +70,33 @@ Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
+    Parameters
+    ----------
+    name
+        Of the run.
+    report
+        Called with a line for people: why a process is restarted, or what a slow start is at. From another thread.
+
     Attributes
     ----------
     restarts
         Number of new processes that had to be started.
     """
 
-    def __init__(self, main: Main, settings: Settings, *, name: str) -> None:
+    def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:
         self.name = name
         self.restarts = 0
+        self._report = report
+        self._began = 0.0
+        self._restart_delay = RESTART_DELAY
         self._main, self._settings = main, settings
         self._process: SpawnProcess | None = None
-        self._errors: Connection | None = None
+        self._messages: Connection | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
 
     def __enter__(self) -> Self:
+        remove_leftovers()
         self._begin()
         try:
             self._await_start()
@@ -106,61 +133,96 @@ class Supervisor:
 
     def _begin(self) -> None:
         context = multiprocessing.get_context("spawn")
-        self._errors, errors = context.Pipe(duplex=False)
+        if self._messages is not None:
+            self._messages.close()
+        self._messages, messages = context.Pipe(duplex=False)
         info = ProcessInfo(self.name, self.restarts, os.getpid())
         self._process = context.Process(
-            target=_run, args=(self._main, self._settings, info, errors), name=self.name, daemon=True
+            target=_run, args=(self._main, self._settings, info, messages), name=self.name, daemon=True
         )
         self._process.start()
-        errors.close()
+        self._began = time.monotonic()
+        messages.close()
 
     def _await_start(self) -> None:
-        """Wait for the first telemetry; an error raised before it is raised here."""
-        until = time.monotonic() + START_TIMEOUT
-        while time.monotonic() < until:
-            if self._errors is not None and self._errors.poll():
-                raise TactophoneError(self._errors.recv())
+        """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
+        start = _Start(self.pid, now=time.monotonic())
+        while start.goes_on(time.monotonic()):
+            for error, text in self._read_messages():
+                if error:
+                    raise TactophoneError(text)
+                start.note(text, now=time.monotonic())
             if self._process is None or not self._process.is_alive():
+                if self._process and self._process.exitcode == 0:
+                    return  # its sound was so short that it has ended already
                 break
             with contextlib.suppress(TactophoneError):
                 watcher = Watcher(self.name)
                 if watcher.pid == self.pid and watcher.pulse().beat > 0:
                     return
+            if line := start.slow_line(time.monotonic()):
+                self._report(f"{self.name}: {line}")
             time.sleep(0.02)
-        raise TactophoneError(
-            f"{self.name} did not start within {START_TIMEOUT:g} s: see its messages, or try again on an idle machine"
-        )
+        for error, text in self._read_messages():
+            if error:
+                raise TactophoneError(text)
+        raise TactophoneError(f"{self.name} did not start: {start.failure}; it was last {start.doing}")
+
+    def _read_messages(self) -> Iterator[tuple[bool, str]]:
+        """Yield what the process has sent: whether it is the error that ended it, and its text."""
+        with contextlib.suppress(EOFError, OSError):
+            while self._messages is not None and self._messages.poll():
+                yield self._messages.recv()
 
     def _watch(self) -> None:
         """Supervise the process, and its successors, until the side ends."""
         # If this is refused, the network thread has warned already.
         prioritize_thread(self._settings.process.priority)
         while not self._ended.is_set():
-            if not self._watch_process():
+            reason = self._watch_process()
+            if not reason:
                 self._ended.set()
                 return
-            if self._ended.wait(RESTART_DELAY):
+            if self._ended.is_set():
+                return
+            lived = time.monotonic() - self._began
+            self._restart_delay = (
+                min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
+                if lived < SHORT_LIFE and self.restarts
+                else RESTART_DELAY
+            )
+            self._report(f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s")
+            if self._ended.wait(self._restart_delay):
                 return
             self.restarts += 1
             self._begin()
 
-    def _watch_process(self) -> bool:
-        """Watch one process; true when it died or was killed, and another should start."""
+    def _watch_process(self) -> str:
+        """Watch one process; returns why it ended and another should start, empty when none should."""
         process = self._process
         if process is None:
-            return False
+            return ""
         watcher = self._watcher()
         watchdog = Watchdog(_timeouts(self._settings))
         while not self._ended.wait(CHECK_INTERVAL):
             if not process.is_alive():
-                return process.exitcode != 0
+                return self._reason(process.exitcode or 0)
             if watcher is None:
                 watcher = self._watcher()
             elif self._settings.process.watchdog and watchdog.check(watcher.pulse(), now=time.monotonic()):
                 process.kill()
                 process.join()
-                return True
-        return False
+                return "the watchdog found it stalled"
+        return ""
+
+    def _reason(self, exitcode: int) -> str:
+        """Return why the process ended, empty for an orderly end."""
+        if not exitcode:
+            return ""
+        errors = [text for error, text in self._read_messages() if error]
+        with contextlib.suppress(ValueError):
+            return errors[-1] if errors else f"signal {signal.Signals(-exitcode).name}"
+        return f"exit code {exitcode}"
 
     def _watcher(self) -> Watcher | None:
         with contextlib.suppress(TactophoneError):
@@ -177,16 +239,68 @@ class Supervisor:
         if process.is_alive():
             process.kill()
             process.join()
+        remove_memory(self.name)
 
 
-def _run(main: Main, settings: Settings, info: ProcessInfo, errors: Connection) -> None:
+class _Start:
+    """How far a process has come with its start; times in s."""
+
+    def __init__(self, pid: int, *, now: float) -> None:
+        self.doing, self.failure = "importing", "it ended"
+        self._pid = pid
+        self._began = self._progressed = self._shown = now
+        self._used = 0
+
+    def note(self, doing: str, *, now: float) -> None:
+        """Take what the process does next."""
+        self.doing, self._progressed = doing, now
+
+    def goes_on(self, now: float) -> bool:
+        """Whether to wait longer."""
+        if (used := _processor_time(self._pid)) != self._used:
+            self._used, self._progressed = used, now
+        if now - self._progressed > START_TIMEOUT:
+            self.failure = f"no progress within {START_TIMEOUT:g} s"
+        elif now - self._began > LONGEST_START:
+            self.failure = f"not done within {LONGEST_START:g} s"
+        else:
+            return True
+        return False
+
+    def slow_line(self, now: float) -> str:
+        """Return what a slow start is at, every five seconds."""
+        if now - self._shown < 5.0:
+            return ""
+        self._shown = now
+        return f"starting for {now - self._began:.0f} s, now {self.doing}"
+
+
+def _processor_time(pid: int) -> int:
+    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its messages count as progress)."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return int(fields[11]) + int(fields[12])
+    except (OSError, IndexError, ValueError):
+        return 0
+
+
+def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:
     """Run the side in the new process: an expected error is passed on in one line, a bug is a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the keyboard interrupt
     try:
-        main(settings, info)
+        main(settings, dataclasses.replace(info, progress=partial(_send, messages, False)))
     except TactophoneError as error:
-        errors.send(str(error))
+        _send(messages, True, str(error))
         raise SystemExit(1) from None
+    except Exception as error:
+        _send(messages, True, f"{type(error).__name__}: {error}")
+        raise
+
+
+def _send(messages: Connection, error: bool, text: str) -> None:
+    """Send a message to the supervisor, if it still listens."""
+    with contextlib.suppress(OSError):
+        messages.send((error, text))
 
 
 def _timeouts(settings: Settings) -> StallTimeouts:

@@ -19,11 +19,17 @@ SILENT_TIMEOUT = 2.0
 """Seconds without any sign of life, while silent, after which a process counts as stalled."""
 
 
+LATE_PERIODS = 8
+"""Periods for which a process that vibrates may be late. A busy machine is late by a number of periods rather than by
+a time: 50 ms are 19 periods of 128 samples, but under five of 512, and the watchdog ended processes that were only
+late. With the two periods that the server takes to remove a client, silence comes within ten."""
+
+
 @dataclass(frozen=True, slots=True)
 class StallTimeouts:
     """How long a process may show no sign of life, in s: while it vibrates, and while it is silent.
 
-    For a device with long periods the first is extended to two of them.
+    For a device with long periods the first is extended to `LATE_PERIODS` of them.
     """
 
     vibrating: float = 0.05
@@ -56,7 +62,9 @@ class Watchdog:
         self._without_callback = 0.0 if moved else self._without_callback + passed
         self._without_beat = 0.0 if pulse.beat != self._beat else self._without_beat + passed
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
-        vibrating = max(self._timeouts.vibrating, 2 * pulse.period) if pulse.period > 0 else self._timeouts.vibrating
+        vibrating = (
+            max(self._timeouts.vibrating, LATE_PERIODS * pulse.period) if pulse.period > 0 else self._timeouts.vibrating
+        )
         if pulse.amplitude > 0.0 and self._without_callback > vibrating:
             return True
         return self._without_beat > self._timeouts.silent

@@ -6,7 +6,7 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 """
 
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.memory import MARK, PREDICTION, STEP
+from tactophone.telemetry.memory import MARK, PREDICTION, STEP, remove_leftovers, remove_memory
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
@@ -32,5 +32,7 @@ __all__ = [
     "TimelineWriter",
     "Watcher",
     "read_timeline",
+    "remove_leftovers",
+    "remove_memory",
     "running",
 ]

@@ -15,9 +15,12 @@ Beware: readers rely on stores becoming visible in program order, which x86 guar
 rarely see a torn row of a ring buffer; nothing that controls vibration is read from here.
 """
 
+import contextlib
 import os
+import struct
 import sys
 import tempfile
+import time
 import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -87,6 +90,9 @@ PREDICTION = np.dtype(
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
 """The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""
 
+LEFT_AFTER = 60.0
+"""Seconds after the last heartbeat of a killed process from which its memory is a leftover: time to look at it."""
+
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
 
@@ -123,17 +129,24 @@ class Memory:
     def __init__(self, name: str, *, create: bool) -> None:
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
-        with _created(self._path) if create else _opened(self._path) as file:
+        draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
+        with _created(draft, self._path) if create else _opened(self._path) as file:
+            self._inode = os.fstat(file.fileno()).st_ino
             whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
         # The views are made once: making one costs as much as a write through it.
         self._views = {name: np.asarray(whole[name]).reshape(_LAYOUT[name].shape) for name in _LAYOUT.names or ()}
         if create:
             self["gauges"][:] = np.nan
-            self["pid"][...] = os.getpid()
-            self["fingerprint"][...] = _FINGERPRINT
+            self.sign()
+            _publish(draft, self._path)
 
     def __getitem__(self, field: str) -> NDArray[Any]:
         return self._views[field]
+
+    def sign(self) -> None:
+        """Write by what readers know the memory; also again, as somebody may have overwritten it."""
+        self["pid"][...] = os.getpid()
+        self["fingerprint"][...] = _FINGERPRINT
 
     @property
     def writer_alive(self) -> bool:
@@ -142,8 +155,9 @@ class Memory:
 
     def unlink(self) -> None:
         """Remove the file, if this process created it; readers that have it open see the last state."""
-        if self._created:
-            self._path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            if self._created and self._path.lstat().st_ino == self._inode:  # not the file of a successor
+                self._path.unlink()
 
 
 def folder() -> Path:
@@ -152,16 +166,76 @@ def folder() -> Path:
     return memory if memory.is_dir() else Path(tempfile.gettempdir())
 
 
-def _created(path: Path) -> BinaryIO:
+def remove_memory(name: str) -> None:
+    """Remove what a run of this name left, if its process is gone."""
+    path = folder() / f"{PREFIX}{name}"
+    with contextlib.suppress(OSError, TactophoneError):
+        if not _alive(_left_by(path)):
+            path.unlink()
+
+
+def remove_leftovers() -> list[str]:
+    """Remove the memory of this user's runs that were killed; returns their names.
+
+    A run counts as killed when its process is gone and its last heartbeat is older than `LEFT_AFTER`: in a container
+    that shares the folder, processes may exist that cannot be seen from here.
+    """
+    removed = []
+    for path in (*folder().glob(f"{PREFIX}*"), *folder().glob(f".{PREFIX}*")):
+        with contextlib.suppress(OSError, TactophoneError):
+            if path.lstat().st_uid == os.getuid() and not path.is_symlink() and _is_leftover(path):
+                path.unlink()
+                removed.append(_run(path))
+    return removed
+
+
+def _is_leftover(path: Path) -> bool:
+    with path.open("rb", buffering=0) as file:
+        head = file.read(24)
+    if len(head) < 24 or _alive(int.from_bytes(head[8:16], sys.byteorder)):
+        return False
+    beat = struct.unpack("=d", head[16:24])[0]
+    return not abs(time.monotonic() - beat) < LEFT_AFTER
+
+
+def _created(draft: Path, path: Path) -> BinaryIO:
+    """Make the file under a name that no reader looks for, until it is complete."""
     if path.exists():
         pid = _left_by(path)
         if _alive(pid):
             raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
         path.unlink()
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
-    file = os.fdopen(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
-    file.truncate(_LAYOUT.itemsize)
+    file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
+    try:
+        _allocate(file)
+    except OSError as error:
+        file.close()
+        draft.unlink()
+        needed = _LAYOUT.itemsize / 1e6
+        raise TactophoneError(
+            f"no room for {needed:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
+        ) from None
     return file
+
+
+def _publish(draft: Path, path: Path) -> None:
+    """Give the complete file its name, if nobody else has taken it meanwhile."""
+    try:
+        os.link(draft, path)
+    except OSError as error:
+        raise TactophoneError(
+            f"{path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
+        ) from None
+    finally:
+        draft.unlink()
+
+
+def _allocate(file: BinaryIO) -> None:
+    """Give the file its size, and its pages now: a page that is missing later would end the process by a signal."""
+    file.truncate(_LAYOUT.itemsize)
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file.fileno(), 0, _LAYOUT.itemsize)
 
 
 def _left_by(path: Path) -> int:

@@ -1,5 +1,6 @@
 """The reading side of telemetry: another process that reads a run's telemetry and may send it requests."""
 
+import contextlib
 import math
 import time
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from tactophone.types import FloatArray
 
 STALE_AFTER = 1.0
 """Seconds without a heartbeat after which a run counts as stalled; a live run updates it at least every 0.1 s."""
+
+_LARGEST_COUNT = 1 << 62
+"""No run counts so far: 3 million years of samples."""
 
 _CALLBACKS = list(COUNTERS).index("callbacks")
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -160,15 +164,20 @@ class Watcher:
     def _state(self) -> State:
         while turn := int(self._memory["state_count"]):
             slot = self._memory["states"][turn % 2]
-            text = bytes(slot["text"][: int(slot["size"])])
+            text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
             if int(self._memory["state_count"]) == turn:
-                return State.parse(text)
+                # Overwritten memory holds anything; the writer repairs it at its next update.
+                with contextlib.suppress(ValueError, TypeError, KeyError, AttributeError, RecursionError):
+                    return State.parse(text)
+                break
         return State()
 
 
 def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
     """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
     end = int(count.item())
+    if end > _LARGEST_COUNT:  # overwritten memory: nothing to see until the writer counts on
+        return rows[:0].copy(), since
     # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
     start = max(since if since <= end else 0, end + slack - len(rows), 0)
     copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")

@@ -9,11 +9,15 @@ from numpy.typing import NDArray
 
 from tactophone.telemetry import memory as layout
 from tactophone.telemetry.memory import STEP, Memory
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, Request, State
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.types import FloatArray, HapticCommand, PipelineStep, Prediction
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
+
+REQUEST_AGE = 10.0
+"""Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
+wanted before."""
 
 _NO_PREDICTION = np.zeros((), STEP)
 _NO_PREDICTION["probabilities"] = _NO_PREDICTION["roughness"] = math.nan
@@ -25,6 +29,9 @@ class Telemetry:
 
     Each counter, each gauge and each ring has *one* writing thread at most: adding to a counter from two threads
     can lose one of the additions.
+
+    Every count is kept in this process and only copied to the shared memory, which is never read back but for the
+    mailbox: whoever overwrites or removes the memory disturbs watchers, and never the run.
 
     Parameters
     ----------
@@ -42,7 +49,9 @@ class Telemetry:
     def __init__(self, name: str) -> None:
         self.name = name
         self._memory = Memory(name, create=True)
-        self._counters = self._memory["counters"]
+        self._counters, self._totals = self._memory["counters"], np.zeros(len(COUNTERS), np.uint64)
+        self._counts = dict.fromkeys(("step", "prediction", "sound", "vibration", "state"), 0)
+        self._mark_counts = [0] * len(MARKS)
         self._gauges = self._memory["gauges"]
         self._memory["steps"][-1] = _NO_PREDICTION  # the row before the first
         self._seen = np.zeros(len(ACTIONS), np.uint64)
@@ -56,11 +65,13 @@ class Telemetry:
 
     def count(self, name: str, n: int = 1) -> None:
         """Add to a counter of `COUNTERS`."""
-        self._counters[_COUNTER[name]] += np.uint64(n)
+        index = _COUNTER[name]
+        self._totals[index] += np.uint64(n)
+        self._counters[index] = self._totals[index]
 
     def counter(self, name: str) -> int:
         """Read a counter back."""
-        return int(self._counters[_COUNTER[name]])
+        return int(self._totals[_COUNTER[name]])
 
     def gauge(self, name: str, value: float) -> None:
         """Set a gauge of `GAUGES`."""
@@ -77,15 +88,14 @@ class Telemetry:
             The known `Touch` at this time, where the sound is simulated or labelled.
         """
         self._append("sound", _stereo(step.block.samples))
-        ring, count = self._memory["steps"], self._memory["step_count"]
-        index = int(count)
+        ring, index = self._memory["steps"], self._counts["step"]
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         ring[index % layout.STEP_CAPACITY] = ring[index % layout.STEP_CAPACITY - 1]
         row = ring[index % layout.STEP_CAPACITY]
         _fill(row, step)
-        row["sound_end"], row["vibration_end"] = self._memory["sound_count"], self._memory["vibration_count"]
+        row["sound_end"], row["vibration_end"] = self._counts["sound"], self._counts["vibration"]
         row["truth"] = truth
-        count[...] = index + 1
+        self._advance("step", 1)
         for k, prediction in enumerate(step.predictions):
             self._log(prediction, step.commands[k] if step.commands else None)
         self.count("steps")
@@ -98,59 +108,71 @@ class Telemetry:
 
     def mark(self, index: int, position: int, *, now: float) -> None:
         """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
-        count = self._memory["mark_counts"][index : index + 1]
-        self._memory["marks"][index, int(count[0]) % layout.MARK_CAPACITY] = (position, now)
-        count += np.uint64(1)
+        count = self._mark_counts[index]
+        self._memory["marks"][index, count % layout.MARK_CAPACITY] = (position, now)
+        self._memory["mark_counts"][index] = self._mark_counts[index] = count + 1
 
     def update(self, state: State, *, now: float) -> None:
         """Publish a state; the same one again counts as a heartbeat."""
         self._memory["beat"][...] = now
-        if state == self.state and int(self._memory["state_count"]):
+        self._memory.sign()
+        if state == self.state and int(self._memory["state_count"]) == self._counts["state"] > 0:
             return
         self.state = state
         text = bytes(state)
         if len(text) > layout.STATE_SIZE:
             raise ValueError(f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts")
-        turn = int(self._memory["state_count"]) + 1
-        slot = self._memory["states"][turn % 2]
+        slot = self._memory["states"][(self._counts["state"] + 1) % 2]
         slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
         slot["size"] = len(text)
-        self._memory["state_count"][...] = turn
+        self._advance("state", 1)
 
-    def requests(self) -> list[Request]:
-        """Empty the mailbox: return the requests since the last call, oldest first."""
+    def requests(self, now: float | None = None) -> list[Request]:
+        """Empty the mailbox: return the requests since the last call, oldest first.
+
+        Parameters
+        ----------
+        now
+            Where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what lies
+            in memory that was overwritten.
+        """
         slots = self._memory["requests"]
         new = np.flatnonzero(slots["count"] != self._seen)
         self._seen[:] = slots["count"]
         found = [request for index in new if (request := _request(int(index), slots[index])) is not None]
-        return sorted(found, key=lambda request: request.time)
+        recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
+        return sorted(recent, key=lambda request: request.time)
 
     def close(self) -> None:
         """End this run's telemetry and free its name."""
         self._memory.unlink()
 
     def _log(self, prediction: Prediction, command: HapticCommand | None) -> None:
-        ring, count = self._memory["predictions"], self._memory["prediction_count"]
+        ring, count = self._memory["predictions"], self._counts["prediction"]
         time, amplitude, frequency = (
             (command.time, command.amplitude, command.frequency) if command else (prediction.end, math.nan, math.nan)
         )
-        ring[int(count) % layout.PREDICTION_CAPACITY] = (
+        ring[count % layout.PREDICTION_CAPACITY] = (
             time, prediction.start, prediction.end, prediction.probabilities, prediction.roughness,
             prediction.level_dbfs, amplitude, frequency, prediction.touch,
         )  # fmt: skip
-        count += np.uint64(1)
+        self._advance("prediction", 1)
 
     def _append(self, name: str, samples: FloatArray) -> None:
-        ring, count = self._memory[name], self._memory[f"{name}_count"]
+        ring = self._memory[name]
         for start in range(0, len(samples), layout.LARGEST_WRITE):
             part = samples[start : start + layout.LARGEST_WRITE]
-            index = int(count)
             # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
-            at = index % layout.SOUND_CAPACITY
+            at = self._counts[name] % layout.SOUND_CAPACITY
             head = min(len(part), layout.SOUND_CAPACITY - at)
             ring[at : at + head] = part[:head]
             ring[: len(part) - head] = part[head:]
-            count[...] = index + len(part)
+            self._advance(name, len(part))
+
+    def _advance(self, name: str, n: int) -> None:
+        """Count rows of a ring, or states, that have been written."""
+        self._counts[name] += n
+        self._memory[f"{name}_count"][...] = self._counts[name]
 
 
 def _stereo(samples: FloatArray) -> FloatArray:
@@ -170,6 +192,6 @@ def _fill(row: NDArray[np.void], step: PipelineStep) -> None:
 
 def _request(index: int, slot: NDArray[np.void]) -> Request | None:
     with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text; the request is then dropped
-        text = bytes(slot["text"][: int(slot["size"])]).decode()
+        text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
         return Request(ACTIONS[index], value=float(slot["value"]), text=text, time=float(slot["time"]))
     return None

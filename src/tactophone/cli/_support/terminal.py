@@ -70,3 +70,8 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value
+
+
+def note(line: str) -> None:
+    """Print a line for people on stderr, as it is; may be called from another thread."""
+    log().print(line, soft_wrap=True, markup=False, highlight=False)

@@ -3,6 +3,7 @@
 import select
 import threading
 import time
+from collections.abc import Callable
 from typing import Self
 
 from tactophone.link import Endpoint, UdpSocket
@@ -24,12 +25,21 @@ class ImpairmentProxy:
         Random seed of the direction to the operator; the other direction uses the next.
     host, port
         Address for the robot; port 0 lets the system choose.
+    prepare
+        Called first in the thread: to give it the priority of the sound, as a busy machine delays no real network.
     """
 
     def __init__(
-        self, operator: Endpoint, profile: NetworkProfile, *, seed: int = 0, host: str = "127.0.0.1", port: int = 0
+        self,
+        operator: Endpoint,
+        profile: NetworkProfile,
+        *,
+        seed: int = 0,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        prepare: Callable[[], object] = lambda: None,
     ) -> None:
-        self._operator = operator
+        self._operator, self._prepare = operator, prepare
         self._robot: Endpoint | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)
         self._to_robot = ImpairedLink(profile, seed=seed + 1)
@@ -55,6 +65,7 @@ class ImpairmentProxy:
 
     def run(self) -> None:
         """Forward until the context ends."""
+        self._prepare()
         while not self._stop.is_set():
             self._forward(time.monotonic())
 
