@@ -23,6 +23,7 @@ VERBS: dict[str, str] = {
     "send": "the robot's side: capture the finger's sound and send it encrypted to the operator",
     "receive": "the operator's side: receive sound, detect roughness and drive the actuator",
     "feel": "process recordings: write the vibration, its timeline and a picture",
+    "replay": "compute a recorded run again, to the bit; or as another model or profile would have rendered it",
     "model": "show a model file's card, or import the paper authors' models",
     "latency": "measure the latency from microphone to vibration with impulses, stage by stage",
     "stop": "emergency stop: all vibration on this machine ends until an operator arms it again",

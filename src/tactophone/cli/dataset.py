@@ -5,16 +5,21 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+import soundfile
 from rich.table import Table
 
+from tactophone.bridges import is_mcap
 from tactophone.cli._support import terminal
 from tactophone.dataset import (
     DEFAULT_CONTACT_DBFS,
     FILE_NAME,
+    LABEL_NAMES,
     SPLITS,
     Dataset,
+    Recording,
     check,
     check_consistency,
     convert,
@@ -35,7 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     def add(name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
         sub = actions.add_parser(name, help=text, description=text, formatter_class=terminal.HelpFormatter)
-        sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
+        sub.add_argument(
+            "folder",
+            metavar="DIR",
+            help="a folder with metadata.csv, manifest.csv or opus/stereo/",
+        )
         sub.set_defaults(action=action)
         return sub
 
@@ -58,9 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub = add(
         "import", _import,
         "convert another layout to this one, as FLAC: the paper's authors', manifest.csv, folders rough/ and smooth/, "
-        "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, file_name and label without surface",
+        "mono pairs piezo/x.wav and mems/x.wav or x_contact.wav and x_air.wav, file_name and label without surface, "
+        "or an MCAP file of --record",
     )  # fmt: skip
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
+    sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
+    sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
 
@@ -137,7 +149,28 @@ def _split(args: argparse.Namespace) -> int:
     return 0
 
 
+def _import_log(args: argparse.Namespace, log: Path) -> int:
+    """Make a take of each session of a log."""
+    from tactophone.offline.replay import write_sound
+
+    if args.label not in LABEL_NAMES:
+        raise ConfigError(f"--label {args.label}: must be one of {', '.join(filter(None, LABEL_NAMES))}")
+    with TemporaryDirectory(prefix="tactophone-") as folder:
+        takes = [
+            Recording(
+                path, args.surface or log.stem, LABEL_NAMES[args.label],
+                ("contact", "air")[: soundfile.info(path).channels], take=str(number), session=log.stem,
+            )
+            for number, path in enumerate(write_sound(log, Path(folder)), 1)
+        ]  # fmt: skip
+        converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
+    print(f"{len(converted.recordings)} recordings in {args.out}")
+    return 0
+
+
 def _import(args: argparse.Namespace) -> int:
+    if is_mcap(Path(args.folder)):
+        return _import_log(args, Path(args.folder))
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
         terminal.log().print(f"{'left out' if problem.fatal else 'warning'}: {problem}", soft_wrap=True)

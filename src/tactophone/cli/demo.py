@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone import config
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
+from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 from tactophone.config import Settings
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print the scores as JSON")
     flags.add_settings(parser, FLAGS)
     log_option.add_arguments(parser)
+    record_option.add_arguments(parser)
     dashboard_options.add_arguments(parser)
 
 
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     name = settings.process.name
     with (
         both_sides(settings, args.network, name=name, seed=args.seed) as sides,
+        record_option.recorded(args, name),
         dashboard_options.shown(args, name),
         log_option.logged(_timeline(args), name),
         RunRecorder(name) as recorder,

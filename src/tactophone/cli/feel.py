@@ -24,7 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "recordings", nargs="+", type=Path, metavar="RECORDING",
-        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone",
+        help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; or the sound of a "
+        "run, an MCAP file of --record",
     )  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add(
@@ -66,7 +67,8 @@ def run(args: argparse.Namespace) -> int:
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be made ({error.strerror}); name a folder of your own") from error
     results = []
-    for path, stem in _unique_stems(args.recordings):
+    recordings, failed = _with_sound_of_logs(args)
+    for path, stem in _unique_stems(recordings):
         try:
             results.append(_process(path, stem, args))
         except (TactophoneError, OSError) as error:
@@ -82,7 +84,26 @@ def run(args: argparse.Namespace) -> int:
 
         takes = [recording_playback.Take(result.path, result.pipeline, result.truth) for result in results]
         recording_playback.play_on_page(args, takes, name="feel")
-    return 0 if len(results) == len(args.recordings) else 1
+    return 0 if len(results) == len(recordings) and not failed else 1
+
+
+def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
+    """Put the sound of each session in place of a log, written to ``--out``; true if one holds none."""
+    from tactophone.bridges import is_mcap
+
+    recordings, failed = list[Path](), False
+    for path in args.recordings:
+        if not is_mcap(path):
+            recordings.append(path)
+            continue
+        from tactophone.offline.replay import write_sound  # for logs alone: it needs the extras link and record
+
+        try:
+            recordings += write_sound(path, args.out)
+        except TactophoneError as error:
+            terminal.print_error(str(error))
+            failed = True
+    return recordings, failed
 
 
 @dataclass(frozen=True, slots=True)

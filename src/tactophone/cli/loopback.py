@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
+from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
 
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed of its losses and delays")
     dashboard_options.add_arguments(parser)
     log_option.add_arguments(parser)
+    record_option.add_arguments(parser)
     run_summary.add_arguments(parser)
 
 
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     _require_page(args, settings)
     with (
         both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open) as sides,
+        record_option.recorded(args, name),
         log_option.logged(args.log, name),
         dashboard_options.shown(args, name, microphone=source.microphone),
     ):

@@ -2,7 +2,7 @@
 
 import argparse
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
+from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 
 FLAGS = {
     "--port": "link.port",
@@ -26,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags.add_settings(parser, FLAGS)
     dashboard_options.add_arguments(parser)
     log_option.add_arguments(parser)
+    record_option.add_arguments(parser)
     run_summary.add_arguments(parser)
 
 
@@ -37,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     name = settings.process.name or "receive"
     with (
         Supervisor(run_operator, settings, name=name, report=terminal.note) as operator,
+        record_option.recorded(args, name),
         log_option.logged(args.log, name),
         dashboard_options.shown(args, name),
     ):

@@ -3,7 +3,7 @@
 import argparse
 from functools import partial
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary, terminal
+from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 from tactophone.errors import ConfigError
 
 FLAGS = {
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags.add_settings(parser, FLAGS)
     dashboard_options.add_arguments(parser)
     log_option.add_arguments(parser)
+    record_option.add_arguments(parser)
     run_summary.add_arguments(parser)
 
 
@@ -49,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     main = partial(run_robot, open_source=source.open)
     with (
         Supervisor(main, settings, name=name, report=terminal.note) as robot,
+        record_option.recorded(args, name),
         log_option.logged(args.log, name),
         dashboard_options.shown(args, name, microphone=source.microphone),
     ):

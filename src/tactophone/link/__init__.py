@@ -16,6 +16,7 @@ from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send_session import Datagrams, SendSession
 from tactophone.link.session import Session
+from tactophone.link.session_log import LoggedSession, read_event, write_event
 from tactophone.link.stats import StreamStats
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
 
@@ -35,6 +36,7 @@ __all__ = [
     "Endpoint",
     "Event",
     "Identity",
+    "LoggedSession",
     "PacketReceived",
     "Packetizer",
     "Peers",
@@ -53,7 +55,9 @@ __all__ = [
     "open_decoder",
     "open_encoder",
     "parse_packet",
+    "read_event",
     "resolve",
     "resolve_all",
     "round_trip",
+    "write_event",
 ]

@@ -82,6 +82,11 @@ class Depacketizer:
         """The RTP timestamp of the first sample of the stream."""
         return self._timestamps.origin
 
+    @property
+    def waiting(self) -> bool:
+        """Whether a packet waits for an earlier one, so that `poll` may return sound."""
+        return bool(self._waiting)
+
     def push(self, packets: Sequence[Packet], *, now: float) -> list[DecodedAudio]:
         """Take all packets that have arrived by ``now`` (s); return the sound that can be decoded, oldest first."""
         for packet in packets:

@@ -1,6 +1,7 @@
 """The operator's end of the link: session, stream and reports together, without socket or clock."""
 
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -52,10 +53,14 @@ class ReceiveSession:
         The highest frequency in Hz that the model uses, to be requested from the robot; 0: no request.
     playout
         The clocked buffer of the current session; ``None`` until the first `pull`.
+    tap
+        Called with the time and the session's events before they are processed, and with whether they came by `poll`:
+        all that a log needs to repeat this end (`tactophone.link.session_log`).
     """
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:
         self.session = session
+        self.tap: Callable[[float, list[Event], bool], None] = _ignore
         self._reorder = reorder
         self.playout: Playout | None = None
         self.bandwidth = 0
@@ -104,6 +109,8 @@ class ReceiveSession:
             if opened:
                 self._meter.count(len(datagram) + DATAGRAM_OVERHEAD, now=now)
             events += opened
+        if events:
+            self.tap(now, events, False)
         return self._handle(events, now)
 
     def pull(self, size: int, *, now: float) -> FloatArray:
@@ -126,7 +133,10 @@ class ReceiveSession:
             self.session.send(bytes(report))
             if self.bandwidth:
                 self.session.send(bytes(ReceiverRequest(local, self.bandwidth)))
-        return [*self._handle(self.session.poll(now), now), *self._depacketizer.poll(now)]
+        events = self.session.poll(now)
+        if events or self._depacketizer.waiting:
+            self.tap(now, events, True)
+        return [*self._handle(events, now), *self._depacketizer.poll(now)]
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send, each with its address."""
@@ -204,6 +214,10 @@ class ReceiveSession:
             return
         if isinstance(report, SenderReport):
             self._depacketizer.reception.note_sender_report(report, now=now)
+
+
+def _ignore(now: float, events: list[Event], polled: bool) -> None:
+    """Log nothing."""
 
 
 class _PredictionStream:

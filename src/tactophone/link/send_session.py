@@ -1,7 +1,7 @@
 """The robot's end of the link: session, stream and reports together, without socket or clock."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
@@ -37,6 +37,8 @@ class SendSession:
         In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``sound_faults``.
     round_trip
         Round-trip time in s, by the newest report; ``None`` before the first.
+    tap
+        Called with each connection made or lost, and with each packet before it is encrypted, for a log.
     """
 
     def __init__(
@@ -47,6 +49,7 @@ class SendSession:
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
         self.loss = 0.0
+        self.tap: Callable[[Event], None] = _ignore
         self._packetizer: Packetizer | None = None
         self._next_report = 0.0
 
@@ -98,11 +101,14 @@ class SendSession:
 
     def _send(self, packets: list[Packet]) -> None:
         self.counters["packets_sent"] += len(packets)
-        for packet in packets:
-            self.session.send(bytes(packet))
+        for packet in map(bytes, packets):
+            self.tap(PacketReceived(packet, report=False))
+            self.session.send(packet)
 
     def _handle(self, events: list[Event], now: float) -> list[Connected | Disconnected]:
         for event in events:
+            if not isinstance(event, PacketReceived):
+                self.tap(event)
             match event:
                 case Connected():
                     self._packetizer = Packetizer(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
@@ -134,3 +140,7 @@ class SendSession:
             self.loss = report.fraction_lost
             self.redundancy.update(report.fraction_lost)
             self.round_trip = round_trip(report, now=now)
+
+
+def _ignore(event: Event) -> None:
+    """Log nothing."""

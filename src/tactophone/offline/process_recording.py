@@ -7,7 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
@@ -132,18 +132,23 @@ class OfflineRenderer:
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block and write its results; returns the step."""
         step = self._pipeline.push(block)
-        self.microphones.push(block.samples)
-        self._write(step, until=block.end / self._sample_rate)
-        self._last = block
+        self.write(step)
         return step
 
-    def finish(self) -> RunSummary:
-        """Write what the end of the sound completes, and return the totals."""
+    def write(self, step: PipelineStep) -> None:
+        """Write a step that was computed elsewhere."""
+        self.microphones.push(step.block.samples)
+        self._write(step, until=step.block.end / self._sample_rate)
+        self._last = step.block
+
+    def finish(self, *, flush: bool = True) -> RunSummary:
+        """Write what the end of the sound completes, unless ``flush`` is false; return the totals."""
         duration = self._last.end / self._sample_rate if self._last else 0.0
         # Counted before the tail: the fade at the end is the oscillator's timeout, but not a fault.
         faults = dict(self._pipeline.faults + self._oscillator.faults)
         if self._last:
-            self._write(self._pipeline.flush(self._last), until=duration + TAIL)
+            tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
+            self._write(replace(tail, block=replace(self._last, samples=self._last.samples[:0])), until=duration + TAIL)
         updates = sum(self._counts.values())
         contact = updates - self._counts[Touch.NONE]
         return RunSummary(

@@ -5,6 +5,7 @@ from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.robot import Robot, run_robot
+from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor
 from tactophone.runtime.wiring import OpenSource, open_device, open_pipeline_for
 
@@ -14,6 +15,7 @@ __all__ = [
     "OutputGate",
     "ProcessInfo",
     "Robot",
+    "SessionRecorder",
     "Supervisor",
     "open_device",
     "open_pipeline_for",

@@ -33,6 +33,7 @@ from tactophone.runtime.rehearsal import (
     rehearse_statistics,
 )
 from tactophone.runtime.requests import RequestHandler
+from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     actuator_response,
@@ -42,7 +43,7 @@ from tactophone.runtime.wiring import (
     open_session,
     send_outgoing,
 )
-from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import MARKS, Controls, Fault, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep, Prediction, Touch
 
 HOUSEKEEPING_INTERVAL = 0.02
@@ -122,6 +123,8 @@ class Operator:
             self._telemetry.count("process_restarts", self._info.restarts)
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
+            self._recorder = SessionRecorder(self._telemetry, self._settings, role="operator")
+            self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
         self._thread.start()
@@ -247,14 +250,16 @@ class Operator:
         while not self.ended.is_set():
             datagrams = self._socket.receive(LONGEST_RECEIVE)
             received = time.monotonic()
+            self._recorder.controls(self._controls())
             steps = itertools.chain(self._endpoint.receive(datagrams, now=received), self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
             # moment at which its sound was decoded and free to be processed.
             decoded = time.monotonic()
-            for event, step in steps:
+            for number, (event, step) in enumerate(steps, 1):
                 self._mark_arrival(event, received=received, decoded=decoded)
                 if step is not None:
                     self._submit(step)
+                self._recorder.controls(self._controls(), step=number)
                 self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
@@ -297,6 +302,14 @@ class Operator:
         now = time.monotonic()
         self._telemetry.mark(_DETECTED, end, now=now)
         self._telemetry.publish(dataclasses.replace(step, commands=commands), now=now, truth=self._local_robot.truth())
+
+    def _controls(self) -> Controls:
+        """Return what may be changed from outside this thread, for the session log."""
+        gate, pipeline = self._gate, self._endpoint.pipeline
+        return Controls(
+            gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
+            pipeline.threshold_dbfs,
+        )  # fmt: skip
 
     def _pull(self, size: int) -> FloatArray:
         """Return sound for a renderer of the sound itself; called in the actuator's thread."""

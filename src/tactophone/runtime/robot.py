@@ -15,7 +15,7 @@ from typing import Protocol, Self, runtime_checkable
 from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
-from tactophone.link import UdpSocket
+from tactophone.link import Event, UdpSocket
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
@@ -25,6 +25,7 @@ from tactophone.runtime.rehearsal import (
     rehearse_microphone_check,
     rehearse_statistics,
 )
+from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     OpenSource,
@@ -107,6 +108,8 @@ class Robot:
             self._telemetry.count("process_restarts", self._info.restarts)
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
+            self._recorder = SessionRecorder(self._telemetry, self._settings, role="robot")
+            self._session.tap = self._log
             self._resources = self._resources.pop_all()
         for thread in self._threads:
             thread.start()
@@ -209,6 +212,10 @@ class Robot:
         self._telemetry.publish(step, now=now, truth=truth)
         if self._microphone_check:
             self._microphone_check.push(block)
+
+    def _log(self, event: Event) -> None:
+        """Log a packet or a change of the connection; called under the lock of the session."""
+        self._recorder.arrival(time.monotonic(), [event])
 
     def _follow_network(self) -> None:
         prioritize_thread(self._settings.process.priority)

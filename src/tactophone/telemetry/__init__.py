@@ -9,6 +9,7 @@ from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.memory import MARK, PREDICTION, STEP, remove_leftovers, remove_memory
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
+from tactophone.telemetry.session_log import Controls, EventBatch, Record, RunStart, read_records, write_record
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
 
@@ -21,18 +22,24 @@ __all__ = [
     "STAGES",
     "STEP",
     "Action",
+    "Controls",
+    "EventBatch",
     "Fault",
     "PredictionLog",
     "Pulse",
+    "Record",
     "Request",
     "RunFollower",
+    "RunStart",
     "Snapshot",
     "State",
     "Telemetry",
     "TimelineWriter",
     "Watcher",
+    "read_records",
     "read_timeline",
     "remove_leftovers",
     "remove_memory",
     "running",
+    "write_record",
 ]

@@ -46,6 +46,12 @@ PREDICTION_CAPACITY = 1 << 13
 MARK_CAPACITY = 1 << 12
 """Marks kept of each kind: 10 s of packets of 2.5 ms."""
 
+LOG_CAPACITY = 1 << 21
+"""Bytes of the session log kept: 10 s of two microphones as PCM with all headers, and over a minute as Opus."""
+
+LARGEST_RECORD = 1 << 16
+"""Bytes of the largest record of the session log; longer ones are split."""
+
 LARGEST_WRITE = 1 << 14
 """Samples written to a ring buffer before its count is updated: a reader must drop as many at the old end."""
 
@@ -105,6 +111,7 @@ _LAYOUT = np.dtype(
         ("prediction_count", "u8"),
         ("sound_count", "u8"),
         ("vibration_count", "u8"),
+        ("log_count", "u8"),
         ("state_count", "u8"),
         ("mark_counts", "u8", len(MARKS)),
         ("counters", "u8", len(COUNTERS)),
@@ -115,6 +122,7 @@ _LAYOUT = np.dtype(
         ("predictions", PREDICTION, PREDICTION_CAPACITY),
         ("sound", "f4", (SOUND_CAPACITY, 2)),
         ("vibration", "f4", SOUND_CAPACITY),
+        ("log", "u1", LOG_CAPACITY),
         ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
     ],
     align=True,

@@ -124,6 +124,24 @@ class Watcher:
         """
         return self._ring("prediction", since)
 
+    def log(self, since: int = 0) -> tuple[bytes, int]:
+        """Copy the session log after its first ``since`` bytes, and return its total length.
+
+        Fewer than ``total - since`` bytes mean that records were overwritten before this call; the rest then begins
+        within a record and is of no use.
+        """
+        rows, count = _newest(self._memory["log"], self._memory["log_count"], slack=layout.LARGEST_RECORD, since=since)
+        return rows.tobytes(), count
+
+    def state(self) -> State:
+        """Return the newest state alone."""
+        return self._state()
+
+    def totals(self) -> tuple[dict[str, int], dict[str, float]]:
+        """Return all counters and gauges, by name."""
+        counters, gauges = self._memory["counters"].tolist(), self._memory["gauges"].tolist()
+        return dict(zip(COUNTERS, counters, strict=True)), dict(zip(GAUGES, gauges, strict=True))
+
     def pulse(self) -> Pulse:
         """Read the values of a `Pulse`; cheap enough for the watchdog's two hundred calls a second."""
         counters, gauges = self._memory["counters"], self._memory["gauges"]

@@ -106,6 +106,18 @@ class Telemetry:
         """Write the waveform just rendered for the actuator, shape ``(samples,)``; safe in an audio callback."""
         self._append("vibration", waveform)
 
+    def log(self, record: bytes) -> None:
+        """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
+        if len(record) > layout.LARGEST_RECORD:
+            raise ValueError(f"a record of {len(record)} bytes, but at most {layout.LARGEST_RECORD}: split it")
+        ring, count = self._memory["log"], self._memory["log_count"]
+        data, at = np.frombuffer(record, np.uint8), int(count) % layout.LOG_CAPACITY
+        head = min(len(data), layout.LOG_CAPACITY - at)
+        ring[at : at + head] = data[:head]
+        ring[: len(data) - head] = data[head:]
+        # Counted once it is whole, so that a reader never sees part of a record.
+        count += np.uint64(len(data))
+
     def mark(self, index: int, position: int, *, now: float) -> None:
         """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
         count = self._mark_counts[index]

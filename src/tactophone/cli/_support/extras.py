@@ -21,6 +21,12 @@ EXTRA_OF_MODULE = {
     "onnx": "train",
     "sklearn": "train",
     "ray": "ray",
+    "mcap": "record",
+    "zstandard": "record",
+    "pythonosc": "osc",
+    "cyclonedds": "ros",
+    "rosbags": "ros",
+    "isaacteleop": "isaac",
 }
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
 
@@ -33,6 +39,7 @@ EXTRAS_OF_VERB = {
     "send": ("link",),
     "receive": ("link",),
     "latency": ("jack", "link", "sim"),
+    "replay": ("link", "record"),
     "simulate": ("sim",),
     "train": ("link", "train"),
     "finetune": ("link", "train"),
@@ -52,6 +59,18 @@ def require(verb: str) -> None:
     """
     needed = [module for module, extra in EXTRA_OF_MODULE.items() if extra in EXTRAS_OF_VERB.get(verb, ())]
     if missing := [module for module in needed if importlib.util.find_spec(module) is None]:
+        raise ConfigError(_advice(missing))
+
+
+def require_modules(*modules: str) -> None:
+    """Check that the modules that an option needs are installed.
+
+    Raises
+    ------
+    ConfigError
+        If one is missing; names the command that installs it.
+    """
+    if missing := [module for module in modules if importlib.util.find_spec(module) is None]:
         raise ConfigError(_advice(missing))
 
 

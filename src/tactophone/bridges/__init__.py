@@ -1,0 +1,22 @@
+"""Bridges from a run to other systems: logs, live viewers, robot middleware, haptic formats.
+
+Each runs in a process of its own, reads telemetry, and sees nothing else of the live system. What a bridge can ask for
+is what any watcher may: to stop and to mute.
+"""
+
+from tactophone.bridges.mcap_file import LogEnd, LogEntry, LoggedPrediction, is_mcap, read_log
+from tactophone.bridges.mcap_log import McapLog
+from tactophone.bridges.process import BridgeProcess
+from tactophone.bridges.run_reader import Message, RunReader
+
+__all__ = [
+    "BridgeProcess",
+    "LogEnd",
+    "LogEntry",
+    "LoggedPrediction",
+    "McapLog",
+    "Message",
+    "RunReader",
+    "is_mcap",
+    "read_log",
+]

@@ -1,0 +1,166 @@
+"""Reads a log of `tactophone.bridges.mcap_log` back, in the order in which it was written.
+
+The file is read as a stream, so that one whose writer was killed is read to its last chunk.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, BinaryIO, TypeAlias
+
+from tactophone.bridges import protobuf, schemas
+from tactophone.bridges.mcap_log import FORMAT
+from tactophone.errors import DatasetError
+from tactophone.telemetry import Controls, EventBatch, RunStart
+from tactophone.types import HapticCommand, Prediction, Touch
+
+MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedPrediction:
+    """A prediction and its command as they were; the command is NaN where there was none."""
+
+    prediction: Prediction
+    command: HapticCommand
+
+
+@dataclass(frozen=True, slots=True)
+class LogEnd:
+    """The end of the file; ``complete`` if its writer ended in order, ``missed`` what it could not read in time."""
+
+    complete: bool
+    missed: int = 0
+
+
+LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogEnd
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as an MCAP file does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def read_log(path: Path) -> Iterator[LogEntry]:
+    """Return the entries of a log, in their order.
+
+    Raises
+    ------
+    DatasetError
+        If the file is missing, no MCAP, or not of this program, or holds a message that cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            yield from _entries(path, file)
+    except OSError as error:
+        raise DatasetError(f"{path}: {error.strerror}; give a file written by --record") from error
+
+
+def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
+    from mcap.exceptions import EndOfFile, McapError
+    from mcap.records import Channel, DataEnd, Header, Message, Metadata
+    from mcap.stream_reader import StreamReader
+
+    if file.read(len(MAGIC)) != MAGIC:
+        raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
+    file.seek(0)
+    channels: dict[int, str] = {}
+    complete, missed, found = False, 0, False
+    try:
+        for record in StreamReader(file, record_size_limit=None).records:
+            match record:
+                case Header(profile=profile):
+                    _check_profile(path, profile)
+                case Channel(id=number, topic=topic):
+                    channels[number] = topic
+                case Message(channel_id=number, data=data):
+                    for entry in _read_message(path, channels.get(number, ""), data):
+                        found = True
+                        yield entry
+                case Metadata(name="tactophone", metadata=metadata):
+                    missed = sum(json.loads(metadata.get("missed", "{}")).values())
+                case DataEnd():
+                    complete = True
+                    break
+    except EndOfFile:
+        pass  # its writer was killed
+    except (McapError, struct.error, ValueError, EOFError) as error:
+        if not found:
+            raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
+    except Exception as error:
+        # The decompressor of a damaged chunk raises an exception of its own library.
+        if type(error).__module__.partition(".")[0] not in ("zstandard", "lz4", "zstd"):
+            raise
+    yield LogEnd(complete, missed)
+
+
+def _check_profile(path: Path, profile: str) -> None:
+    if profile == FORMAT:
+        return
+    if profile.partition(" ")[0] == FORMAT.partition(" ")[0]:
+        raise DatasetError(f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; install a newer one")
+    raise DatasetError(f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record")
+
+
+def _read_message(path: Path, topic: str, data: bytes) -> Iterator[LogEntry]:
+    try:
+        if topic == schemas.PACKETS.name:
+            base = next((int(value) for number, value in protobuf.fields(data) if number == 2), 0)
+            for number, arrival in protobuf.fields(data):
+                if number == 1:
+                    yield _arrival(_bytes(arrival), base)
+        elif topic == schemas.RUN.name:
+            yield RunStart(**_known(RunStart, json.loads(data)))
+        elif topic == schemas.CONTROLS.name:
+            yield Controls(**_known(Controls, json.loads(data)))
+        elif topic == schemas.PREDICTION.name:
+            yield _prediction(json.loads(data))
+    except (ValueError, KeyError, TypeError, struct.error) as error:
+        raise DatasetError(f"{path}: a message of {topic} cannot be read ({error}); was the file changed?") from error
+
+
+def _arrival(message: bytes, base: int) -> EventBatch:
+    time, polled, events = 0.0, False, []
+    for number, value in protobuf.fields(message):
+        if number == 1:
+            (time,) = struct.unpack("<d", _bytes(value))
+        elif number == 2:
+            polled = bool(value)
+        elif number == 3:
+            events.append(_bytes(value))
+        elif number == 4 and isinstance(value, int):
+            time = (base + value) / 1e9
+    return EventBatch(time, tuple(events), polled)
+
+
+def _prediction(entries: dict[str, Any]) -> LoggedPrediction:
+    def number(name: str, missing: float = math.nan) -> float:
+        return missing if entries[name] is None else float(entries[name])
+
+    end = number("window_end")
+    start = end - number("window") if "window" in entries else number("window_start")
+    time = end + number("delay") if "delay" in entries else number("time")
+    prediction = Prediction(
+        (number("none"), number("smooth"), number("rough")), Touch[entries["touch"].upper()], number("roughness"),
+        number("level_dbfs", -math.inf), start=start, end=end,
+    )  # fmt: skip
+    return LoggedPrediction(prediction, HapticCommand(number("amplitude"), number("frequency"), time))
+
+
+def _known(kind: type, entries: dict[str, Any]) -> dict[str, Any]:
+    """Leave out what a later version may have added."""
+    names = {entry.name for entry in fields(kind)}
+    return {name: value for name, value in entries.items() if name in names}
+
+
+def _bytes(value: int | bytes) -> bytes:
+    if isinstance(value, int):
+        raise ValueError("a number in place of bytes")
+    return value

@@ -1,0 +1,131 @@
+"""``tactophone replay``: a recorded run, computed again from its packets in virtual time."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactophone import config
+from tactophone.cli._support import dashboard_options, terminal
+from tactophone.config import Settings
+from tactophone.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tactophone.bridges import LogEntry
+    from tactophone.offline import RunSummary
+    from tactophone.offline.replay import Replay
+
+CHANGES = {"model": "detector.model", "profile": "rendering.profile", "ceiling": "rendering.ceiling"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
+    add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
+    add("--model", metavar="NAME|FILE", help="compute with another model")
+    add("--profile", metavar="NAME", help="compute with another rendering profile")
+    add("--ceiling", type=float, metavar="LEVEL", help="compute with another ceiling, 0 to 1 of full drive")
+    add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
+    add("--json", action="store_true", help="print the comparison as JSON")
+    dashboard_options.add_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compute the run again; exit 1 if nothing was changed and a prediction or command differs from the log."""
+    from tactophone.bridges import read_log
+    from tactophone.offline.replay import Replay
+
+    if args.plot and args.out is None:
+        raise ConfigError("--plot needs a folder for the figure: add --out DIR")
+    changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
+
+    def change(settings: Settings) -> Settings:
+        return config.change(settings, changes)
+
+    replay = Replay(_with_progress(args.log, read_log(args.log)), change)
+    files: dict[str, Path] = {}
+    summary = None
+    if args.out is None:
+        for _ in replay.steps():
+            pass
+    else:
+        summary = _write(replay, args, files)
+    _print(args, replay, summary, files, changed=bool(changes))
+    if args.dashboard:
+        _show(args, change)
+    return 1 if replay.comparison.different and not changes else 0
+
+
+def _with_progress(path: Path, entries: "Iterator[LogEntry]") -> "Iterator[LogEntry]":
+    with terminal.progress("replaying") as bar:
+        bar.add_task("", total=None, note=path.name)
+        yield from entries
+
+
+def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> "RunSummary":
+    from tactophone.offline.replay import write_replay
+
+    summary, written = write_replay(replay, args.out, args.log.stem, plot=args.plot)
+    files.update(written)
+    return summary
+
+
+def _show(args: argparse.Namespace, change: Any) -> None:
+    """Play the sound of the log on the page, through a pipeline with the settings of the replay."""
+    from tempfile import TemporaryDirectory
+
+    from tactophone.bridges import read_log
+    from tactophone.capture import FileSource
+    from tactophone.cli._support import recording_playback
+    from tactophone.offline.replay import settings_of, write_sound
+    from tactophone.runtime import open_pipeline_for
+    from tactophone.telemetry import RunStart
+
+    start = next(entry for entry in read_log(args.log) if isinstance(entry, RunStart))
+    with TemporaryDirectory(prefix="tactophone-") as folder:
+        takes = [
+            recording_playback.Take(
+                path, open_pipeline_for(change(settings_of(start)), channels=FileSource(path).channels)
+            )
+            for path in write_sound(args.log, Path(folder))
+        ]
+        recording_playback.play_on_page(args, takes, name="replay")
+
+
+def _print(
+    args: argparse.Namespace, replay: "Replay", summary: "RunSummary | None", files: dict[str, Path], *, changed: bool
+) -> None:
+    comparison = replay.comparison
+    if args.json:
+        entries = {
+            "log": str(args.log), "role": replay.role, "processes": replay.processes, "complete": replay.complete,
+            "missed": replay.missed, "equal": comparison.equal, "different": comparison.different,
+            "uncertain": comparison.uncertain, "notes": replay.notes,
+            "files": {kind: str(path) for kind, path in files.items()},
+            **({"summary": asdict(summary)} if summary else {}),
+        }  # fmt: skip
+        terminal.print_json(entries)
+        return
+    total = comparison.equal + comparison.different
+    if replay.role == "robot":
+        print("the robot's side: its packets computed as an operator without losses would; nothing to compare with")
+    elif changed:
+        print(f"{comparison.different} of {total} predictions or commands differ from those logged")
+    elif comparison.different:
+        print(f"{comparison.different} of {total} predictions or commands differ from those logged; the first:")
+        for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
+            print(f"  {name:9}{entry.prediction} {entry.command}")
+    else:
+        print(f"{comparison.equal} predictions and commands, equal to the bit to those logged")
+    if comparison.uncertain:
+        print(f"{comparison.uncertain} were made while a control changed, and are not compared")
+    if not replay.complete:
+        print("the log has no end: its writer was killed or its disk was full; read to its last part")
+    if replay.missed:
+        print(f"the recorder missed {replay.missed} bytes or predictions on a busy machine")
+    for note in replay.notes:
+        print(f"! {note}")
+    for kind, path in files.items():
+        print(f"{kind + ':':11}{path}")

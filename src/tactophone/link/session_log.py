@@ -1,0 +1,94 @@
+"""What happened at the door of a session, as bytes for a log; and a session that repeats it.
+
+The operator's end is a function of the decrypted packets, the connections and their times. A log of those is enough
+to run it again, without keys: `LoggedSession` stands in for `Session`, and its datagrams are the logged events.
+"""
+
+import json
+
+from tactophone.errors import PacketError
+from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
+from tactophone.link.handshake import Address
+
+_PACKET, _REPORT, _CONNECTED, _DISCONNECTED, _RENEWED = range(5)
+
+
+def write_event(event: Event) -> bytes:
+    """Encode an event: one byte for its kind, then the packet, or JSON.
+
+    Examples
+    --------
+    >>> read_event(write_event(Disconnected("hung up")))
+    Disconnected(reason='hung up')
+    """
+    match event:
+        case PacketReceived(packet, report):
+            return bytes([_REPORT if report else _PACKET]) + packet
+        case Connected(peer, local, remote):
+            return bytes([_CONNECTED]) + json.dumps([peer, local, remote]).encode()
+        case Disconnected(reason):
+            return bytes([_DISCONNECTED]) + reason.encode()
+        case Renewed(local, remote):
+            return bytes([_RENEWED]) + json.dumps([local, remote]).encode()
+
+
+def read_event(content: bytes) -> Event:
+    """Decode what `write_event` encoded.
+
+    Raises
+    ------
+    PacketError
+        When the bytes are not an event.
+    """
+    try:
+        kind, rest = content[0], content[1:]
+        if kind in (_PACKET, _REPORT):
+            return PacketReceived(rest, report=kind == _REPORT)
+        if kind == _CONNECTED:
+            peer, local, remote = json.loads(rest)
+            return Connected(str(peer), int(local), int(remote))
+        if kind == _DISCONNECTED:
+            return Disconnected(rest.decode())
+        if kind == _RENEWED:
+            local, remote = json.loads(rest)
+            return Renewed(int(local), int(remote))
+    except (IndexError, ValueError, TypeError) as error:
+        raise PacketError(f"a logged event of {len(content)} bytes that cannot be read: {error}") from error
+    raise PacketError(f"a logged event of kind {kind}, but there are {_RENEWED + 1}")
+
+
+class LoggedSession:
+    """Repeats the events of a log in place of a `Session`, as far as `ReceiveSession` uses one; it sends nothing.
+
+    Attributes
+    ----------
+    polled
+        Events, encoded, that the next `poll` returns.
+    """
+
+    refused = 0
+
+    def __init__(self) -> None:
+        self.peer: str | None = None
+        self.polled: list[bytes] = []
+
+    def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
+        """Return the event that a datagram holds."""
+        return [self._followed(read_event(datagram))]
+
+    def poll(self, now: float) -> list[Event]:
+        """Return the logged events of this moment."""
+        events, self.polled = [self._followed(read_event(content)) for content in self.polled], []
+        return events
+
+    def send(self, packet: bytes) -> None:
+        """Drop the packet: nobody listens."""
+
+    def outgoing(self) -> list[tuple[bytes, Address]]:
+        """Return nothing."""
+        return []
+
+    def _followed(self, event: Event) -> Event:
+        if isinstance(event, Connected | Disconnected):
+            self.peer = event.peer if isinstance(event, Connected) else None
+        return event

@@ -1,0 +1,223 @@
+"""Replay of a log: the run again, compared with what was logged, or with another model or profile."""
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
+from tactophone.errors import DatasetError
+from tactophone.haptics import Limits
+from tactophone.offline.plots import draw_recording
+from tactophone.offline.process_recording import OfflineRenderer, OutputFiles, RunSummary
+from tactophone.offline.replay.logged_run import Change, LoggedEndpoint, ReplayedStep, WakeUp, wake_ups
+from tactophone.telemetry import Controls, RunStart
+from tactophone.types import LIVE_SAMPLE_RATE, HapticCommand, PipelineStep, Prediction
+
+
+@dataclass(slots=True)
+class Comparison:
+    """How the predictions and commands of a replay compare with those in the log, one by one.
+
+    Attributes
+    ----------
+    equal, different
+        Predictions that are equal to the bit, command included, and those that are not.
+    uncertain
+        Of which the log cannot say which controls held; not compared.
+    first
+        The first that differs: as logged, and as computed.
+    """
+
+    equal: int = 0
+    different: int = 0
+    uncertain: int = 0
+    first: tuple[LoggedPrediction, LoggedPrediction] | None = None
+
+    def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
+        """Compare one."""
+        if _same(logged, computed):
+            self.equal += 1
+        elif not certain:
+            self.uncertain += 1
+        else:
+            self.different += 1
+            self.first = self.first or (logged, computed)
+
+
+@dataclass(slots=True)
+class Replay:
+    """Runs the entries of a log; iterate over :meth:`steps` to the end.
+
+    Parameters
+    ----------
+    entries
+        Of a log, in order.
+    change
+        Changes the settings of each process in it.
+
+    Attributes
+    ----------
+    comparison
+        With what was logged; complete when the steps have been computed.
+    complete
+        Whether the log has its end; the writer of one without was killed, or its disk was full.
+    missed
+        Bytes and predictions that the log lacks, because they were not read in time.
+    """
+
+    entries: Iterable[LogEntry]
+    change: Change = lambda settings: settings
+    comparison: Comparison = field(default_factory=Comparison)
+    role: str = ""
+    complete: bool = True
+    missed: int = 0
+    processes: int = 0
+    notes: list[str] = field(default_factory=list)
+    endpoint: LoggedEndpoint | None = None
+    _logged: deque[LoggedPrediction] = field(default_factory=deque)
+    _computed: deque[tuple[LoggedPrediction, bool]] = field(default_factory=deque)
+
+    def steps(self) -> Iterator[PipelineStep]:
+        """Compute the run again; returns its steps on one time axis, through all its sessions.
+
+        Raises
+        ------
+        DatasetError
+            If the log holds no beginning of a run.
+        """
+        axis = _TimeAxis()
+        for item in wake_ups(self.entries):
+            match item:
+                case RunStart():
+                    self._begin(item)
+                    axis.restart()
+                case Controls() if self.endpoint:
+                    self.endpoint.apply(item)
+                case WakeUp():
+                    for replayed in self._process(item):
+                        yield axis.place(replayed)
+                case LoggedPrediction():
+                    self._logged.append(item)
+                    self._compare()
+                case LogEnd(complete, missed):
+                    self.complete, self.missed = complete, missed
+            self._compare()
+        if self.endpoint is None:
+            raise DatasetError("the log holds no run: was it written by --record?")
+
+    def _begin(self, run: RunStart) -> None:
+        self.endpoint = LoggedEndpoint(run, self.change)
+        self.role, self.processes = run.role, self.processes + 1
+        self.notes += [note for note in self.endpoint.notes if note not in self.notes]
+        # What a killed process had no time to publish has no counterpart.
+        self._logged.clear()
+        self._computed.clear()
+
+    def _process(self, wake_up: WakeUp) -> Iterator[ReplayedStep]:
+        if self.endpoint is None:
+            raise DatasetError("the log begins within a run: packets before its start cannot be replayed")
+        for replayed in self.endpoint.process(wake_up):
+            step = replayed.step
+            for number, prediction in enumerate(step.predictions):
+                command = step.commands[number] if step.commands else _no_command(prediction)
+                self._computed.append((LoggedPrediction(prediction, command), replayed.certain))
+            yield replayed
+
+    def _compare(self) -> None:
+        # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
+        while self._logged and self._computed and self.role == "operator":
+            computed, certain = self._computed.popleft()
+            self.comparison.add(self._logged.popleft(), computed, certain=certain)
+
+
+def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> tuple[RunSummary, dict[str, Path]]:
+    """Compute a log again and write vibration and timeline, as for a recording, and a figure if wanted.
+
+    Raises
+    ------
+    DatasetError
+        If nothing in the log can be rendered.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    outputs = OutputFiles.in_folder(folder, stem)
+    steps = replay.steps()
+    first = next(steps, None)
+    if first is None or replay.endpoint is None:
+        raise DatasetError("the log holds no sound and no predictions: was a robot connected?")
+    renderer = OfflineRenderer(outputs, replay.endpoint.endpoint.pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE)
+    with renderer:
+        for step in itertools.chain([first], steps):
+            renderer.write(_complete(step))
+        summary = renderer.finish(flush=False)
+    files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
+    if plot:
+        pipeline = replay.endpoint.endpoint.pipeline
+        files["figure"] = folder / f"{stem}.replay.png"
+        draw_recording(
+            files["figure"],
+            timeline=outputs.timeline,
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
+            title=f"{stem}, replayed; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+        )
+    return summary, files
+
+
+def _complete(step: PipelineStep) -> PipelineStep:
+    """Give each prediction a command, silence where there was none, and each block two channels."""
+    samples = step.block.samples
+    if samples.shape[1] == 1:
+        step = replace(step, block=replace(step.block, samples=np.repeat(samples, 2, axis=1)))
+    if len(step.commands) == len(step.predictions):
+        return step
+    silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)
+    return replace(step, commands=silence)
+
+
+class _TimeAxis:
+    """Places the sessions of a run after one another: each begins at 0 by its own count."""
+
+    def __init__(self) -> None:
+        self._offset = self._end = self._newest = 0
+
+    def restart(self) -> None:
+        self._offset, self._newest = self._end, 0
+
+    def place(self, replayed: ReplayedStep) -> PipelineStep:
+        step = replayed.step
+        # A new session counts from 0 again; within a session, time goes on.
+        if step.block.end < self._newest:
+            self.restart()
+        self._newest = step.block.end
+        offset = self._offset
+        shift = offset / step.block.sample_rate
+        self._end = max(self._end, step.block.end + offset)
+        if not offset:
+            return step
+        return PipelineStep(
+            replace(step.block, start=step.block.start + offset),
+            tuple(replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
+            tuple(replace(each, time=each.time + shift) for each in step.commands),
+        )
+
+
+def _no_command(prediction: Prediction) -> HapticCommand:
+    return HapticCommand(math.nan, math.nan, prediction.end)
+
+
+def _same(logged: LoggedPrediction, computed: LoggedPrediction) -> bool:
+    """Compare all but the flag ``faulty``, which telemetry does not publish; NaN equals NaN."""
+    pairs = zip(_numbers(logged), _numbers(computed), strict=True)
+    return all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in pairs)
+
+
+def _numbers(entry: LoggedPrediction) -> Iterator[float]:
+    prediction, command = entry.prediction, entry.command
+    yield from prediction.probabilities
+    yield from (float(prediction.touch), prediction.roughness, prediction.level_dbfs, prediction.start, prediction.end)
+    yield from (command.time, command.amplitude, command.frequency)
