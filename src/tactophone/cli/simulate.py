@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _objects_arguments(add: Callable[..., object]) -> None:
+    add("--measured", action="store_true", help="list the measured surfaces of the package tdw")
     add("--json", action="store_true", help="print JSON instead of a table")
 
 
@@ -42,7 +43,10 @@ def _dataset_arguments(add: Callable[..., object]) -> None:
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
     _sound_arguments(add)
     add("--seconds", type=float, default=30.0, help="length of a take, in s, over 0")
-    words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all'"
+    words = (
+        "numbers or names separated by commas, 'paper' for the paper's 23, 'all' for the catalogue, or 'measured' "
+        "for ten height profiles of the package tdw"
+    )
     add("--objects", default="paper", metavar="LIST", help=words)
     words = f"takes separated by commas, of {takes}; or 'all'"
     add("--takes", default="all", metavar="LIST", help=words)
@@ -79,9 +83,9 @@ def _sound_arguments(add: Callable[..., object]) -> None:
 def _objects(args: argparse.Namespace) -> int:
     from rich.table import Table
 
-    from tactophone.simulation import catalogue
+    from tactophone.simulation import catalogue, measured_objects
 
-    rows = [_row(obj) for obj in catalogue()]
+    rows = [_row(obj) for obj in (measured_objects() if args.measured else catalogue())]
     if args.json:
         terminal.print_json(rows)
         return 0
@@ -172,10 +176,12 @@ def _operator(args: argparse.Namespace) -> int:
 
 
 def _objects_named(names: str) -> "list[SimulatedObject]":
-    from tactophone.simulation import PAPER, catalogue, find
+    from tactophone.simulation import PAPER, catalogue, find, measured_objects
 
     if names == "all":
         return list(catalogue())
+    if names == "measured":
+        return list(measured_objects())
     if names == "paper":
         return [obj for obj in catalogue() if obj.number in PAPER]
     return [find(name.strip()) for name in names.split(",")]

@@ -15,6 +15,7 @@ from tactophone.simulation.content.generate import (
     render_dataset,
     write_manifest,
 )
+from tactophone.simulation.content.measured_surfaces import measured_objects
 from tactophone.simulation.content.movement import Script, take_moves
 from tactophone.simulation.content.render_store import read_render_metadata
 from tactophone.simulation.content.stone_order import shuffled
@@ -41,7 +42,8 @@ __all__ = [
     "CODES", "DAYS", "LIFT", "PAPER", "TAKES", "TIPS", "CompetitionRun", "Electronics", "FaultSpan", "FaultySource",
     "Finger", "Move", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
     "SimulatedFinger", "SimulatedObject", "SimulatedParticipant", "SoundToVibration", "StrokingFinger",
-    "Take", "Tip", "Truth", "catalogue", "demonstration", "find", "five_stones", "perceive_visits", "plan_dataset",
+    "Take", "Tip", "Truth", "catalogue", "demonstration", "find", "five_stones", "measured_objects",
+    "perceive_visits", "plan_dataset",
     "play_rounds", "read_render_metadata", "render_dataset", "render_visits", "row", "run_recording",
     "shuffled", "single", "summarize_rounds", "take_moves", "write_demonstration", "write_finals",
     "write_manifest", "write_run",

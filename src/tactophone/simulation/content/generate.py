@@ -195,7 +195,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
     return Recording(
         folder / job.name,
         job.object.surface.name,
-        Touch(job.object.label),
+        Touch(job.object.label) if job.object.label else None,  # measured surfaces have none
         ("contact", "air"),
         take=job.take.name,
         scenario=str(job.mounting),

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.simulation.physics.compiled import compiled
+from tactophone.simulation.physics.measured_profile import measured_profile
 
 Profile = NDArray[np.float64]
 
@@ -80,6 +81,8 @@ class Surface:
         Rms height in m of the fine texture, a self-affine part down to `FINEST_TEXTURE`.
     grains, pits, ridges
         Features added to the profile.
+    measured
+        Name of a measured profile, used in place of a drawn one.
     """
 
     name: str
@@ -92,10 +95,13 @@ class Surface:
     grains: Grains | None = None
     pits: Pits | None = None
     ridges: Ridges | None = None
+    measured: str = ""
 
 
 def height_profile(surface: Surface) -> Profile:
     """Draw the surface's height along a line, in m, of mean 0; periodic, and the same at every call."""
+    if surface.measured:
+        return measured_profile(surface.measured, step=SPACING, size=SIZE)
     rng = np.random.default_rng(np.random.SeedSequence([0x5EED, surface.seed]))
     height = np.zeros(SIZE)
     if surface.grains:
