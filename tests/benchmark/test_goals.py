@@ -5,9 +5,12 @@ from benchmarks.goals import goals_of
 
 from tactophone.benchmark import Cost
 from tactophone.benchmark.result import MethodResult
+from tactophone.evaluation import RENDERED, Estimate, Rendered
 
+NOTHING = Rendered(*[Estimate(math.nan, math.nan, math.nan)] * len(RENDERED))
 PAPER = MethodResult(
-    method="paper/general", dataset="stones", split="5-fold", control=False, scores={}, differences={}, by_surface={},
+    method="paper/general", dataset="stones", split="5-fold", control=False, rendered=NOTHING, scores={},
+    differences={}, by_surface={},
     curve=(), reliability=(), height_correlation=math.nan, false_positives_at_reference=0.10, bumps_per_minute=50.0,
     calibration_error=0.15, contact_ms=(150.0, 300.0, 0.1), edge_ms=(160.0, 350.0, 0.1),
 )  # fmt: skip

@@ -87,7 +87,7 @@ def test_edges_join_held_out_surfaces_only(dataset: Dataset, tmp_path: Path) -> 
 
 
 def test_splits_follow_the_keys_that_the_data_has(dataset: Dataset) -> None:
-    assert splits_of(dataset) == ("leave-one-surface-out", "5-fold")
+    assert splits_of(dataset) == ("leave-one-kin-out", "5-fold")
     assert splits_of(dataset, fast=True) == ("3-fold",)
     takes = [replace(take, session=f"{k}", scenario="ab"[k % 2]) for k, take in enumerate(dataset.recordings)]
     with_sessions = replace(dataset, recordings=tuple(takes))

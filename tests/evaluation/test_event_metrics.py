@@ -50,7 +50,8 @@ def test_a_correct_decision_must_hold() -> None:
     assert delays.missed == 0
     never = contact_delays([predicted(np.zeros(100), label=Touch.ROUGH, segments=segments)], RULE, latency=0)
     assert (never.missed, never.missed_share) == (1, 1.0)
-    assert math.isnan(never.quantile_ms(0.5))
+    assert never.quantile_ms(0.5) == math.inf
+    assert math.isnan(contact_delays([], RULE, latency=0).quantile_ms(0.5))
 
 
 def test_delays_count_from_when_the_finger_slides() -> None:

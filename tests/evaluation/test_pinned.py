@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.benchmark import cross_validate, in_true_contact, recipe_method
-from tactophone.dataset import Dataset, open_dataset, split
-from tactophone.evaluation import measure, scores_of
+from tactophone.benchmark import cross_validate, recipe_method
+from tactophone.dataset import KIN_SPLIT, Dataset, open_dataset, split, with_kin
+from tactophone.evaluation import in_true_contact, measure, scores_of
 from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest
 from tactophone.types import Touch
 
-PINNED = {"level": 0.537, "rules": 0.704, "median-frequency": 0.787, "logistic": 0.802, "texture": 0.829}
-"""Balanced accuracy on eight simulated objects, two left out at a time."""
+PINNED = {"level": 0.549, "rules": 0.546, "median-frequency": 0.584, "logistic": 0.815, "texture": 0.809}
+"""Balanced accuracy on eight simulated objects, two kin left out at a time."""
 
 TOLERANCE = 0.03
 """Other processors' sums differ in their last bits, and so do a few windows."""
@@ -39,7 +39,15 @@ def test_scores_on_simulated_objects(name: str, simulated: Dataset) -> None:
 @pytest.mark.slow
 def test_texture_on_the_core_of_the_real_recordings(recordings: Path) -> None:
     core = open_dataset(recordings / "lmt").where(lambda take: take.tier == "core" and int(take.take or 0) <= 3)
-    predictions = cross_validate(recipe_method("texture", channels=1), split(core, "5-fold"))
+    predictions = cross_validate(recipe_method("texture", channels=1), split(core, "5-fold-by-surface"))
     metrics = measure(scores_of(predictions, "two-class"))
     assert metrics["balanced_accuracy"] > 0.90
     assert metrics["auc"] > 0.97
+
+
+@pytest.mark.slow
+def test_texture_on_real_kinds_that_were_left_out(recordings: Path) -> None:
+    core = open_dataset(recordings / "lmt").where(lambda take: take.tier == "core" and int(take.take or 0) <= 3)
+    kinds = with_kin(core, Path(__file__).parents[2] / "benchmarks" / "lmt_kin.csv")
+    predictions = cross_validate(recipe_method("texture", channels=1), split(kinds, KIN_SPLIT))
+    assert measure(scores_of(predictions, "two-class"))["auc"] > 0.90

@@ -36,11 +36,14 @@ def test_the_two_rules_differ_where_the_detector_says_none() -> None:
     assert report.rules["authors"]["rough_accuracy"].value == pytest.approx(3 / 8)
 
 
-def test_a_surface_never_in_contact_is_listed_and_not_scored() -> None:
+def test_windows_are_scored_whatever_the_gate_reports() -> None:
     report = make_report(made(), draws=20)
     steel = next(row for row in report.by_surface if row.name == "steel")
     assert (steel.updates, steel.contact) == (4, 0.0)
-    assert np.isnan(steel.two_class)
+    assert steel.two_class == 1.0
+    # As rendered, a gate that never opens is a gap, and a gap is wrong.
+    assert report.rendered.gaps.value == 0.25
+    assert report.rendered.smooth_as_smooth.value == pytest.approx(3 / 8)
     assert (report.recordings, report.surfaces, report.updates, report.contact) == (4, 4, 16, 0.75)
 
 

@@ -74,7 +74,7 @@ def test_unknown_sound_is_none_and_rendered_as_plain_contact(model: Path) -> Non
 
 
 def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, model: Path) -> None:
-    training_set = build_training_set(FeatureSpec(), dataset.recordings)
+    training_set = recipe_method("texture", channels=2).job.training_set(dataset.recordings)
     graph = build_texture(training_set).SerializeToString()
     offline, live = graph_predictor(graph, training_set), model_predictor(read_model(model))
     for recording in dataset.recordings[:2]:

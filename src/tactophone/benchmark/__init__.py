@@ -11,11 +11,17 @@ from tactophone.benchmark.job_runner import Job, Place, run_jobs
 
 if TYPE_CHECKING:
     from tactophone.benchmark.costs import Cost, measure_costs
-    from tactophone.benchmark.html_report import format_heights, format_permuted, steps_by_profile, write_report
+    from tactophone.benchmark.html_report import (
+        format_delay,
+        format_heights,
+        format_permuted,
+        format_seeds,
+        steps_by_profile,
+        write_report,
+    )
     from tactophone.benchmark.methods import graph_predictor, method_of, recipe_method
     from tactophone.benchmark.paper_tables import TableRow, by_gate, predict_held_out, table_one, table_two
     from tactophone.benchmark.plan import DatasetResults, Plan, origin_of, plan_for, run_plan, splits_of
-    from tactophone.benchmark.result import in_true_contact
     from tactophone.benchmark.stone_task import PAPER_THREE, TaskOutcome, play_task, task_methods
 
 __all__ = [
@@ -32,10 +38,11 @@ __all__ = [
     "by_gate",
     "cross_validate",
     "default_cache",
+    "format_delay",
     "format_heights",
     "format_permuted",
+    "format_seeds",
     "graph_predictor",
-    "in_true_contact",
     "measure_costs",
     "method_of",
     "origin_of",
@@ -56,11 +63,17 @@ __all__ = [
 
 _MODULE_OF = {
     "costs": ("Cost", "measure_costs"),
-    "html_report": ("format_heights", "format_permuted", "steps_by_profile", "write_report"),
+    "html_report": (
+        "format_delay",
+        "format_heights",
+        "format_permuted",
+        "format_seeds",
+        "steps_by_profile",
+        "write_report",
+    ),
     "methods": ("graph_predictor", "method_of", "recipe_method"),
     "paper_tables": ("TableRow", "by_gate", "predict_held_out", "table_one", "table_two"),
     "plan": ("DatasetResults", "Plan", "origin_of", "plan_for", "run_plan", "splits_of"),
-    "result": ("in_true_contact",),
     "stone_task": ("PAPER_THREE", "TaskOutcome", "play_task", "task_methods"),
 }
 

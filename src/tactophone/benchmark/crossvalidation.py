@@ -10,6 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
+from tactophone.benchmark.code_version import code_version
 from tactophone.dataset import Dataset, Fold, Recording, fingerprint
 from tactophone.evaluation import Predictor, TakePredictions
 from tactophone.types import Touch
@@ -34,7 +35,8 @@ class Method(Protocol):
 class Cache:
     """Predictions on disk, keyed by everything that they follow from, so that a second run takes seconds.
 
-    A changed method, label or sound has another key; entries never need to be deleted by hand.
+    A changed method, label, sound or line of the code that trains has another key; entries never need to be deleted by
+    hand.
     """
 
     folder: Path
@@ -124,7 +126,7 @@ def permute_labels(dataset: Dataset, *, seed: int) -> Dataset:
 
 def fold_key(method: Method, fold: Fold) -> str:
     """Return the cache key of a fold's predictions: a hash of everything that they follow from."""
-    sides = f"{method.identity}\n{fingerprint(fold.train)}\n"
+    sides = f"{method.identity} {code_version()}\n{fingerprint(fold.train)}\n"
     # The test side in its own order, because predictions are stored by number.
     tested = "".join(fingerprint([recording]) for recording in fold.test)
     return hashlib.sha256((sides + tested).encode()).hexdigest()[:32]

@@ -20,9 +20,10 @@ from tactophone.benchmark.result import MethodResult
 from tactophone.haptics import PROFILES, discriminable_steps, open_profile
 
 COLUMNS = (
-    "method", "balanced accuracy", "AUC", "recall at 1 %", "false positives", "at the reference's recall",
-    "false bumps a minute", "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
-    "rank with Ra", "p",
+    "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",
+    "AUC", "recall at 1 %", "false positives", "at the reference's recall", "false bumps a minute",
+    "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
+    "rank with Ra", "p (corrected)",
 )  # fmt: skip
 
 _STYLE = """
@@ -75,8 +76,11 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
     """Return the cells of a result, in the order of :data:`COLUMNS`."""
     scores = result.scores["two-class"]
     difference = result.differences.get("balanced_accuracy")
+    rendered = result.rendered
     return (
         result.method,
+        str(rendered.balanced_accuracy),
+        *(_number(share.value, ".3f") for share in (rendered.smooth_as_rough, rendered.wrong, rendered.gaps)),
         str(scores["balanced_accuracy"]),
         str(scores["auc"]),
         str(scores["recall_at_1"]),
@@ -87,18 +91,25 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
         format_delay(result.edge_ms),
         _number(result.calibration_error, ".3f"),
         _number(result.height_correlation, ".2f"),
-        _number(difference.p, ".3f") if difference else "-",
+        f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})" if difference else "-",
     )
 
 
 def format_delay(delay: tuple[float, float, float]) -> str:
-    """Format a delay in ms: p50, p95, and the share without a correct decision.
+    """Format a delay in ms: p50 and p95 of all changes, and the share without a correct decision.
 
+    >>> format_delay((95.0, float("inf"), 0.2))
+    '95 / never (20 %)'
     >>> format_delay((82.4, 179.6, 0.04)), format_delay((float("nan"), float("nan"), float("nan")))
     ('82 / 180 (4 %)', '-')
     """
     p50, p95, missed = delay
-    return "-" if math.isnan(p50) else f"{p50:.0f} / {p95:.0f} ({100 * missed:.0f} %)"
+    return "-" if math.isnan(p50) else f"{format_time(p50)} / {format_time(p95)} ({100 * missed:.0f} %)"
+
+
+def format_time(time_ms: float) -> str:
+    """Format a time in ms, or that it never comes."""
+    return f"{time_ms:.0f}" if math.isfinite(time_ms) else "never"
 
 
 def format_permuted(accuracies: Sequence[float]) -> str:
@@ -108,6 +119,16 @@ def format_permuted(accuracies: Sequence[float]) -> str:
     'balanced accuracy 0.52, 0.41'
     """
     return f"balanced accuracy {', '.join(f'{accuracy:.2f}' for accuracy in accuracies)}"
+
+
+def format_seeds(scores: Sequence[tuple[float, float]]) -> str:
+    """Format balanced accuracy and AUC over windows, seed by seed.
+
+    >>> format_seeds(((0.82, 0.9), (0.79, 0.88)))
+    '2 seeds: balanced accuracy 0.82, 0.79; AUC 0.90, 0.88'
+    """
+    accuracies, areas = (", ".join(f"{value:.2f}" for value in column) for column in zip(*scores, strict=True))
+    return f"{len(scores)} seeds: balanced accuracy {accuracies}; AUC {areas}"
 
 
 def format_heights(heights: Heights) -> str:
@@ -133,13 +154,17 @@ def _section(results: Sequence[MethodResult], split: str, of_dataset: DatasetRes
     if split in of_dataset.permuted:
         scores = format_permuted(of_dataset.permuted[split])
         lines.append(f"Control, texture trained on labels permuted over the surfaces: {scores}.")
+    if split in of_dataset.seeds:
+        lines.append(f"{results[0].method}, {format_seeds(of_dataset.seeds[split])}.")
     if split in of_dataset.heights:
         figures.append(draw_heights(of_dataset.heights[split]))
         lines.append(f"{format_heights(of_dataset.heights[split])}.")
     return [
         f"<h3>{html.escape(split)}</h3>",
         _table(
-            COLUMNS, [(row_of(result), result) for result in results], caption="Updates in contact, two-class rule."
+            COLUMNS,
+            [(row_of(result), result) for result in results],
+            caption="As rendered (gate, abstention, decision rule inside); windows in true contact, two-class rule.",
         ),
         *(f"<p>{html.escape(line)}</p>" for line in lines),
         _rules(results),

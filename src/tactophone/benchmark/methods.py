@@ -25,7 +25,6 @@ from tactophone.training import (
     Job,
     TrainingOptions,
     TrainingSet,
-    build_training_set,
     even_weights,
     extract_features,
 )
@@ -89,7 +88,7 @@ class FeatureMethod:
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train, and predict by the graph that a model file would hold."""
-        training_set = build_training_set(self.job.evaluated_spec, recordings)
+        training_set = self.job.training_set(recordings)
         return graph_predictor(self.job.build(training_set).SerializeToString(), training_set, dropped=self.dropped)
 
 

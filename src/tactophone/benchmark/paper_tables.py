@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from tactophone.benchmark.crossvalidation import Cache, cross_validate
 from tactophone.benchmark.entries import entries_for
-from tactophone.benchmark.result import in_true_contact
 from tactophone.dataset import REDUCED_OBJECTS, SPARE_OBJECT, Dataset, Fold, Recording, Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation import TakePredictions, measure, scores_of
+from tactophone.evaluation import TakePredictions, in_true_contact, measure, scores_of
 from tactophone.perception import Gate
 from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
 from tactophone.types import Touch

@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, permute_labels
-from tactophone.benchmark.entries import BenchmarkEntry, channels_of, entries_for
+from tactophone.benchmark.entries import REFERENCE_SEEDS, BenchmarkEntry, channels_of, entries_for, reference_with_seed
 from tactophone.benchmark.height_regression import HeightMethod, Heights, compare_heights
 from tactophone.benchmark.job_runner import Job, Place, run_jobs
 from tactophone.benchmark.methods import recipe_method
-from tactophone.benchmark.result import MethodResult, compare_entries, in_true_contact
-from tactophone.dataset import Dataset, Fold, split
-from tactophone.evaluation import join_edges, measure, scores_of
+from tactophone.benchmark.result import MethodResult, compare_entries
+from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
+from tactophone.evaluation import in_true_contact, join_edges, measure, scores_of
 from tactophone.simulation import read_render_metadata
 from tactophone.training import FeatureSpec
 
-SURFACE_SPLIT, EDGE_SPLIT = "leave-one-surface-out", "5-fold"
-"""Edges need smooth and rough surfaces on the held-out side, which one surface at a time does not have."""
+EDGE_SPLIT = "5-fold"
+"""Edges need smooth and rough surfaces on the held-out side, which one kin at a time may not have."""
 
 OTHER_SPLITS = ("speed", "stroke", "pressure", "scenario", "session")
 """Keys left out one value at a time, where the data has them; the paper's strokes stand for speeds."""
@@ -45,6 +45,8 @@ class Plan:
         Method that learns permuted labels, as a control.
     heights
         Regresses Ra, where surfaces have it.
+    seeds
+        The reference's method with each further seed.
     """
 
     dataset: Dataset
@@ -52,6 +54,7 @@ class Plan:
     splits: tuple[str, ...]
     permuted: Method
     heights: HeightMethod | None = None
+    seeds: tuple[Method, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,8 @@ class DatasetResults:
         By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels.
     heights
         By split: how well Ra is estimated from sound.
+    seeds
+        By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds.
     """
 
     dataset: str
@@ -75,14 +80,17 @@ class DatasetResults:
     results: tuple[MethodResult, ...]
     permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     heights: Mapping[str, Heights] = field(default_factory=dict)
+    seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return plain dictionaries and lists."""
         return asdict(self)
 
 
-def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str]) -> Plan:
+def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, one_seed: bool = False) -> Plan:
     """Plan a benchmark of the named entries, all if there are no names, with its controls.
+
+    The reference runs with several seeds, unless ``one_seed``.
 
     Raises
     ------
@@ -93,14 +101,18 @@ def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str]) -> P
     has_heights = any(recording.known("ra_um") for recording in dataset.recordings)
     heights = HeightMethod(FeatureSpec("texture", channels)) if has_heights else None
     permuted = recipe_method("texture", channels=channels)
-    return Plan(dataset, entries_for(dataset, names), tuple(splits), permuted, heights)
+    entries = entries_for(dataset, names)
+    seeds = () if one_seed else REFERENCE_SEEDS[1:]
+    others = (reference_with_seed(dataset, entries[0].name, seed) for seed in seeds)
+    return Plan(dataset, entries, tuple(splits), permuted, heights, tuple(filter(None, others)))
 
 
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
-    """Return the splits that a data set allows: by surface always, by other keys where there are two values or more."""
+    """Return the splits that a data set allows: by kin always, by other keys where there are two values or more."""
     if fast:
         return ("3-fold",)
-    surfaces = (SURFACE_SPLIT, EDGE_SPLIT) if len(dataset.surfaces) >= 5 else (SURFACE_SPLIT,)
+    kin = {kin_of(recording) for recording in dataset.labelled().recordings}
+    surfaces = (KIN_SPLIT, EDGE_SPLIT) if len(kin) >= 5 else (KIN_SPLIT,)
     counts = {key: len({take.known(key) for take in dataset.labelled().recordings}) for key in OTHER_SPLITS}
     by_key = {key: f"leave-one-{key}-out" if n <= MOST_VALUES else f"5-fold-by-{key}" for key, n in counts.items()}
     return (*surfaces, *(by_key[key] for key, count in counts.items() if count > 1))
@@ -141,7 +153,7 @@ def run_plan(
         name: [split(permute_labels(plan.dataset, seed=seed), name) for seed in PERMUTATION_SEEDS]
         for name in plan.splits
     }
-    methods = [*(entry.method for entry in plan.entries), *([plan.heights] if plan.heights else [])]
+    methods = [*(entry.method for entry in plan.entries), *([plan.heights] if plan.heights else []), *plan.seeds]
     jobs = [Job(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
     jobs += [Job(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
     run_jobs(jobs, cache, place=place, workers=workers, report=lambda done, name: report(done, len(jobs), name))
@@ -164,17 +176,28 @@ def run_plan(
             for name, of_split in folds.items()
             if plan.heights
         },
+        {
+            name: tuple(_window_scores(method, of_split, cache) for method in (plan.entries[0].method, *plan.seeds))
+            for name, of_split in folds.items()
+            if plan.seeds
+        },
     )
 
 
 def folds_with_edges(dataset: Dataset, name: str, folder: Path) -> list[Fold]:
     """Split, and add to each held-out side the joined edges between its own surfaces."""
     folds = split(dataset, name)
-    if "surface" not in name and not name.endswith("-fold"):
+    if not any(key in name for key in ("surface", "kin")) and not name.endswith("-fold"):
         return list(folds)
     return [replace(fold, test=(*fold.test, *join_edges(fold.test, folder))) for fold in folds]
 
 
 def _balanced_accuracy(method: Method, folds: Sequence[Fold], cache: Cache) -> float:
+    return _window_scores(method, folds, cache)[0]
+
+
+def _window_scores(method: Method, folds: Sequence[Fold], cache: Cache) -> tuple[float, float]:
+    """Balanced accuracy and AUC over windows in true contact."""
     predictions = map(in_true_contact, cross_validate(method, folds, cache=cache))
-    return measure(scores_of(predictions, "two-class"))["balanced_accuracy"]
+    metrics = measure(scores_of(predictions, "two-class"))
+    return metrics["balanced_accuracy"], metrics["auc"]

@@ -1,4 +1,4 @@
-"""Scores of a method on one split of one data set: windows, events, and the paired difference from the reference."""
+"""Scores of a method on one split of one data set: as rendered, windows, events, difference from the reference."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,17 +14,20 @@ from tactophone.evaluation import (
     Delays,
     Difference,
     Estimate,
+    Rendered,
     Scores,
     TakePredictions,
     calibration_error,
     contact_delays,
+    correct_for_number,
     edge_delays,
     estimate,
     false_bumps_per_minute,
     false_positives_at_recall,
+    in_true_contact,
     paired_difference,
+    rendered_scores,
     scores_of,
-    true_contact,
 )
 
 MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
@@ -40,16 +43,19 @@ class MethodResult:
         Their names.
     control
         Whether the method is a control.
+    rendered
+        What the operator gets, contact gate, abstention and decision rule inside: the headline.
     scores
-        By rule and metric, with intervals over surfaces; over updates in true contact.
+        By rule and metric, with intervals over surfaces; over updates in true contact, without gate and abstention.
     false_positives_at_reference
         Share of smooth updates classified as rough, at the threshold with the reference's rough recall.
     bumps_per_minute, calibration_error
         See :mod:`tactophone.evaluation.event_metrics`.
     contact_ms, edge_ms
-        p50 and p95 of the time to a correct decision, in ms, and the share of changes without one.
+        p50 and p95 of the time to a correct decision, in ms, over all changes (infinite where there is none), and the
+        share of changes without one.
     differences
-        From the reference, in pairs, by the two-class rule.
+        From the reference, in pairs, by the two-class rule; p-values are corrected over all methods and measures.
     by_surface
         Share of updates classified correctly.
     curve
@@ -64,6 +70,7 @@ class MethodResult:
     dataset: str
     split: str
     control: bool
+    rendered: Rendered
     scores: dict[str, dict[str, Estimate]]
     false_positives_at_reference: float
     bumps_per_minute: float
@@ -109,12 +116,27 @@ def compare_entries(
             results.append(_result(dataset, entry, split, predictions[entry.name], scores[entry.name], reference))
         except DatasetError as error:
             raise DatasetError(f"{dataset.name}, {split}, {entry.name}: {error}") from error
-    return results
+    return _corrected(results)
 
 
-def in_true_contact(take: TakePredictions) -> TakePredictions:
-    """Replace the method's contact gate by the true contact, so that all methods are scored on the same moments."""
-    return replace(take, contact=true_contact(take))
+def _corrected(results: Sequence[MethodResult]) -> list[MethodResult]:
+    """Correct the p-values for the number of comparisons; controls are no comparisons."""
+    every = {
+        (place, name): difference
+        for place, result in enumerate(results)
+        if not result.control
+        for name, difference in result.differences.items()
+    }
+    corrected = correct_for_number(every)
+    return [
+        replace(
+            result,
+            differences={
+                name: corrected.get((place, name), difference) for name, difference in result.differences.items()
+            },
+        )
+        for place, result in enumerate(results)
+    ]
 
 
 def _result(
@@ -138,6 +160,7 @@ def _result(
         dataset.name,
         split,
         entry.control,
+        rendered_scores(predictions, entry.rule),
         {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
         false_positives_at_recall(scores, recall),
         false_bumps_per_minute(predictions, entry.rule),

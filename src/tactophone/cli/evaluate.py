@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.training_options import add_training_options, job_of
-from tactophone.dataset import SPLITS, Dataset, Fold, split
+from tactophone.dataset import KIN_SPLIT, SPLITS, Dataset, Fold, split
 from tactophone.errors import ConfigError
 from tactophone.perception import model_path, read_model
 
@@ -43,8 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
     add_filter(parser)
+    add_kin(parser)
     parser.add_argument(
-        "--split", metavar="NAME", default="leave-one-surface-out",
+        "--split", metavar="NAME", default=KIN_SPLIT,
         help=f"how to cross-validate a recipe: {', '.join(SPLITS)}",
     )  # fmt: skip
     parser.add_argument(
@@ -64,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
     channels = read_model(model_path(args.model)).card.channels if args.model else job_of(args).channels
-    dataset = open_filtered(args.data, args.filter, channels=channels)
+    dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
         _note(args, next(iter(reports.values())), dataset)
@@ -84,22 +85,26 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
     predict = model_predictor(model)
     with terminal.progress("predicting") as bar:
         takes = bar.track(dataset.recordings, task_id=bar.add_task("", note=""))
-        return make_report([predict(take) for take in takes])
+        return make_report([predict(take) for take in takes], decision=model.card.decision)
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
     from tactophone.benchmark import default_cache, method_of, permute_labels, recipe_method
     from tactophone.evaluation import make_report
+    from tactophone.training import RECIPES
 
     job = job_of(args)
     method, cache = method_of(job), None if args.no_cache else default_cache()
-    reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache))}
+    rule = RECIPES[args.recipe].decision
+    reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache), decision=rule)}
     if args.baselines is not None:
         level = recipe_method("level", channels=job.channels)
         reports[level.name] = make_report(_predict_folds(level, split(dataset, args.split), cache))
     for seed in range(args.baselines or 0):
         permuted = permute_labels(dataset, seed=seed)
-        reports[f"permuted {seed + 1}"] = make_report(_predict_folds(method, split(permuted, args.split), cache))
+        reports[f"permuted {seed + 1}"] = make_report(
+            _predict_folds(method, split(permuted, args.split), cache), decision=rule
+        )
     return reports
 
 
@@ -114,7 +119,7 @@ def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None
 
 
 def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
-    from tactophone.evaluation import RULES
+    from tactophone.evaluation import RENDERED, RULES
     from tactophone.training import add_scores
 
     scores: dict[str, Any] = {
@@ -123,6 +128,9 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
         "recordings": report.recordings,
         "contact": round(report.contact, 3),
     }
+    for name in RENDERED:
+        estimate = getattr(report.rendered, name)
+        scores[f"{name}, as rendered"] = [round(value, 3) for value in (estimate.value, estimate.low, estimate.high)]
     for rule in RULES:
         for name in _HEADLINE:
             found = report.rules[rule][name]
@@ -136,13 +144,22 @@ def _print(reports: "dict[str, Report]", *, by_recording: bool) -> None:
     first = next(iter(reports.values()))
     terminal.out().print(
         f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, {first.contact:.0%} of "
-        "them in contact.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
+        "them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
     )
+    terminal.out().print(_rendered(reports), "")
     if len(reports) > 1:
         for rule in RULES:
             terminal.out().print(_comparison(reports, rule), "")
     terminal.out().print(_measures(first), "")
     terminal.out().print(_rows(first, by_recording=by_recording))
+
+
+def _rendered(reports: "dict[str, Report]") -> Table:
+    table = Table("as rendered", "balanced accuracy", "smooth as rough", "gaps", show_edge=False)
+    for name, report in reports.items():
+        rendered = report.rendered
+        table.add_row(name, *map(str, (rendered.balanced_accuracy, rendered.smooth_as_rough, rendered.gaps)))
+    return table
 
 
 def _comparison(reports: "dict[str, Report]", rule: "Rule") -> Table:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 
 from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.training_options import NUMBERS, add_training_options, job_of
 from tactophone.dataset import split
 from tactophone.errors import ConfigError
@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
     add_filter(parser)
+    add_kin(parser)
     parser.add_argument(
         "--vary", action="append", required=True, metavar="NAME=VALUE,VALUE...",
         help=f"a setting and its values, repeatable: every combination is tried; of {', '.join(_VALUES)}",
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.benchmark import Cache, default_cache, method_of
 
     jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
-    dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs))
+    dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs), kin=args.kin)
     trials = [(name, method_of(job)) for name, job in jobs]
     folds = split(dataset, args.split)
     cache = Cache(args.cache) if args.cache else default_cache()

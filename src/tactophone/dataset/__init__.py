@@ -11,17 +11,19 @@ from tactophone.dataset.converters import convert, set_split, write_card
 from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
 from tactophone.dataset.height_map import ArealRoughness, HeightReport, measure_heights, read_heights
 from tactophone.dataset.height_plots import draw_heights
+from tactophone.dataset.kin import kin_of, with_kin
 from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
 from tactophone.dataset.roughness import Roughness, measure_profile
-from tactophone.dataset.splits import SPLITS, Fold, split
+from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
 
 __all__ = [
     "DEFAULT_CONTACT_DBFS",
     "FILE_NAME",
+    "KIN_SPLIT",
     "LABEL_NAMES",
     "REDUCED_OBJECTS",
     "SPARE_OBJECT",
@@ -46,6 +48,7 @@ __all__ = [
     "fingerprint",
     "ground_truth",
     "holds_metadata",
+    "kin_of",
     "measure_heights",
     "measure_profile",
     "open_dataset",
@@ -57,6 +60,7 @@ __all__ = [
     "touch_at",
     "usable",
     "with_channels",
+    "with_kin",
     "write_card",
     "write_metadata",
     "write_slides",

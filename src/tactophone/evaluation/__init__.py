@@ -7,6 +7,7 @@ from tactophone.evaluation.event_metrics import (
     contact_delays,
     edge_delays,
     false_bumps_per_minute,
+    in_true_contact,
     true_contact,
 )
 from tactophone.evaluation.metrics import RULES, Rule, Scores, false_positives_at_recall, measure, rough_score
@@ -20,7 +21,7 @@ from tactophone.evaluation.operating_point import (
     measure_rule,
     try_rules,
 )
-from tactophone.evaluation.paired import Difference, paired_difference
+from tactophone.evaluation.paired import Difference, correct_for_number, paired_difference
 from tactophone.evaluation.predictions import (
     Predictor,
     TakePredictions,
@@ -28,10 +29,12 @@ from tactophone.evaluation.predictions import (
     scores_of,
     streaming_predictor,
 )
+from tactophone.evaluation.rendered import RENDERED, Rendered, rendered_scores
 from tactophone.evaluation.report import GroupScore, Report, make_report
 from tactophone.evaluation.transitions import join_edges
 
 __all__ = [
+    "RENDERED",
     "RULES",
     "Change",
     "Delays",
@@ -41,6 +44,7 @@ __all__ = [
     "GroupScore",
     "OperatingPoint",
     "Predictor",
+    "Rendered",
     "Report",
     "Rule",
     "Scores",
@@ -53,11 +57,13 @@ __all__ = [
     "choose_rule",
     "compare_models",
     "contact_delays",
+    "correct_for_number",
     "draw_trade_off",
     "edge_delays",
     "estimate",
     "false_bumps_per_minute",
     "false_positives_at_recall",
+    "in_true_contact",
     "interval",
     "join_edges",
     "make_report",
@@ -65,6 +71,7 @@ __all__ = [
     "measure_rule",
     "model_predictor",
     "paired_difference",
+    "rendered_scores",
     "rough_score",
     "scores_of",
     "streaming_predictor",

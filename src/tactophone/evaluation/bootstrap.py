@@ -44,7 +44,7 @@ def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, 
     """
     rng = np.random.default_rng(seed)
     strata = [surfaces for rough in (False, True) if len(surfaces := np.unique(scores.surface[scores.rough == rough]))]
-    times = np.array([_draw(strata, surfaces=len(scores.names), rng=rng) for _ in range(draws)])
+    times = np.array([draw_surfaces(strata, surfaces=len(scores.names), rng=rng) for _ in range(draws)])
     drawn = measure_draws(count_by_surface(scores, bins=BINS), times)
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
 
@@ -70,7 +70,10 @@ def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Esti
     return Estimate(value, float(low), float(high))
 
 
-def _draw(strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def draw_surfaces(
+    strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw as many surfaces of each stratum as it has, with replacement; return how often each was drawn."""
     times = np.zeros(surfaces)
     for stratum in strata:
         np.add.at(times, rng.choice(stratum, len(stratum)), 1.0)

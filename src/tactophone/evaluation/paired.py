@@ -1,7 +1,9 @@
-"""Difference of two methods, measured on the same drawn surfaces (paired bootstrap)."""
+"""Difference of two methods, measured on the same drawn surfaces (paired bootstrap), corrected for their number."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,10 +21,33 @@ class Difference:
         The difference with its 90 % interval.
     p
         Two-sided: twice the share of draws on the rarer side of zero, at least one draw.
+    corrected
+        The same, corrected for the number of differences in its table: see :func:`correct_for_number`. NaN before.
     """
 
     estimate: Estimate
     p: float
+    corrected: float = math.nan
+
+
+Key = TypeVar("Key")
+
+
+def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Difference]:
+    """Correct the p-values of a table of differences, so that the chance of *any* false one is bounded.
+
+    Source: Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 65 (1979).
+
+    >>> found = {name: Difference(Estimate(0, 0, 0), p) for name, p in {"a": 0.01, "b": 0.04, "c": 0.03}.items()}
+    >>> {name: round(each.corrected, 3) for name, each in correct_for_number(found).items()}
+    {'a': 0.03, 'b': 0.06, 'c': 0.06}
+    """
+    known = sorted((each.p, place) for place, each in enumerate(differences.values()) if not math.isnan(each.p))
+    corrected, highest = dict.fromkeys(range(len(differences)), math.nan), 0.0
+    for rank, (p, place) in enumerate(known):
+        highest = max(highest, min(1.0, p * (len(known) - rank)))
+        corrected[place] = highest
+    return {key: replace(each, corrected=corrected[place]) for place, (key, each) in enumerate(differences.items())}
 
 
 def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Difference]:

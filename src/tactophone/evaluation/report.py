@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, estimate
+from tactophone.evaluation.event_metrics import in_true_contact
 from tactophone.evaluation.metrics import RULES, Rule, rough_score
 from tactophone.evaluation.predictions import TakePredictions, scores_of
+from tactophone.evaluation.rendered import Rendered, rendered_scores
+from tactophone.perception import DecisionRule
 from tactophone.types import Touch
 
 
 @dataclass(frozen=True, slots=True)
 class GroupScore:
-    """Score of one surface or one recording; accuracies are NaN where the contact gate never opened.
+    """Score of one surface or one recording, over true contact; NaN where there is none.
 
     Parameters
     ----------
@@ -43,9 +46,12 @@ class Report:
     recordings, surfaces, updates
         How many were scored.
     contact
-        Share of updates with the contact gate open.
+        Share of updates with the model's contact gate open.
+    rendered
+        What the operator gets: contact gate, abstention and decision rule inside.
     rules
-        For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval.
+        For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
+        whatever the model's gate reports, so that all models are scored on the same windows.
     by_surface, by_recording
         Scores of single surfaces and recordings.
     """
@@ -54,6 +60,7 @@ class Report:
     surfaces: int
     updates: int
     contact: float
+    rendered: Rendered
     rules: dict[Rule, dict[str, Estimate]]
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
@@ -63,16 +70,27 @@ class Report:
         return asdict(self)
 
 
-def make_report(predictions: Sequence[TakePredictions], *, draws: int = DRAWS) -> Report:
+def make_report(
+    predictions: Sequence[TakePredictions], *, decision: DecisionRule | None = None, draws: int = DRAWS
+) -> Report:
     """Score the predictions for labelled recordings.
+
+    Parameters
+    ----------
+    predictions
+        Of one model, or of the folds of one recipe.
+    decision
+        Of the model; the paper's by default.
+    draws
+        Of the bootstrap.
 
     Raises
     ------
     DatasetError
-        If the contact gate never opened.
+        If no recording has labelled contact.
     """
     labelled = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
-    rules = {rule: estimate(scores_of(labelled, rule), draws=draws) for rule in RULES}
+    rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}
     surfaces = sorted({take.recording.surface for take in labelled})
     total = _score("", labelled)
     return Report(
@@ -80,6 +98,7 @@ def make_report(predictions: Sequence[TakePredictions], *, draws: int = DRAWS) -
         len(surfaces),
         total.updates,
         total.contact,
+        rendered_scores(labelled, decision or DecisionRule(), draws=draws),
         rules,
         tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
         tuple(_score(take.recording.path.name, [take]) for take in labelled),
@@ -102,7 +121,7 @@ def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
 def _accuracy(takes: Sequence[TakePredictions], rule: Rule) -> float:
     correct = [
         (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.label is Touch.ROUGH)
-        for take in takes
+        for take in map(in_true_contact, takes)
     ]
     every = np.concatenate(correct)
     return float(every.mean()) if len(every) else float("nan")

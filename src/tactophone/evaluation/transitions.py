@@ -25,6 +25,9 @@ FADE = 0.02
 LEAD = 0.2
 """Seconds of silence before, so that running statistics begin empty."""
 
+VERSION = 2
+"""Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
+
 _WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
 
@@ -73,7 +76,9 @@ def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Re
 
 
 def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:
-    name = hashlib.sha256(repr([(str(recording.path), start) for recording, start in pair]).encode()).hexdigest()[:16]
+    name = hashlib.sha256(
+        repr([VERSION, *((str(recording.path), start) for recording, start in pair)]).encode()
+    ).hexdigest()[:16]
     path = folder / f"{name}.flac"
     (first, rate), (second, other) = (_read(recording.path, start) for recording, start in pair)
     if rate != other:
@@ -111,9 +116,13 @@ def _read(path: Path, start: float) -> tuple[FloatArray, int]:
 
 
 def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
-    """Cross-fade with constant power, because the two sounds are uncorrelated."""
+    """Fade in from silence, then cross-fade with constant power, because the two sounds are uncorrelated.
+
+    Sound cut into digital silence would begin with a click that no finger makes.
+    """
     size = round(FADE * rate)
     angle = np.linspace(0, np.pi / 2, size, dtype=np.float32)[:, None]
+    landing = first[:size] * np.sin(angle) ** 2
     crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)
     silence = np.zeros((round(LEAD * rate), first.shape[1]), np.float32)
-    return np.concatenate((silence, first[:-size], crossing, second[size:]))
+    return np.concatenate((silence, landing, first[size:-size], crossing, second[size:]))

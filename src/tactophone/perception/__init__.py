@@ -11,11 +11,13 @@ from tactophone.perception.features.loudness import LoudnessRule, banded_dbfs
 from tactophone.perception.features.resample import Resampler
 from tactophone.perception.features.spectrum import magnitudes
 from tactophone.perception.features.texture import (
+    MEMORY,
     MIN_VARIANCE,
     SILENT_POWER,
     ChangeMetric,
     Moments,
     RunningStatistics,
+    fading_of,
     texture_features,
 )
 from tactophone.perception.model_file import (
@@ -60,6 +62,7 @@ __all__ = [
     "FALLBACK_MESSAGES",
     "FEATURES",
     "LOG_PROBABILITIES",
+    "MEMORY",
     "MICROPHONES",
     "MIN_VARIANCE",
     "NEVER_ABSTAIN",
@@ -95,6 +98,7 @@ __all__ = [
     "banded_dbfs",
     "cues",
     "default_model",
+    "fading_of",
     "fallback_model",
     "magnitudes",
     "measure_calibration",

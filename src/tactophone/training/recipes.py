@@ -22,7 +22,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 
-from tactophone.perception import Calibration, DecisionRule, Gate
+from tactophone.perception import MEMORY, Calibration, DecisionRule, Gate
+from tactophone.training.features.augmentation import Augmentation
 from tactophone.training.network.settings import Precision, Variant
 
 if TYPE_CHECKING:
@@ -152,6 +153,10 @@ class Recipe:
         Where not ``None``, the recipe always uses one channel, this one.
     change_detection
         Whether the running statistics of texture features restart where the surface changes.
+    memory
+        Of texture features' running statistics, in s.
+    augmentation
+        How takes are varied in training; not at all by default.
     shipped
         Whether `make model` puts its model into the package.
     requires
@@ -167,6 +172,8 @@ class Recipe:
     version: int = 2
     microphone: Microphone | None = None
     change_detection: bool = True
+    memory: float = MEMORY
+    augmentation: Augmentation | None = None
     shipped: bool = False
     requires: str = ""
 
@@ -202,7 +209,8 @@ _LISTED = (
     ),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=3, shipped=True,
+        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=4, memory=0.25,
+        augmentation=Augmentation(), shipped=True,
     ),
     Recipe(
         "impulses", "crest of one air microphone's sound, and how much it varies", "texture",

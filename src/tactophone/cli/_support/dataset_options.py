@@ -1,10 +1,10 @@
-"""``--filter``, for every verb that reads a data set: keep recordings by their labels."""
+"""``--filter``, for every verb that reads a data set, and ``--kin``, for those that split one."""
 
 import argparse
 from pathlib import Path
 
 from tactophone.cli._support import terminal
-from tactophone.dataset import Dataset, open_dataset, usable, with_channels
+from tactophone.dataset import Dataset, open_dataset, usable, with_channels, with_kin
 from tactophone.errors import DatasetError
 
 
@@ -16,7 +16,16 @@ def add_filter(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1) -> Dataset:
+def add_kin(parser: argparse.ArgumentParser) -> None:
+    """Add ``--kin``."""
+    parser.add_argument(
+        "--kin", type=Path, metavar="CSV",
+        help="columns surface,kin: surfaces of one kin stay on one side of a split (default: the column kin, or "
+        "the versions of a surface, by name)",
+    )  # fmt: skip
+
+
+def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
     Parameters
@@ -27,6 +36,8 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1)
         As ``--filter`` has them.
     channels
         Microphones that are needed: recordings with fewer are dropped where others have as many.
+    kin
+        File that says which surfaces are kin.
 
     Raises
     ------
@@ -43,7 +54,7 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1)
     kept, lacking = with_channels(kept.labelled(), channels)
     for problem in lacking:
         terminal.log().print(f"left out: {problem}", soft_wrap=True)
-    return kept
+    return with_kin(kept, kin) if kin else kept
 
 
 def _filtered(dataset: Dataset, text: str) -> Dataset:

@@ -23,8 +23,8 @@ from tactophone.perception.features.loudness import band_of_powers
 from tactophone.perception.model_file import ModelCard
 from tactophone.types import CONTACT, FloatArray
 
-FADING = 10.0
-"""Windows (of 10 ms) after which the weight of a window has fallen to 1/e."""
+MEMORY = 0.1
+"""Seconds after which the weight of a window has fallen to 1/e, for models whose card does not say."""
 
 PRIOR_WINDOWS = 3.0
 """Windows that the prior is worth at the start of a touch."""
@@ -53,7 +53,7 @@ Moments = NDArray[np.float64]
 
 ChangeMetric = NDArray[np.float64]
 """A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
-than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
+than 1 for one window in a thousand on one and the same surface; zeros never detect a change."""
 
 
 class RunningStatistics:
@@ -63,6 +63,8 @@ class RunningStatistics:
     ----------
     change_metric
         See :data:`ChangeMetric`.
+    fading
+        Windows after which the weight of a window has fallen to 1/e.
 
     Attributes
     ----------
@@ -78,8 +80,9 @@ class RunningStatistics:
     ([[[3.0]], [[9.0]]], 0.0)
     """
 
-    def __init__(self, change_metric: ChangeMetric) -> None:
+    def __init__(self, change_metric: ChangeMetric, *, fading: float = 10.0) -> None:
         self._change_metric = change_metric
+        self._fading = fading
         # Two sets of moments, (2, 2, channels, values), fade side by side, each with its own weight: the running ones
         # and the newest ones.
         self._zeros = np.zeros((2, 2, *change_metric.shape[:2]))
@@ -124,7 +127,7 @@ class RunningStatistics:
         self._count += 1
         self._since += 1
         # A plain average over the first windows (of which the prior is worth PRIOR_WINDOWS), exponential afterwards.
-        weight = max(1 / FADING, 1 / (self._count + PRIOR_WINDOWS))
+        weight = max(1 / self._fading, 1 / (self._count + PRIOR_WINDOWS))
         self._weights[0], self._weights[1] = weight, max(1 / NEWEST, 1 / self._since)
         # A new array, as the history holds views of the old one.
         self._both = self._both + self._weights * (self._window - self._both)
@@ -150,7 +153,8 @@ class TextureExtractor:
     Parameters
     ----------
     card
-        Its settings hold ``prior``, the moments of the average touch, and ``change_metric``: see :data:`ChangeMetric`.
+        Its settings hold ``prior``, the moments of the average touch, ``change_metric``, see :data:`ChangeMetric`, and
+        ``memory`` in s.
     """
 
     def __init__(self, card: ModelCard) -> None:
@@ -159,7 +163,9 @@ class TextureExtractor:
         self._window: FloatArray | None = None
         self._spectrum = self._bands.spectrum(np.zeros((card.window_size, channels), np.float32))
         self._prior = _read_array(card, "prior", (2, channels, BAND_VALUES))
-        self._statistics = RunningStatistics(_read_array(card, "change_metric", (channels, BAND_VALUES, BAND_VALUES)))
+        change_metric = _read_array(card, "change_metric", (channels, BAND_VALUES, BAND_VALUES))
+        fading = fading_of(float(card.settings.get("memory", MEMORY)), float(card.hop / card.sample_rate))
+        self._statistics = RunningStatistics(change_metric, fading=fading)
 
     def level_dbfs(self, window: FloatArray) -> float:
         """Return the banded level of the first channel, from the spectrum that the features need too."""
@@ -185,6 +191,22 @@ class TextureExtractor:
         if window is not self._window:
             self._window, self._spectrum = window, self._bands.spectrum(window)
         return self._spectrum
+
+
+def fading_of(memory: float, hop: float) -> float:
+    """Return the windows, ``hop`` s apart, that a memory in s is long.
+
+    >>> fading_of(0.25, 0.01)
+    25.0
+
+    Raises
+    ------
+    ValueError
+        If the memory is shorter than a hop.
+    """
+    if not memory >= hop:
+        raise ValueError(f"memory {memory:g} s, but it must be at least a hop, {hop:g} s")
+    return memory / hop
 
 
 def texture_features(moments: Moments) -> FloatArray:

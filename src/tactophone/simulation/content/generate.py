@@ -182,6 +182,8 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
     properties = {
         "object": job.object.name,
         "material": job.object.substance,
+        # Casts of one stuff, with and without sand, are kin.
+        "kin": job.object.substance.partition(" with ")[0],
         "stroke": job.take.stroke,
         "pressure": job.take.pressure,
         "split": "test" if job.object.number in TEST else "train",

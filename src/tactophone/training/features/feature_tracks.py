@@ -18,6 +18,7 @@ from tactophone.link import Codec
 from tactophone.perception import (
     BAND_VALUES,
     EXTRACTORS,
+    MEMORY,
     SILENT_POWER,
     BandFeatures,
     ChangeMetric,
@@ -26,8 +27,10 @@ from tactophone.perception import (
     Moments,
     RunningStatistics,
     banded_dbfs,
+    fading_of,
     texture_features,
 )
+from tactophone.training.features.augmentation import Offset
 from tactophone.training.recipes import FeatureKind, Microphone, silent
 from tactophone.training.sound import read_signals
 from tactophone.types import CONTACT, FloatArray
@@ -41,6 +44,8 @@ WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
     "scalogram": (4096, Fraction(512, 3)),
 }
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
+
+_TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,8 @@ class FeatureSpec:
         The microphone used where ``channels`` is 1; the file's first, if it has none of that name.
     change_detection
         Whether the running statistics restart where the surface changes.
+    memory
+        Of the running statistics, in s.
     """
 
     kind: FeatureKind = "texture"
@@ -66,6 +73,7 @@ class FeatureSpec:
     codec: Codec | None = None
     microphone: Microphone = "contact"
     change_detection: bool = True
+    memory: float = MEMORY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,6 +137,16 @@ class RunningMoments:
     moments: Moments
     prior_weight: NDArray[np.float64]
 
+    def offset(self, offset: Offset) -> "RunningMoments":
+        """Return the moments as they are with an offset added to every description.
+
+        With weights that sum to w, one less that of the prior: m becomes m + w a, and s becomes s + 2 a m + w a^2.
+        """
+        mean, square = self.moments
+        weight = 1 - self.prior_weight[:, None, None]
+        moved = np.stack((mean + weight * offset, square + 2 * offset * mean + weight * offset * offset))
+        return RunningMoments(moved, self.prior_weight)
+
     def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
         """Return what the live extractor returns with this prior, shape ``(windows, features)``.
 
@@ -178,9 +196,11 @@ def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
     return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
 
 
-def accumulate(track: FeatureTrack, threshold_dbfs: float, change_metric: ChangeMetric) -> RunningMoments:
+def accumulate(
+    track: FeatureTrack, threshold_dbfs: float, change_metric: ChangeMetric, *, memory: float = MEMORY
+) -> RunningMoments:
     """Return the running statistics of a track; contact begins at a threshold."""
-    statistics = RunningStatistics(change_metric)
+    statistics = RunningStatistics(change_metric, fading=fading_of(memory, _TEXTURE_HOP))
     moments = np.empty((len(track.description), 2, *track.description.shape[1:]))
     prior_weight = np.empty(len(moments))
     for number, (description, contact) in enumerate(_windows(track, threshold_dbfs)):
@@ -192,9 +212,10 @@ def accumulate(track: FeatureTrack, threshold_dbfs: float, change_metric: Change
 
 # A cross-validation asks in every fold; thresholds are whole decibels, so that most answers are in the cache.
 @functools.lru_cache(maxsize=1 << 13)
-def mean_shifts(track: FeatureTrack, threshold_dbfs: float) -> NDArray[np.float32]:
+def mean_shifts(track: FeatureTrack, threshold_dbfs: float, memory: float = MEMORY) -> NDArray[np.float32]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
-    statistics = RunningStatistics(np.zeros((*track.description.shape[1:], BAND_VALUES)))
+    nothing = np.zeros((*track.description.shape[1:], BAND_VALUES))
+    statistics = RunningStatistics(nothing, fading=fading_of(memory, _TEXTURE_HOP))
     shifts = []
     for description, contact in _windows(track, threshold_dbfs):
         statistics.push(description, contact=contact)

@@ -1,13 +1,13 @@
 """Trains a recipe that learns from features, from a data set to a model file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import onnx
 
-from tactophone.dataset import Dataset
+from tactophone.dataset import Dataset, Recording
 from tactophone.link import Codec
 from tactophone.training.features.feature_tracks import FEATURE_RATE, FeatureSpec
 from tactophone.training.features.training_set import TrainingSet, build_training_set
@@ -28,11 +28,14 @@ class FeatureJob:
         Which features, of which channels.
     codecs
         A model file is trained on each recording as it is and once more through each of these codecs.
+    seed
+        Of the augmentation.
     """
 
     name: str
     spec: FeatureSpec
     codecs: tuple[Codec, ...] = ()
+    seed: int = 0
 
     @property
     def recipe(self) -> Recipe:
@@ -52,7 +55,14 @@ class FeatureJob:
     @property
     def identity(self) -> str:
         """Text that changes whenever the result may: key of cached results."""
-        return f"{self.name} {self.recipe.version} {self.evaluated_spec!r}"
+        return f"{self.name} {self.recipe.version} {self.seed} {self.evaluated_spec!r}"
+
+    def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
+        """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
+        spec = self.evaluated_spec if codecs is None else self.spec
+        return build_training_set(
+            spec, recordings, codecs=codecs or (), augmentation=self.recipe.augmentation, seed=self.seed
+        )
 
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
         """Fit the classifier and return the graph of a model file."""
@@ -70,7 +80,7 @@ class FeatureJob:
         """Train on a data set and write the model file; see :class:`tactophone.training.recipes.Job`."""
         del checkpoint, log
         report(0, None, self.name)
-        training_set = build_training_set(self.spec, dataset.recordings, codecs=self.codecs)
+        training_set = self.training_set(dataset.recordings, codecs=self.codecs)
         through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
         facts = {
             "recipe": self.name,
@@ -86,11 +96,11 @@ class FeatureJob:
 
 
 def feature_job(recipe: Recipe, options: TrainingOptions) -> FeatureJob:
-    """Return the job of a recipe on features; of the options it has the channels and the Opus bitrate."""
+    """Return the job of a recipe on features; of the options it has channels, Opus bitrate and seed."""
     kind = cast(FeatureKind, recipe.features)
-    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection)
+    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection, memory=recipe.memory)
     if recipe.microphone:
         spec = replace(spec, channels=1, microphone=recipe.microphone)
     # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
     codecs = (options.codec(spec.channels, bandwidth=bandwidth) for bandwidth in (0.0, FEATURE_RATE / 2))
-    return FeatureJob(recipe.name, spec, tuple(codec for codec in codecs if codec))
+    return FeatureJob(recipe.name, spec, tuple(codec for codec in codecs if codec), options.seed)

@@ -11,12 +11,14 @@ from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
 from tactophone.perception import BAND_VALUES, MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
+from tactophone.training.features.augmentation import Augmentation
 from tactophone.training.features.examples import Examples
 from tactophone.training.features.feature_tracks import (
     FEATURE_RATE,
     WINDOWS,
     FeatureSpec,
     FeatureTrack,
+    RunningMoments,
     accumulate,
     extract_features,
     mean_shifts,
@@ -29,8 +31,9 @@ FALSE_CONTACTS = 0.01
 ALWAYS_DBFS = -120.0
 """Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
 
-FALSE_CHANGES = 0.01
-"""Share of windows on one surface where the change detection would fire."""
+FALSE_CHANGES = 0.001
+"""Share of windows on one surface where the change detection would fire: once in 10 s. Ten times as often, a memory of
+250 ms is hardly ever full, which costs 0.03 of AUC on real kinds left out (docs/research/detector.md)."""
 
 RIDGE = 1e-3
 """Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen directions from dominating."""
@@ -67,7 +70,23 @@ class TrainingSet:
         """Return the features that the live extractor returns, shape ``(windows, features)``."""
         if self.spec.kind != "texture":
             return track.description
-        return accumulate(track, self.threshold_dbfs, self.change_metric).features(self.prior, track.present)
+        return self._moments(track).features(self.prior, track.present)
+
+    def varied(
+        self, track: FeatureTrack, mask: NDArray[np.bool_], augmentation: Augmentation | None, rng: np.random.Generator
+    ) -> FloatArray:
+        """Return the features of some windows of a track, of each of its copies; just of itself without augmentation.
+
+        Copies have the windows' order, one after another.
+        """
+        if augmentation is None or self.spec.kind != "texture":
+            return self.features(track)[mask]
+        moments = self._moments(track)
+        offsets = [augmentation.draw(rng, channels=self.spec.channels) for _ in range(augmentation.copies)]
+        return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
+
+    def _moments(self, track: FeatureTrack) -> RunningMoments:
+        return accumulate(track, self.threshold_dbfs, self.change_metric, memory=self.spec.memory)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
         """Return the card of a model trained with it."""
@@ -78,6 +97,7 @@ class TrainingSet:
                 "microphone": self.spec.microphone,
                 "prior": self.prior.tolist(),
                 "change_metric": self.change_metric.tolist(),
+                "memory": self.spec.memory,
             }
         gate = Gate(self.threshold_dbfs, "banded")
         return ModelCard(
@@ -87,7 +107,12 @@ class TrainingSet:
 
 
 def build_training_set(
-    spec: FeatureSpec, recordings: Sequence[Recording], *, codecs: Sequence[Codec] = ()
+    spec: FeatureSpec,
+    recordings: Sequence[Recording],
+    *,
+    codecs: Sequence[Codec] = (),
+    augmentation: Augmentation | None = None,
+    seed: int = 0,
 ) -> TrainingSet:
     """Extract features from labelled recordings and select the windows to train on.
 
@@ -100,6 +125,10 @@ def build_training_set(
     codecs
         Codecs through which each recording is used once more: a classifier that was never trained without the band
         that the link removes fails there (docs/research/benchmark.md).
+    augmentation
+        Each take is used in so many copies, each varied; texture features alone.
+    seed
+        Of the variations.
 
     Raises
     ------
@@ -119,12 +148,15 @@ def build_training_set(
         )
     prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
     if spec.change_detection and spec.kind == "texture":
-        change_metric = fit_change_metric([mean_shifts(track, threshold_dbfs) for track in tracks])
+        change_metric = fit_change_metric([mean_shifts(track, threshold_dbfs, spec.memory) for track in tracks])
     else:
         change_metric = np.zeros((spec.channels, BAND_VALUES, BAND_VALUES))
     # The features of the examples follow from the prior and the metric, so these come first.
     unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES)
-    features = [unfilled.features(track)[mask] for track, mask in zip(tracks, masks, strict=True)]
+    rng = np.random.default_rng(seed)
+    features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
+    sizes = [len(rows) for rows in features]
+    rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
     names = sorted({track.recording.surface for track in tracks})
     surface = np.repeat([names.index(track.recording.surface) for track in tracks], sizes)
     height = np.repeat([_log_height(track.recording) for track in tracks], sizes)

@@ -1,0 +1,41 @@
+import math
+
+import pytest
+
+from tactophone.dataset import Segment
+from tactophone.errors import DatasetError
+from tactophone.evaluation import rendered_scores
+from tactophone.perception import DecisionRule
+from tactophone.types import Touch
+from tests.evaluation.takes import predicted
+
+RULE = DecisionRule()
+
+
+def test_gaps_and_abstention_count_as_wrong() -> None:
+    half = [True] * 50 + [False] * 50
+    takes = [
+        predicted([0.9] * 100, label=Touch.ROUGH, surface="brick", contact=half),
+        predicted([0.9] * 100, label=Touch.ROUGH, surface="unknown", none=0.9),
+        predicted([0.1] * 90 + [0.9] * 10, label=Touch.SMOOTH, surface="glass"),
+    ]
+    scores = rendered_scores(takes, DecisionRule(abstain_from=0.5))
+    assert scores.rough_as_rough.value == pytest.approx(0.25)
+    assert scores.smooth_as_rough.value == pytest.approx(0.1)
+    assert scores.smooth_as_smooth.value == pytest.approx(0.9)
+    assert scores.gaps.value == pytest.approx(50 / 300)
+    assert scores.wrong.value == pytest.approx((100 + 10) / 300)
+    assert scores.balanced_accuracy.value == pytest.approx((0.25 + 0.9) / 2)
+    assert scores.rough_as_rough.low == 0.0
+
+
+def test_only_true_contact_counts_and_one_class_has_its_own_accuracy() -> None:
+    segments = [Segment(0.0, 0.5, "none"), Segment(0.5, 1.0, "rough")]
+    scores = rendered_scores([predicted([0.1] * 50 + [0.9] * 50, label=Touch.ROUGH, segments=segments)], RULE)
+    assert scores.balanced_accuracy.value == 1.0
+    assert math.isnan(scores.smooth_as_rough.value)
+
+
+def test_nothing_to_score_is_an_error() -> None:
+    with pytest.raises(DatasetError, match="nothing can be scored"):
+        rendered_scores([predicted([0.5], label=None)], RULE)
