@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.dataset_options import add_filter, joined, open_filtered
 from tactophone.cli._support.training_options import add_training_options, job_of
 
 
@@ -12,6 +12,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
     parser.add_argument("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
+    parser.add_argument(
+        "--also", type=Path, action="append", default=[], metavar="DIR",
+        help="train on this data set too, all of it that is labelled; repeatable",
+    )  # fmt: skip
     add_filter(parser)
     add_training_options(parser)
     parser.add_argument(
@@ -32,6 +36,7 @@ def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
     job = job_of(args)
     dataset = open_filtered(args.data, args.filter, channels=job.channels)
+    dataset = joined([dataset, *(open_filtered(folder, None, channels=job.channels) for folder in args.also)])
     checkpoint = args.out.with_name(args.out.name + ".unfinished.npz")
     if args.restart:
         checkpoint.unlink(missing_ok=True)

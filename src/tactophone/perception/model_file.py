@@ -97,6 +97,14 @@ class ModelCard:
         """The microphone that a model of one channel uses where there are two: ``contact`` or ``air``."""
         return str(self.settings.get("microphone", "contact"))
 
+    @property
+    def tip(self) -> str:
+        """The tip that the model is for, one of :data:`tactophone.types.TIP_NAMES`; empty where it is unknown.
+
+        A tip decides the sign of some features, so a model is for one tip, or for several of its hardness.
+        """
+        return str(self.settings.get("tip", ""))
+
     def to_json(self) -> str:
         """Return the card as it is stored inside a model file."""
         entries = asdict(self) | {"hop": str(self.hop), "classes": CLASSES, "format": FORMAT_VERSION}

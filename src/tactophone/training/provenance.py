@@ -1,6 +1,6 @@
 """What a model card must say about the origin of the training data."""
 
-from tactophone.dataset import Dataset
+from tactophone.dataset import Dataset, Recording
 
 UNTESTED = "none in training; untested, unless a score below names a real set"
 """What a card says about real sound if the training sound was simulated."""
@@ -16,8 +16,19 @@ def licence_of(dataset: Dataset) -> str:
     if _is_simulated(dataset):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
     licences = sorted({recording.known("licence") for recording in dataset.recordings} - {""})
-    return f"trained on sound under: {'; '.join(licences)}" if licences else ""
+    sources = "simulated sound and sound" if any(map(_is_simulation, dataset.recordings)) else "sound"
+    return f"weights alone, no recordings; trained on {sources} under: {'; '.join(licences)}" if licences else ""
+
+
+def tip_of(dataset: Dataset) -> str:
+    """Return the tip that all recordings name; empty if they name none, or several."""
+    tips = {recording.known("tip") for recording in dataset.recordings}
+    return tips.pop() if len(tips) == 1 else ""
 
 
 def _is_simulated(dataset: Dataset) -> bool:
-    return all(recording.known("source") == "simulated" for recording in dataset.recordings)
+    return all(map(_is_simulation, dataset.recordings))
+
+
+def _is_simulation(recording: Recording) -> bool:
+    return recording.known("source") == "simulated"

@@ -55,6 +55,10 @@ class TrainingOptions:
         Of everything random.
     opus_bitrate_bps
         Bitrate of the link's Opus that the sound passes through first; ``None`` for no codec.
+    microphone
+        The microphone that a model of one channel uses, where its recipe does not say.
+    tip
+        The tip that the model is for; empty: that of the recordings, if they all name the same.
     start, gate, calibration
         Model file to continue from, contact gate of the model, and calibration that replaces the gate.
     variant, reference_code, precision
@@ -66,6 +70,8 @@ class TrainingOptions:
     channels: int = 2
     seed: int = 0
     opus_bitrate_bps: int | None = None
+    microphone: Microphone = "contact"
+    tip: str = ""
     start: Path | None = None
     gate: Gate | None = None
     calibration: Calibration | None = None

@@ -1,6 +1,7 @@
 """``--filter``, for every verb that reads a data set, and ``--kin``, for those that split one."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from tactophone.cli._support import terminal
@@ -55,6 +56,17 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1,
     for problem in lacking:
         terminal.log().print(f"left out: {problem}", soft_wrap=True)
     return with_kin(kept, kin) if kin else kept
+
+
+def joined(datasets: Sequence[Dataset]) -> Dataset:
+    """Join data sets for a training; the first one's folder stands for all."""
+    first = datasets[0]
+    return Dataset(
+        " + ".join(dataset.name for dataset in datasets),
+        first.root,
+        tuple(recording for dataset in datasets for recording in dataset.recordings),
+        tuple(problem for dataset in datasets for problem in dataset.problems),
+    )
 
 
 def _filtered(dataset: Dataset, text: str) -> Dataset:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from tactophone.errors import ConfigError
 from tactophone.perception import Calibration, Gate
 from tactophone.training import OPEN_GATE, PRECISIONS, RECIPES, VARIANTS, Job, TrainingOptions, network_settings
+from tactophone.types import TIP_NAMES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +34,14 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--channels", type=int, choices=(1, 2), default=2,
         help="microphones to use; the recipes paper and paper-fast take them from --variant",
+    )  # fmt: skip
+    parser.add_argument(
+        "--microphone", choices=("contact", "air"), default="contact",
+        help="which one a model of one channel uses (recipes on features; default: contact)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--tip", choices=TIP_NAMES,
+        help="that the model is for (recipes on features; default: the one that the recordings name)",
     )  # fmt: skip
     parser.add_argument(
         "--opus-bitrate", type=int, metavar="KBPS",
@@ -84,6 +93,8 @@ def job_of(args: argparse.Namespace) -> Job:
         channels=args.channels,
         seed=args.seed,
         opus_bitrate_bps=_opus_bitrate_bps(args.opus_bitrate),
+        microphone=args.microphone,
+        tip=args.tip or "",
         start=getattr(args, "start", None),
         gate=_gate(args.contact_threshold),
         calibration=Calibration.read(calibration) if calibration else None,

@@ -12,7 +12,7 @@ from tactophone.link import Codec
 from tactophone.training.features.feature_tracks import FEATURE_RATE, FeatureSpec
 from tactophone.training.features.training_set import TrainingSet, build_training_set
 from tactophone.training.model_export import write_graph
-from tactophone.training.provenance import caveats_of, licence_of
+from tactophone.training.provenance import caveats_of, licence_of, tip_of
 from tactophone.training.recipes import RECIPES, FeatureKind, Recipe, Report, TrainingOptions, load, silent
 
 
@@ -30,12 +30,15 @@ class FeatureJob:
         A model file is trained on each recording as it is and once more through each of these codecs.
     seed
         Of the augmentation.
+    tip
+        That the model is for; empty: that of the recordings.
     """
 
     name: str
     spec: FeatureSpec
     codecs: tuple[Codec, ...] = ()
     seed: int = 0
+    tip: str = ""
 
     @property
     def recipe(self) -> Recipe:
@@ -77,7 +80,7 @@ class FeatureJob:
         report: Report = silent,
         log: Callable[[str], None] = silent,
     ) -> bool:
-        """Train on a data set and write the model file; see :class:`tactophone.training.recipes.Job`."""
+        """Train on a data set and write the model file, named after the file; see :class:`~tactophone.training.Job`."""
         del checkpoint, log
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
@@ -89,18 +92,19 @@ class FeatureJob:
             "sha256": dataset.fingerprint,
             "through": ["nothing", *through],
         }
-        card = training_set.card(self.name, rule=self.recipe.decision, training=facts)
-        card = replace(card, scores=caveats_of(dataset), licence=licence_of(dataset))
+        card = training_set.card(path.stem, rule=self.recipe.decision, training=facts)
+        settings = {**card.settings, "tip": self.tip or tip_of(dataset)}
+        card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
         write_graph(path, self.build(training_set), card)
         return True
 
 
 def feature_job(recipe: Recipe, options: TrainingOptions) -> FeatureJob:
-    """Return the job of a recipe on features; of the options it has channels, Opus bitrate and seed."""
+    """Return the job of a recipe on features; it has channels, microphone, tip, Opus bitrate and seed."""
     kind = cast(FeatureKind, recipe.features)
     spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection, memory=recipe.memory)
-    if recipe.microphone:
-        spec = replace(spec, channels=1, microphone=recipe.microphone)
+    if recipe.microphone or options.channels == 1:
+        spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
     # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
     codecs = (options.codec(spec.channels, bandwidth=bandwidth) for bandwidth in (0.0, FEATURE_RATE / 2))
-    return FeatureJob(recipe.name, spec, tuple(codec for codec in codecs if codec), options.seed)
+    return FeatureJob(recipe.name, spec, tuple(codec for codec in codecs if codec), options.seed, options.tip)

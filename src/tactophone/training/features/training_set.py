@@ -86,7 +86,8 @@ class TrainingSet:
         return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
 
     def _moments(self, track: FeatureTrack) -> RunningMoments:
-        return accumulate(track, self.threshold_dbfs, self.change_metric, memory=self.spec.memory)
+        threshold_dbfs = _threshold_for(track, self.threshold_dbfs)
+        return accumulate(track, threshold_dbfs, self.change_metric, memory=self.spec.memory)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
         """Return the card of a model trained with it."""
@@ -138,7 +139,7 @@ def build_training_set(
     specs = [spec, *(replace(spec, codec=codec) for codec in codecs)]
     tracks = [track for each in specs for track in extract_features(recordings, each)]
     threshold_dbfs = contact_threshold(tracks)
-    masks = [track.touching() & (track.level_dbfs >= threshold_dbfs) for track in tracks]
+    masks = [track.touching() & (track.level_dbfs >= _threshold_for(track, threshold_dbfs)) for track in tracks]
     sizes = [int(mask.sum()) for mask in masks]
     rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
     if not 0 < rough.sum() < len(rough):
@@ -148,7 +149,9 @@ def build_training_set(
         )
     prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
     if spec.change_detection and spec.kind == "texture":
-        change_metric = fit_change_metric([mean_shifts(track, threshold_dbfs, spec.memory) for track in tracks])
+        change_metric = fit_change_metric(
+            [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
+        )
     else:
         change_metric = np.zeros((spec.channels, BAND_VALUES, BAND_VALUES))
     # The features of the examples follow from the prior and the metric, so these come first.
@@ -161,6 +164,11 @@ def build_training_set(
     surface = np.repeat([names.index(track.recording.surface) for track in tracks], sizes)
     height = np.repeat([_log_height(track.recording) for track in tracks], sizes)
     return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface), height=height)
+
+
+def _threshold_for(track: FeatureTrack, threshold_dbfs: float) -> float:
+    """A recording without segments is contact throughout; another set's noise says nothing about its level."""
+    return threshold_dbfs if track.recording.segments else ALWAYS_DBFS
 
 
 def contact_threshold(tracks: Sequence[FeatureTrack]) -> float:
