@@ -111,6 +111,7 @@ def open_pipeline(
     profile: str = "paper",
     limits: Limits | None = None,
     fast_contact: bool = True,
+    follow_floor: bool = True,
 ) -> Pipeline:
     """Open a pipeline for sound of a given rate and channel count.
 
@@ -128,6 +129,9 @@ def open_pipeline(
         Bounds of the commands; by default a ceiling of half of full drive.
     fast_contact
         Detect contact within milliseconds (`tactophone.perception.contact`); if false, by the window, as in the paper.
+    follow_floor
+        Let the contact threshold follow the noise floor; if false, it is the model's own. Assigning
+        `Pipeline.threshold_dbfs` ends the following.
 
     Raises
     ------
@@ -136,5 +140,10 @@ def open_pipeline(
     ConfigError
         If there is no such profile.
     """
-    detector = open_detector(model or default_model(channels), sample_rate=sample_rate, fast_contact=fast_contact)
+    detector = open_detector(
+        model or default_model(channels),
+        sample_rate=sample_rate,
+        fast_contact=fast_contact,
+        follow_floor=follow_floor,
+    )
     return Pipeline(detector, open_profile(profile), limits)

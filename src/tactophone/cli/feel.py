@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import shlex
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +16,15 @@ from tactophone.dataset import Segment, ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
 from tactophone.offline import OutputFiles, RunSummary, draw_recording, process_recording
-from tactophone.perception import shipped_models
+from tactophone.perception import (
+    SILENT_DBFS,
+    RecordingFloor,
+    default_model,
+    measure_floor,
+    model_path,
+    read_model,
+    shipped_models,
+)
 from tactophone.pipeline import Pipeline, open_pipeline
 
 
@@ -43,7 +52,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--contact", choices=("fast", "window"), default="fast",
         help="detect contact within milliseconds, or by the model's whole window as in the paper",
     )  # fmt: skip
-    add("--threshold", type=float, metavar="DBFS", help="contact threshold, -120 to 0 dBFS; default: the model's")
+    add(
+        "--threshold", type=float, metavar="DBFS",
+        help="contact threshold, -120 to 0 dBFS; default: just over the recording's own noise floor",
+    )  # fmt: skip
     add(
         "--ceiling",
         type=float,
@@ -116,6 +128,7 @@ class _Result:
     truth: tuple[Segment, ...]
     summary: RunSummary
     files: dict[str, Path]
+    floor: RecordingFloor | None
 
 
 def _as_json(result: _Result) -> dict[str, Any]:
@@ -125,6 +138,8 @@ def _as_json(result: _Result) -> dict[str, Any]:
         "profile": result.profile,
         "label": result.label or None,
         **asdict(result.summary),
+        "threshold_dbfs": result.pipeline.threshold_dbfs,
+        "noise_floor_dbfs": result.floor.floor_dbfs if result.floor and result.floor.known else None,
         "speed": result.summary.speed,
         "files": {kind: str(path) for kind, path in result.files.items()},
     }
@@ -145,7 +160,7 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
 
 def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     source = FileSource(path)
-    pipeline = _open_pipeline(source, args)
+    pipeline, floor = _open_pipeline(source, args)
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
     with terminal.progress("processing") as bar:
@@ -175,21 +190,28 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
             truth=truth,
         )
     mono = source.channels == 1 and not args.model
-    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files)
+    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor)
 
 
-def _open_pipeline(source: FileSource, args: argparse.Namespace) -> Pipeline:
+def _open_pipeline(source: FileSource, args: argparse.Namespace) -> tuple[Pipeline, RecordingFloor | None]:
+    model = args.model or default_model(source.channels)
     pipeline = open_pipeline(
-        args.model or "",
+        model,
         sample_rate=source.sample_rate,
         channels=source.channels,
         profile="paper" if args.profile in PASSTHROUGH else args.profile,
         limits=Limits(ceiling=args.ceiling),
         fast_contact=args.contact == "fast",
+        follow_floor=False,
     )
     if args.threshold is not None:
         pipeline.threshold_dbfs = args.threshold
-    return pipeline
+        return pipeline, None
+    rule = read_model(model_path(model)).card.gate.rule
+    with FileSource(source.path) as blocks:
+        floor = measure_floor(blocks, sample_rate=source.sample_rate, rule=rule)
+    pipeline.threshold_dbfs = floor.threshold_dbfs
+    return pipeline, floor
 
 
 def _print(result: _Result) -> None:
@@ -200,13 +222,42 @@ def _print(result: _Result) -> None:
     if result.chosen_for_mono:
         show("             (if that is an air microphone, use --model impulses)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
-    if not summary.contact:
-        show(f"             (loudest window: {summary.loudest_dbfs:.1f} dBFS; lower --threshold if that was contact)")
+    show(f"  threshold  {_threshold(result)}", soft_wrap=True)
     if summary.faults:
         show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
     for kind, path in result.files.items():
         show(f"  {kind:10} {escape(str(path))}", soft_wrap=True)
     show(f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound")
+    if not summary.contact:
+        cause, command = _no_contact(result)
+        show("[bold red]NO CONTACT was found: nothing vibrates.[/]")
+        show(f"  cause      {cause}", soft_wrap=True)
+        show(f"  try        {escape(command)}", soft_wrap=True)
+
+
+def _threshold(result: _Result) -> str:
+    floor, threshold = result.floor, f"{result.pipeline.threshold_dbfs:.1f} dBFS"
+    if floor is None:
+        return f"{threshold}, as given"
+    if floor.known:
+        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS"
+    return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
+
+
+def _no_contact(result: _Result) -> tuple[str, str]:
+    """Return the likely cause of a recording without contact, and the next command."""
+    floor, loudest = result.floor, result.summary.loudest_dbfs
+    again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
+    if result.summary.faults:
+        return "the sound or the model's output is invalid", f"tactophone dataset check {result.path.parent}"
+    if loudest < SILENT_DBFS:
+        return "the recording is digital silence: no microphone was connected", "tactophone calibrate"
+    if floor is None:
+        return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"
+    if floor.known:
+        found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
+        return found, f"{again} {floor.floor_dbfs - 6:.0f}"
+    return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone calibrate"
 
 
 def _percent(share: float) -> str:

@@ -1,7 +1,6 @@
 """Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
 
 from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.debounce import ContactDebounce
 from tactophone.perception.decision import NEVER_ABSTAIN, Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.features.bands import BAND_COUNT, BAND_VALUES, CREST_INDEX, BandFeatures
@@ -36,6 +35,8 @@ from tactophone.perception.model_registry import (
     open_detector,
     shipped_models,
 )
+from tactophone.perception.noise_floor import SILENT_DBFS, NoiseFloor
+from tactophone.perception.recording_floor import RecordingFloor, measure_floor
 from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.perception.sensor_health.calibration_measurement import (
     CalibrationResult,
@@ -66,6 +67,7 @@ __all__ = [
     "MICROPHONES",
     "MIN_VARIANCE",
     "NEVER_ABSTAIN",
+    "SILENT_DBFS",
     "SILENT_POWER",
     "SUPPORTS_MISSING_CHANNEL",
     "AnyTouchDetector",
@@ -76,7 +78,6 @@ __all__ = [
     "ChangeMetric",
     "ChannelStatistics",
     "Contact",
-    "ContactDebounce",
     "ContactGate",
     "Decision",
     "DecisionRule",
@@ -88,6 +89,8 @@ __all__ = [
     "Model",
     "ModelCard",
     "Moments",
+    "NoiseFloor",
+    "RecordingFloor",
     "Reference",
     "Resampler",
     "RunningStatistics",
@@ -102,6 +105,7 @@ __all__ = [
     "fallback_model",
     "magnitudes",
     "measure_calibration",
+    "measure_floor",
     "model_path",
     "open_detector",
     "read_model",

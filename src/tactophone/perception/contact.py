@@ -5,20 +5,20 @@ just landed. So the gate measures the level a thousand times a second, beside th
 opens it by the level over 4 ms; any other by the level over 32 ms, as noise with motors and hum in it rises by 5 dB
 for 4 ms now and then, and not for 32. The gate closes when the longer level has fallen under the threshold.
 
+The threshold follows the noise floor (`tactophone.perception.noise_floor`) unless it was given or calibrated. A touch
+is held over a silence as short as that of a finger that has just landed, or of a stroke that turns.
+
 The paper has no such gate (it compares the level of the whole window): `feel --contact window` turns it off.
 """
 
+import math
 from collections import deque
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from tactophone.perception.features.loudness import LoudnessRule
-from tactophone.perception.sensor_health.invalid_samples import find_invalid
-from tactophone.types import CONTACT, AudioBlock, FloatArray
-
-STEP_RATE = 1000
-"""Steps a second."""
+from tactophone.perception.noise_floor import NoiseFloor
+from tactophone.perception.step_levels import STEP_RATE, StepLevels
+from tactophone.types import AudioBlock
 
 FAST, SLOW = 4, 32
 """Steps that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
@@ -46,10 +46,16 @@ class Contact:
         Seconds since the stream began.
     touching
         Whether there is contact.
+    held
+        Whether that is only held over a silence.
+    threshold_dbfs
+        Level from which there was contact at that time.
     """
 
     time: float
     touching: bool
+    held: bool = field(default=False, repr=False)
+    threshold_dbfs: float = field(default=-math.inf, repr=False, compare=False)
 
 
 class ContactGate:
@@ -60,12 +66,17 @@ class ContactGate:
     threshold_dbfs
         Level from which there is contact.
     rule
-        How the level is measured: ``rms`` or ``mean_absolute``.
+        How the level is measured: ``rms``, ``mean_absolute``, or ``banded``: without hum and motors.
     sample_rate
-        Of the sound to come, in Hz; steps are whole samples, so that 44.1 kHz has 1002 steps a second.
+        Of the sound to come, in Hz.
+    floor
+        Where there is one, the threshold follows it, until another threshold is assigned.
+    hold
+        Seconds that contact lasts on over silence.
 
     Examples
     --------
+    >>> import numpy as np
     >>> gate = ContactGate(-40, sample_rate=48_000)
     >>> sound = np.zeros((4800, 1), np.float32)
     >>> sound[480:960] = 0.1
@@ -73,70 +84,93 @@ class ContactGate:
     Contact(time=0.011, touching=True)
     """
 
-    def __init__(self, threshold_dbfs: float, *, sample_rate: int, rule: LoudnessRule = "rms") -> None:
-        self._step_size = max(1, sample_rate // STEP_RATE)
-        self._sample_rate = sample_rate
-        # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
-        self._power = 2 if rule == "rms" else 1
+    def __init__(
+        self,
+        threshold_dbfs: float,
+        *,
+        sample_rate: int,
+        rule: LoudnessRule = "rms",
+        floor: NoiseFloor | None = None,
+        hold: float = 0.0,
+    ) -> None:
+        self._levels = StepLevels(rule, sample_rate=sample_rate)
+        self._sample_rate, self._hold_steps = sample_rate, round(hold * STEP_RATE)
+        self.floor: NoiseFloor | None = None
         self.threshold_dbfs = threshold_dbfs
+        self.floor = floor  # after the threshold, whose assignment ends the following
         self.reset()
 
     @property
     def threshold_dbfs(self) -> float:
-        """Level from which there is contact; may be assigned at any time."""
+        """Level from which there is contact; may be assigned at any time, and then follows nothing."""
         return self._threshold_dbfs
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
+        self.floor = None
+        self._set(level_dbfs, level_dbfs - RELEASE_DB)
+
+    def _set(self, level_dbfs: float, release_dbfs: float) -> None:
+        power = self._levels.power
         self._threshold_dbfs = level_dbfs
-        self._clear_from = 10 ** (self._power * (level_dbfs + CLEAR_DB) / 20)
-        self._open_from = 10 ** (self._power * level_dbfs / 20)
-        self._close_under = 10 ** (self._power * (level_dbfs - RELEASE_DB) / 20)
+        self._clear_from = 10 ** (power * (level_dbfs + CLEAR_DB) / 20)
+        self._open_from = 10 ** (power * level_dbfs / 20)
+        self._close_under = 10 ** (power * release_dbfs / 20)
 
     @property
     def latency(self) -> float:
         """Duration of a step in s."""
-        return self._step_size / self._sample_rate
+        return self._levels.step_size / self._sample_rate
 
     def reset(self) -> None:
-        """Return to the initial state: no contact."""
-        self._rest: FloatArray = np.empty(0, np.float32)
+        """Return to the initial state: no contact; the floor is measured anew."""
+        self._levels.reset()
         self._fast, self._slow = deque([0.0] * FAST, FAST), deque([0.0] * SLOW, SLOW)
         self._steps = 0
-        self._touching = False
-        self._lasted = 0
+        self._touching = self._held = False
+        self._lasted = self._quiet = 0
+        if self.floor:
+            self.floor.reset()
+            self._set(self.floor.threshold_dbfs, self.floor.release_dbfs)
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT_STEPS`` steps."""
-        sound = np.concatenate((self._rest, block.samples[:, CONTACT]))
-        whole = len(sound) // self._step_size * self._step_size
-        self._rest = sound[whole:]
-        powers = self._measure(sound[:whole].reshape(-1, self._step_size))
-        return [step for power in powers if (step := self._step(power))]
-
-    def _measure(self, steps: FloatArray) -> list[float]:
-        """Return the power, or mean absolute value, of each row; NaN where it holds invalid samples."""
-        if len(invalid := find_invalid(steps)):
-            steps = steps.copy()
-            steps[invalid] = np.nan
-        sums = np.vecdot(steps, steps) if self._power == 2 else np.abs(steps).sum(axis=1)
-        return [total / self._step_size for total in sums.tolist()]
+        return [step for power in self._levels.push(block) if (step := self._step(power))]
 
     def _step(self, power: float) -> Contact | None:
         self._fast.append(power)
         self._slow.append(power)
-        before = self._touching
+        before = self._touching, self._held
         self._steps += 1
         self._lasted += 1
-        self._touching = self._is_touching(sum(self._fast) / FAST, sum(self._slow) / SLOW)
-        if self._touching and not before:
+        slow = sum(self._slow) / SLOW
+        self._update(sum(self._fast) / FAST, slow)
+        if self._touching and not before[0]:
             self._lasted = 0
-        if self._touching == before and self._steps % HEARTBEAT_STEPS:
+        if self.floor and self._steps % HEARTBEAT_STEPS == 0:
+            self._follow(self.floor, slow)
+        if (self._touching, self._held) == before and self._steps % HEARTBEAT_STEPS:
             return None
-        return Contact(self._steps * self._step_size / self._sample_rate, self._touching)
+        time = self._steps * self._levels.step_size / self._sample_rate
+        return Contact(time, self._touching, self._held, self._threshold_dbfs)
 
-    def _is_touching(self, fast: float, slow: float) -> bool:
+    def _update(self, fast: float, slow: float) -> None:
+        loud = self._is_loud(fast, slow)
+        self._quiet = 0 if loud else self._quiet + 1
+        # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
+        self._held = not loud and self._touching and slow >= 0 and self._quiet <= self._hold_steps
+        self._touching = loud or self._held
+
+    def _is_loud(self, fast: float, slow: float) -> bool:
         # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
         if fast >= self._clear_from or slow >= self._open_from:
             return True
-        return self._touching and (slow >= self._close_under or (self._lasted < MIN_STEPS and fast >= 0))
+        open_now = self._touching and not self._held
+        return open_now and (slow >= self._close_under or (self._lasted < MIN_STEPS and fast >= 0))
+
+    def _follow(self, floor: NoiseFloor, slow: float) -> None:
+        level_dbfs = 20 / self._levels.power * math.log10(slow) if slow > 0 else math.nan
+        # Until the deque is full of sound, the level is that of its zeros.
+        floor.push(level_dbfs if self._steps >= SLOW else math.nan, touching=self._touching)
+        if floor.threshold_dbfs != self._threshold_dbfs:
+            self._set(floor.threshold_dbfs, floor.release_dbfs)

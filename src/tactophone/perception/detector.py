@@ -15,6 +15,7 @@ from tactophone.perception.features.resample import LOWEST_RATE, Resampler
 from tactophone.perception.features.windows import Windower
 from tactophone.perception.inference import Engine
 from tactophone.perception.model_file import Model, ModelCard
+from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.sensor_health.invalid_samples import InvalidSampleFilter
 from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray, Prediction
 
@@ -39,6 +40,8 @@ class WindowDetector:
         probability distribution).
     threshold_dbfs
         Level from which there is contact; the model's own, until another is assigned.
+    floor
+        Where there is one, the threshold follows it, until another threshold is assigned.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class WindowDetector:
             )
         self.card = model.card
         self.faults: Counter[str] = Counter()
+        self.floor: NoiseFloor | None = None
         self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
@@ -60,6 +64,15 @@ class WindowDetector:
         self._engine = Engine(model.session)
         self._level_of = level_meter(self._extractor, model.card.gate.rule)
         self.reset()
+
+    @property
+    def threshold_dbfs(self) -> float:
+        """Level from which there is contact; may be assigned at any time, and then follows nothing."""
+        return self.floor.threshold_dbfs if self.floor else self._threshold_dbfs
+
+    @threshold_dbfs.setter
+    def threshold_dbfs(self, level_dbfs: float) -> None:
+        self.floor, self._threshold_dbfs = None, level_dbfs
 
     @property
     def name(self) -> str:
@@ -92,6 +105,8 @@ class WindowDetector:
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
         self._decision.reset()
         self._extractor.reset()
+        if self.floor:
+            self.floor.reset()
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
@@ -130,6 +145,8 @@ class WindowDetector:
     def _predict(self, end: int, window: FloatArray) -> Prediction:
         level_dbfs = self._level_of(window)
         loud = level_dbfs >= self.threshold_dbfs
+        if self.floor:
+            self.floor.push(level_dbfs, touching=loud)
         probabilities = self._engine.run(self._extractor.push(window, contact=loud))
         faulty = self._is_faulty(end, probabilities)
         if faulty:

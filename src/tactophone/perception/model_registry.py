@@ -5,10 +5,10 @@ from pathlib import Path
 
 from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
-from tactophone.perception.debounce import ContactDebounce
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.features.extractors import SUPPORTS_MISSING_CHANNEL
 from tactophone.perception.model_file import read_model
+from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 from tactophone.perception.touch_detector import TouchDetector
 
 DEFAULTS = {1: "paper-mono", 2: "paper"}
@@ -56,7 +56,9 @@ def fallback_model(name: str) -> str | None:
     return DEFAULTS[1] if kind == "paper" else None
 
 
-def open_detector(name: str, *, sample_rate: int, fast_contact: bool = True) -> TouchDetector:
+def open_detector(
+    name: str, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
+) -> TouchDetector:
     """Open a shipped model or a model file, for sound of a rate.
 
     Parameters
@@ -68,6 +70,9 @@ def open_detector(name: str, *, sample_rate: int, fast_contact: bool = True) -> 
     fast_contact
         Whether contact is detected within milliseconds, by a contact gate with the model's threshold; otherwise by the
         level of whole windows, as in the paper.
+    follow_floor
+        Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
+        threshold ends that.
 
     Raises
     ------
@@ -75,10 +80,14 @@ def open_detector(name: str, *, sample_rate: int, fast_contact: bool = True) -> 
         If there is no such model, or this version cannot run it.
     """
     model = read_model(model_path(name))
-    detector, gate = WindowDetector(model, sample_rate=sample_rate), model.card.gate
+    detector, contact = WindowDetector(model, sample_rate=sample_rate), model.card.gate
     if not fast_contact:
         return TouchDetector(detector)
-    # A banded level detects contact within a short window by itself, and is far lower than the gate's unfiltered level.
-    if gate.rule == "banded":
-        return TouchDetector(detector, debounce=ContactDebounce())
-    return TouchDetector(detector, ContactGate(gate.threshold_dbfs, sample_rate=sample_rate, rule=gate.rule))
+    floor = None
+    if follow_floor:
+        # Each follows the noise by its own measure of level: the gate's bands are not exactly those of the windows.
+        spread_db = SPREAD_DB[contact.rule]
+        floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
+        detector.floor = NoiseFloor(detector.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
+    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=HOLD)
+    return TouchDetector(detector, gate, window=model.card.window_size / model.card.sample_rate)

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.debounce import ContactDebounce
+from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.types import AudioBlock, Detector, Prediction, Touch
 
 MAX_INTERVAL = 0.02
@@ -14,9 +14,12 @@ WINDOW_MARGIN_DB = 6.0
 """How far under the threshold the level of a window full of contact may lie for its prediction still to be used: a
 window covers eight times the sound that the gate does, so that single impacts, loud enough for the gate, count less."""
 
-FULL_OF_CONTACT = 0.128
-"""Seconds of contact, half a window, from which a window's prediction is used whatever its level. Before that the
-window must be as loud as contact: else the noise in it would be classified."""
+FULL_OF_CONTACT = 0.5
+"""Share of a window from which its prediction is used whatever its level. Before that the window must be as loud as
+contact: else the noise in it would be classified."""
+
+LONG_WINDOW = 0.1
+"""Seconds from which a window counts as longer than what the gate measures, 32 ms."""
 
 LONGEST_GAP = 0.25
 """Seconds of lost sound, about a window, across which windows are still joined."""
@@ -27,17 +30,17 @@ _NO_PREDICTION = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -math.inf, start=0
 class TouchDetector:
     """Returns a prediction at every window and whenever contact begins or ends.
 
-    With a contact gate, the gate decides on contact. The start of a touch is reported at once, as smooth (a false bump
-    is worse than a missed one), until the window is full enough of contact to be classified. The end of a touch is
-    reported at once, though the window still contains it. Without a gate, contact is that of the window, as in the
-    paper, or that of debounced windows.
+    With a contact gate, the gate decides on contact, by a threshold that is given or follows the noise. The start of a
+    touch is reported at once, as smooth (a false bump is worse than a missed one), until the window is full enough of
+    contact to be classified. The end of a touch is reported at once, though the window still contains it. Without a
+    gate, contact is that of the window, as in the paper.
 
     Parameters
     ----------
     detector, gate
         For sound of the same rate; both are fed by this object alone.
-    debounce
-        Applied to the window detector's contact where there is no gate.
+    window
+        Length of the detector's windows in s.
 
     Notes
     -----
@@ -45,26 +48,39 @@ class TouchDetector:
     what was before it and what is after, and times follow the stream.
     """
 
-    def __init__(
-        self, detector: Detector, gate: ContactGate | None = None, *, debounce: ContactDebounce | None = None
-    ) -> None:
-        self.detector, self._gate, self._debounce = detector, gate, debounce
+    def __init__(self, detector: Detector, gate: ContactGate | None = None, *, window: float = 0.256) -> None:
+        self.detector, self._gate, self._window = detector, gate, window
         self.latency = detector.latency
         """Seconds from the end of a prediction's window to the moment of the prediction."""
-        self.threshold_dbfs = detector.threshold_dbfs
+        if gate and gate.floor:
+            self._threshold_dbfs = gate.threshold_dbfs
+        else:
+            self.threshold_dbfs = detector.threshold_dbfs
         self._begin(0)
 
     @property
     def threshold_dbfs(self) -> float:
-        """Level of contact; may be assigned at any time."""
+        """Level of contact; may be assigned at any time, and then follows the noise no longer."""
         return self._threshold_dbfs
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
         self._threshold_dbfs = level_dbfs
-        self.detector.threshold_dbfs = level_dbfs - WINDOW_MARGIN_DB * bool(self._gate)
+        below = WINDOW_MARGIN_DB if self._gate and self._window > LONG_WINDOW else 0.0
+        self.detector.threshold_dbfs = level_dbfs - below
         if self._gate:
             self._gate.threshold_dbfs = level_dbfs
+
+    @property
+    def floors(self) -> list[NoiseFloor]:
+        """The noise floors that gate and window detector follow; none where the threshold was given."""
+        floors = (getattr(part, "floor", None) for part in (self._gate, self.detector))
+        return [floor for floor in floors if floor]
+
+    def adopt_floors(self, other: "TouchDetector") -> None:
+        """Take over what another detector, of the same microphone and rule, has measured of the noise."""
+        for own, known in zip(self.floors, other.floors, strict=False):
+            own.adopt(known)
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
@@ -83,15 +99,13 @@ class TouchDetector:
         self.detector.reset()
         if self._gate:
             self._gate.reset()
-        if self._debounce:
-            self._debounce.reset()
         self._begin(0)
 
     def _begin(self, start: int) -> None:
         self._first = self._next = start
         self._shift = 0.0
         self._newest = _NO_PREDICTION
-        self._touching, self._since = self._gate is None, 0.0
+        self._touching, self._since, self._held = self._gate is None, 0.0, False
         self._reported_until = -math.inf
 
     def _follow(self, block: AudioBlock) -> None:
@@ -118,8 +132,12 @@ class TouchDetector:
         return [prediction for prediction in revised if prediction]
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
-        changed = contact.touching is not self._touching
-        if changed:
+        changed = (contact.touching, contact.held) != (self._touching, self._held)
+        if self._gate and self._gate.floor:
+            # As it was at that time, however many blocks later this is read.
+            self._threshold_dbfs = contact.threshold_dbfs
+        self._held = contact.held
+        if contact.touching is not self._touching:
             self._touching, self._since = contact.touching, contact.time + self._shift
         end = contact.time + self._shift - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
@@ -130,19 +148,17 @@ class TouchDetector:
     def _revise(self, prediction: Prediction) -> Prediction:
         self._newest, self._reported_until = prediction, prediction.end
         if self._gate is None:
-            debounce = self._debounce
-            if not debounce or debounce.update(prediction, threshold_dbfs=self._threshold_dbfs):
-                return prediction
-            return _overruled(prediction, Touch.NONE)
+            return prediction
         if not self._touching or prediction.faulty:
             return _overruled(prediction, Touch.NONE)
-        if prediction.touch is Touch.NONE or not self._is_usable(prediction):
+        # A held touch may have ended: it is felt faintly at most, or a rough vibration would outlast it.
+        if self._held or prediction.touch is Touch.NONE or not self._is_usable(prediction):
             return _overruled(prediction, Touch.SMOOTH)
         return prediction
 
     def _is_usable(self, prediction: Prediction) -> bool:
         lasted = prediction.end + self.latency - self._since
-        return prediction.level_dbfs >= self._threshold_dbfs or lasted >= FULL_OF_CONTACT
+        return prediction.level_dbfs >= self._threshold_dbfs or lasted >= FULL_OF_CONTACT * self._window
 
     def _shifted(self, prediction: Prediction) -> Prediction:
         if not self._shift:

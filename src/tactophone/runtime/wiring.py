@@ -130,7 +130,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     model = chosen.model or default_model(channels)
     calibration = _calibration(chosen.calibration, channels)
     detector: AnyTouchDetector
-    detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE)
+    detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
     if chosen.check_microphones:
         reference = calibration.reference if calibration else None
         detector = with_fallback(
@@ -138,9 +138,9 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         )
     if not math.isnan(chosen.threshold_dbfs):
         detector.threshold_dbfs = chosen.threshold_dbfs
-    elif calibration and read_model(model_path(model)).card.gate.rule == "rms":
-        # The calibrated level is an RMS of all frequencies; a gate on one band has a trained threshold of its own.
-        detector.threshold_dbfs = calibration.threshold_dbfs
+    elif calibration and (level := calibration.threshold_for(read_model(model_path(model)).card.gate.rule)) is not None:
+        # A model whose rule was not calibrated follows the noise floor.
+        detector.threshold_dbfs = level
     return Pipeline(
         detector,
         GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),

@@ -1,12 +1,14 @@
 """The calibration file: `tactophone calibrate` writes it, other commands read it."""
 
 import dataclasses
+import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from tactophone.errors import ConfigError
+from tactophone.perception.features.loudness import LoudnessRule
 from tactophone.perception.sensor_health.faults import Reference
 
 CLIPPED = 0.05
@@ -35,6 +37,8 @@ class Calibration:
         Level and hum in silence.
     stroke_dbfs, peak_dbfs
         Median level and highest peak while stroked.
+    banded_dbfs
+        ``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it.
     """
 
     made: str
@@ -47,6 +51,13 @@ class Calibration:
     hum_dbfs: tuple[float, ...]
     stroke_dbfs: tuple[float, ...]
     peak_dbfs: tuple[float, ...]
+    banded_dbfs: float = math.inf
+
+    def threshold_for(self, rule: LoudnessRule) -> float | None:
+        """Return the contact threshold for a model's rule, if it was measured."""
+        if rule == "rms":
+            return self.threshold_dbfs
+        return self.banded_dbfs if rule == "banded" and math.isfinite(self.banded_dbfs) else None
 
     @property
     def channels(self) -> int:
@@ -86,6 +97,7 @@ class Calibration:
         again = "make one with `tactophone calibrate`"
         try:
             entries = tomllib.loads(path.read_text(encoding="utf-8"))[_TABLE]
+            entries = {"banded_dbfs": math.inf, **entries}
             return cls(**{field.name: _fit(entries[field.name], field.type) for field in dataclasses.fields(cls)})
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None

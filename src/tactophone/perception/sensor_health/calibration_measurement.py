@@ -12,7 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.contact import CLEAR_DB, FAST, SLOW, STEP_RATE
+from tactophone.perception.contact import CLEAR_DB, FAST, SLOW
+from tactophone.perception.noise_floor import HOLD
+from tactophone.perception.noise_floor import WINDOW as WINDOW_SECONDS
+from tactophone.perception.recording_floor import measure_floor
 from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.perception.sensor_health.faults import (
     HARMLESS_HUM_DBFS,
@@ -23,6 +26,7 @@ from tactophone.perception.sensor_health.faults import (
     SensorFault,
 )
 from tactophone.perception.sensor_health.signal_statistics import ChannelStatistics, SignalStatistics
+from tactophone.perception.step_levels import STEP_RATE
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 WINDOW = 0.256
@@ -128,6 +132,7 @@ def measure_calibration(
         hum_dbfs=_median(statistics.hum_dbfs for statistics in silence),
         stroke_dbfs=_median(statistics.level_dbfs for statistics in touching),
         peak_dbfs=tuple(round(float(level), 2) for level in peaks),
+        banded_dbfs=_banded_threshold(sounds, false_alarms_per_minute),
     )
     gain_db = tuple(_gain_db(sounds.stroke, channel) for channel in range(calibration.channels))
     faults = tuple(_faults(sounds, calibration, gain_db))
@@ -152,6 +157,14 @@ def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per
     excess *= 1 + 1 / math.sqrt(TAIL * len(sounds.silence) / (duration * sounds.sample_rate))
     chance = min(TAIL, false_alarms_per_minute * duration / 60)
     return round(_dbfs(float(loud) + excess * math.log(TAIL / chance)) + DRIFT_DB, 2)
+
+
+def _banded_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
+    """Return the gate's threshold by the rule ``banded``; infinite where the silence was not steady."""
+    share = min(1.0, false_alarms_per_minute * (WINDOW_SECONDS + HOLD) / 60)
+    block = AudioBlock(sounds.silence, sounds.sample_rate)
+    floor = measure_floor([block], sample_rate=sounds.sample_rate, rule="banded", false_alarms=share)
+    return round(floor.threshold_dbfs, 2) if floor.known else math.inf
 
 
 def _powers(samples: FloatArray, size: int, *, overlap: int = 1) -> NDArray[np.float64]:

@@ -5,16 +5,22 @@ with a contact microphone that clips, roughness is unknown but contact is not; w
 output is silent. When the fault has healed, all is as before.
 """
 
+import copy
 import enum
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeAlias
 
 from tactophone.perception.model_registry import fallback_model, open_detector
+from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.sensor_health.faults import FaultDetector, FaultKind, Reference, SensorFault
 from tactophone.perception.touch_detector import TouchDetector
 from tactophone.types import AIR, CONTACT, AudioBlock, Detector, Prediction, Touch
+
+REMEMBERED_CELLS = 12
+"""Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of its beginning."""
 
 
 class FallbackMode(enum.IntEnum):
@@ -82,8 +88,9 @@ def with_fallback(
         From the set-up's calibration; without one, faults are found less sharply.
     """
     name = fallback_model(model) if channels > 1 else None
-    spare = open_detector(name, sample_rate=sample_rate) if name else None
-    if spare is not None:
+    follows = bool(detector.floors)
+    spare = open_detector(name, sample_rate=sample_rate, follow_floor=follows) if name else None
+    if spare is not None and not follows:
         spare.threshold_dbfs = detector.threshold_dbfs
     return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
 
@@ -104,6 +111,8 @@ class FallbackDetector:
 
     def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:
         self._main, self._spare, self._fault_detector = main, spare, fault_detector
+        self._spare_in_use = False
+        self._floors: deque[list[NoiseFloor]] = deque(maxlen=REMEMBERED_CELLS)
         self._left = fault_detector.cell_size  # samples until the fault detector measures again
         self._next = 0
 
@@ -152,6 +161,8 @@ class FallbackDetector:
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
         self._fault_detector.reset()
+        self._floors.clear()
+        self._spare_in_use = False
         self._left, self._next = self._fault_detector.cell_size, 0
         for detector in filter(None, (self._main, self._spare)):
             detector.reset()
@@ -176,6 +187,11 @@ class FallbackDetector:
 
     def _push(self, part: AudioBlock) -> list[Prediction]:
         active = self._active
+        if self._spare is not None:
+            if active is self._spare and not self._spare_in_use:
+                # The spare has not run until now, so it knows nothing of the noise yet.
+                self._spare.adopt_floors(self._main)
+            self._spare_in_use = active is self._spare
         # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
         predictions = self._main.push(part)
         if active is not self._main:
@@ -184,7 +200,18 @@ class FallbackDetector:
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed:
             self._fault_detector.push(part)
+            if self._left == self._fault_detector.cell_size:
+                self._protect_floors()
         return revised
+
+    def _protect_floors(self) -> None:
+        """While the contact microphone is faulty, keep the noise floor from before the fault was found."""
+        floors = self._active.floors
+        if self.mode <= FallbackMode.ONE_CHANNEL:
+            self._floors.append([copy.copy(floor) for floor in floors])
+            return
+        for floor, before in zip(floors, self._floors[0] if self._floors else (), strict=False):
+            floor.adopt(before)
 
     def _revised(self, prediction: Prediction) -> Prediction:
         mode = self.mode

@@ -1,0 +1,107 @@
+"""The contact threshold of a recording, from the quietest steady stretches in the recording itself.
+
+A recording can be read twice, so that its threshold need not follow the noise as a live one does
+(:mod:`tactophone.perception.noise_floor`): it is the same from the first sample on.
+"""
+
+import math
+import statistics
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from tactophone.perception.contact import HEARTBEAT_STEPS, SLOW
+from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.noise_floor import (
+    CELL,
+    FALSE_ALARMS,
+    HIGHEST_DBFS,
+    LOWEST_DBFS,
+    SILENT_DBFS,
+    SPREAD_DB,
+    margin_db,
+)
+from tactophone.perception.step_levels import StepLevels
+from tactophone.types import AudioBlock
+
+SAME_FLOOR_DB = 2.0
+"""Cells so near the quietest steady one belong to the same floor."""
+
+LEAST_CELLS = 2
+"""Steady cells (0.2 s each) that show a floor: strokes have single ones too."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFloor:
+    """What a recording shows of its noise.
+
+    Parameters
+    ----------
+    threshold_dbfs
+        Contact threshold; where the floor is unknown, the lowest: all sound is contact.
+    floor_dbfs
+        Level of the noise; NaN where it is unknown.
+    loudest_dbfs
+        Greatest level over 32 ms.
+    """
+
+    threshold_dbfs: float
+    floor_dbfs: float
+    loudest_dbfs: float
+
+    @property
+    def known(self) -> bool:
+        """Whether the recording holds a noise floor."""
+        return not math.isnan(self.floor_dbfs)
+
+    @property
+    def all_noise(self) -> bool:
+        """Whether nothing in the recording is louder than its floor."""
+        return self.known and self.loudest_dbfs < self.threshold_dbfs
+
+
+def measure_floor(
+    blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule, false_alarms: float = FALSE_ALARMS
+) -> RecordingFloor:
+    """Measure the noise floor of a recording.
+
+    Parameters
+    ----------
+    blocks
+        Of the recording, from its beginning to its end.
+    sample_rate
+        In Hz.
+    rule
+        How the level is measured.
+    false_alarms
+        Wanted share of the time without contact that counts as contact.
+    """
+    levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
+    cells = [_moments(levels[at : at + CELL]) for at in range(0, len(levels) - CELL + 1, CELL // 2)]
+    loudest = max(levels, default=-math.inf)
+    steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
+    same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
+    if len(same) < LEAST_CELLS or same[0][0] > _quietest(cells) + SAME_FLOOR_DB:
+        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
+    floor = statistics.fmean(mean for mean, _ in same)
+    spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread in same))
+    threshold = min(max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS)
+    return RecordingFloor(threshold, floor, loudest)
+
+
+def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> list[float]:
+    """Return the level over 32 ms in dBFS a hundred times a second, without digital silence."""
+    steps, powers = StepLevels(rule, sample_rate=sample_rate), [0.0]
+    for block in blocks:
+        powers += steps.push(block)
+    totals = [math.nan] * SLOW
+    totals += [sum(powers[at - SLOW : at]) / SLOW for at in range(SLOW, len(powers), HEARTBEAT_STEPS)]
+    levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
+    return [level for level in levels if level > SILENT_DBFS]
+
+
+def _moments(levels: list[float]) -> tuple[float, float]:
+    return statistics.fmean(levels), statistics.pstdev(levels)
+
+
+def _quietest(cells: list[tuple[float, float]]) -> float:
+    return min(mean for mean, _ in cells)
