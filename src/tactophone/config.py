@@ -86,7 +86,7 @@ class Detector:
     )
     threshold_dbfs: float = _setting(
         math.nan,
-        "level of the contact gate; nan: from the calibration, or the model's own",
+        "level of the contact gate; nan: from the calibration, or just over the noise floor, which is followed",
         unit="dBFS",
         span=(-120, 0),
     )

@@ -30,7 +30,7 @@ RATE = 100
 FALSE_ALARMS = 0.01
 """Share of the time without contact that may count as contact."""
 
-HOLD = 0.08
+HOLD = 0.1
 """Seconds that a touch is held over silence within it, and that a false alarm therefore lasts at least."""
 
 RELEASE_SHARE = 0.2
@@ -40,7 +40,7 @@ START_RELEASE_DB = 3.0
 """The same in dB until the floor is known."""
 
 CELL = 20
-"""Levels, 0.2 s, that are judged together."""
+"""Levels, 0.2 s, that are evaluated together."""
 
 STEADY_CELLS = 5
 """Cells, one second, that must agree before their level can be the floor."""
@@ -205,7 +205,7 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     Examples
     --------
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
-    (1.87, 4.45)
+    (2.12, 4.78)
     """
     spread_db = max(spread_db, LEAST_DB)
     shape = (10 / math.log(10) / spread_db) ** 2
