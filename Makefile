@@ -7,7 +7,7 @@ CODE    = src tests benchmarks examples scripts/retired_words scripts/docs_hooks
 # Two workers on two cores: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 
-.PHONY: demo check test lint types imports words fast unit package realtime coverage docs lock model clean
+.PHONY: demo check test lint types imports words fast unit package realtime fuzz coverage docs lock model clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -52,6 +52,11 @@ package: $(READY)
 # the middle of one, so each may be repeated; the summary names those that were.
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime --reruns 2 --reruns-delay 1 -rR tests
+
+# Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py).
+FUZZ_SECONDS ?= 600
+fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS
+	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Self
 
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
@@ -30,6 +31,9 @@ PEERS_FILE = "peers.txt"
 
 _LIFETIME = datetime.timedelta(days=365 * 30)
 """A certificate ends with its pin, not by date; OpenSSL requires a date."""
+
+_UNREADABLE = (OSError, ValueError, TypeError, IndexError, UnsupportedAlgorithm, x509.InvalidVersion)
+"""What the library raises for a damaged key or certificate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +70,14 @@ class Identity:
         try:
             key = serialization.load_pem_private_key(key_path.read_bytes(), password=None)
             certificate = x509.load_pem_x509_certificate((folder / CERTIFICATE_FILE).read_bytes())
-        except (OSError, ValueError, TypeError) as error:
+            # The library parses keys and names only when asked for them, so they are asked for here.
+            matches = key.public_key() == certificate.public_key()
+            _common_name(certificate)
+        except _UNREADABLE as error:
             raise ConfigError(
                 f"{folder}: no usable key and certificate ({error}); run `tactophone pair init`"
             ) from error
-        if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+        if not isinstance(key, ec.EllipticCurvePrivateKey) or not matches:
             raise ConfigError(
                 f"{folder}: the key and the certificate do not belong together; run `tactophone pair init`"
             )
@@ -79,7 +86,7 @@ class Identity:
     @property
     def name(self) -> str:
         """Common name in the certificate."""
-        return str(self.certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+        return _common_name(self.certificate)
 
     @property
     def fingerprint(self) -> str:
@@ -126,7 +133,13 @@ class Peers:
         if not path.exists():
             return cls()
         _check_permissions(path, forbidden=0o022)
-        lines = [line.split(maxsplit=1) for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(
+                f"{path} cannot be read as text ({error}); delete it and run `tactophone pair trust` again"
+            ) from error
+        lines = [line.split(maxsplit=1) for line in text.splitlines() if line.strip()]
         if malformed := next((line for line in lines if len(line) != 2), None):
             raise ConfigError(f"{path}: {malformed[0]!r} has no name; a line is `FINGERPRINT NAME`")
         return cls(dict(lines))
@@ -158,6 +171,10 @@ class Peers:
     def items(self) -> list[tuple[str, str]]:
         """Return name and fingerprint of each peer."""
         return [(name, pin) for pin, name in self._names.items()]
+
+
+def _common_name(certificate: x509.Certificate) -> str:
+    return str(certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
 def fingerprint_of(certificate: x509.Certificate) -> str:

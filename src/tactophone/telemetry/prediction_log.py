@@ -181,10 +181,10 @@ def read_timeline(path: Path) -> dict[str, NDArray[Any]]:
     DatasetError
         If a column is missing or contains no numbers.
     """
-    with path.open(newline="") as file:
-        lines = list(csv.DictReader(file))
     try:
+        with path.open(newline="", encoding="utf-8") as file:
+            lines = list(csv.DictReader(file))
         columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name != "touch"}
         return columns | {"touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8)}
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
         raise DatasetError(f"{path}: not a timeline ({error}); make one with `tactophone feel`") from error

@@ -1,0 +1,249 @@
+"""The link's parsers, and its sessions as a stranger, a man in the middle and a faulty peer reach them."""
+
+import contextlib
+import random
+from collections.abc import Sequence
+
+from pylibsrtp import Error
+
+from tactophone.errors import PacketError
+from tactophone.link import Codec, Connected, Identity, Peers, ReceiveSession, SendSession, Session
+from tactophone.link.codec import open_decoder
+from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
+from tactophone.link.prediction_payload import read_prediction
+from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
+from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
+
+from .target import Run, Target
+
+ROBOT, OPERATOR = Identity.create("robot"), Identity.create("operator")
+AT_ROBOT, AT_OPERATOR = "robot", "operator"
+
+_SOUND = bytes(Packet(7, 1, Payload(PayloadType.L16_STEREO, 960, b"\1\2" * 480)))
+_REPEATED = bytes(
+    Packet(8, 1, Payload(PayloadType.L16_MONO, 960, b"ab"), (Payload(PayloadType.L16_MONO, 720, b"cd"),), marker=True)
+)
+_REPORTS = [
+    bytes(report)
+    for report in (
+        ReceiverReport(1, 2, 0.1, 3, 4, 0.001, 5, 0.2),
+        SenderReport(1, 1.7e9, 5, 6, 7),
+        Goodbye(1, "busy"),
+        ReceiverRequest(1, 1_000),
+    )
+]
+
+
+def packets() -> tuple[Sequence[bytes], Run]:
+    return [_SOUND, _REPEATED], parse_packet
+
+
+def reports() -> tuple[Sequence[bytes], Run]:
+    def run(data: bytes) -> None:
+        goodbye_reason(data)
+        bytes(parse_report(data))
+
+    return _REPORTS, run
+
+
+def predictions() -> tuple[Sequence[bytes], Run]:
+    return [bytes(16), bytes(range(16))], lambda data: read_prediction(data, end=1.0)
+
+
+def opus() -> tuple[Sequence[bytes], Run]:
+    decoders = [open_decoder(kind) for kind in (PayloadType.OPUS, PayloadType.MULTIOPUS)]
+
+    def run(data: bytes) -> None:
+        decoders[len(data) % 2].decode(data)
+
+    return [bytes([0xE0]) + bytes(59), bytes([0xF8]) + bytes(99)], run
+
+
+class Pair:
+    """A caller and an answerer; whatever they send to each other may be changed on the way."""
+
+    def __init__(self) -> None:
+        self.robot = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR)
+        self.operator = Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+        self.now = 0.0
+
+    def carry(self) -> list[tuple[Session, bytes, str]]:
+        """Return the datagrams on the way: to whom, what and whence."""
+        self.robot.poll(self.now)
+        self.operator.poll(self.now)
+        ways = ((self.robot, self.operator, AT_ROBOT), (self.operator, self.robot, AT_OPERATOR))
+        return [(to, datagram, source) for of, to, source in ways for datagram, _ in of.outgoing()]
+
+    def connect(self) -> None:
+        for _ in range(20):
+            self.now += 0.05
+            for to, datagram, source in self.carry():
+                to.receive(datagram, source=source, now=self.now)
+        assert self.robot.peer == "operator"
+
+
+def strangers() -> tuple[Sequence[bytes], Run]:
+    """Any datagram at all, to sessions that are connected and to one that is not."""
+    pair, waiting = Pair(), Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    seeds = [datagram for _, datagram, _ in pair.carry()]
+    pair.connect()
+
+    def run(data: bytes) -> None:
+        for session in (pair.robot, pair.operator, waiting):
+            session.receive(data, source="eve", now=pair.now)
+            session.receive(data, source=AT_ROBOT, now=pair.now)
+            session.outgoing()
+            assert session.faults["contained"] == 0
+
+    return [*seeds, b"\x80\x62" + bytes(30), b"\x80\xc9" + bytes(30)], run
+
+
+def handshakes() -> tuple[Sequence[bytes], Run]:
+    """A man in the middle changes the datagrams of a handshake, to either side.
+
+    Five bytes are one change: number of the datagram, kind of change, place (two bytes) and value.
+    """
+
+    def run(data: bytes) -> None:
+        changes = [data[at : at + 5] for at in range(0, min(len(data), 40) - 4, 5)]
+        pair, number = Pair(), 0
+        for _ in range(7):
+            pair.now += 0.12
+            for to, datagram, source in pair.carry():
+                arrived = datagram
+                for change in changes:
+                    if change[0] % 16 == number:
+                        arrived = _changed(arrived, change)
+                number += 1
+                to.receive(arrived, source=source, now=pair.now)
+        assert pair.operator.peer in (None, "robot")
+        # What a library raises is contained, but it is still to be known.
+        assert pair.operator.faults["contained"] == pair.robot.faults["contained"] == 0
+
+    dice = random.Random(1)
+    return [dice.randbytes(5 * count) for count in (1, 1, 1, 2, 3, 6) for _ in range(8)], run
+
+
+def _changed(datagram: bytes, change: bytes) -> bytes:
+    at, value = int.from_bytes(change[2:4]) % max(1, len(datagram)), change[4]
+    match change[1] % 6:
+        case 0:
+            return datagram[:at]
+        case 1:
+            return datagram + datagram[at:]
+        case 2:
+            return datagram[:at] + bytes([value]) * 4 + datagram[at + 4 :]
+        case 3:
+            return datagram[:at] + bytes([value]) + datagram[at:]
+        case 4:
+            return datagram[:at] + datagram[at + 1 + value :]
+    return datagram[:at] + bytes([value]) + datagram[at + 1 :]
+
+
+def faulty_robots() -> tuple[Sequence[bytes], Run]:
+    """Packets that a paired robot encrypts.
+
+    Each is a byte of its length, a byte of milliseconds that pass before it, and the packet; SSRC and length fit.
+    """
+    pair = Pair()
+    pair.connect()
+
+    def run(data: bytes) -> None:
+        end = ReceiveSession(pair.operator)
+        end._handle([_connected(pair.operator)], pair.now)
+        for delay, packet in _packets_in(data, _ssrc(pair.robot)):
+            pair.now += delay
+            _send(pair.robot, packet)
+            for to, datagram, source in pair.carry():
+                if to is pair.operator:
+                    end.receive([(datagram, source)], now=pair.now)
+            end.poll(pair.now)
+            end.pull(128, now=pair.now)
+            bytes(end._depacketizer.reception.report(ssrc=1, of=2, now=pair.now))
+        _keep(pair)
+
+    jumps = b"".join(_script(packet) for packet in (_small(0, 0), _small(1, (1 << 32) - 23_000)) * 6)
+    return [_script(_SOUND[:200]) * 3, _script(_REPEATED) * 3, *map(_script, _REPORTS), jumps], run
+
+
+def faulty_operators() -> tuple[Sequence[bytes], Run]:
+    """Reports that a paired operator encrypts."""
+    pair = Pair()
+    pair.connect()
+    end = SendSession(pair.robot, Codec("pcm16"), follow=True)
+    end._handle([_connected(pair.robot)], 0.0)
+
+    def run(data: bytes) -> None:
+        for delay, packet in _packets_in(data, _ssrc(pair.operator)):
+            pair.now += delay
+            _send(pair.operator, packet)
+            for to, datagram, source in pair.carry():
+                if to is pair.robot:
+                    end.receive([(datagram, source)], now=pair.now)
+            end.poll(pair.now)
+        _keep(pair)
+
+    return [_script(report) for report in _REPORTS], run
+
+
+def _connected(session: Session) -> Connected:
+    assert session._current is not None
+    secrets = session._current.agreement.secrets
+    return Connected("peer", secrets.local_ssrc, secrets.remote_ssrc)
+
+
+def _ssrc(session: Session) -> int:
+    return session._current.agreement.secrets.local_ssrc if session._current else 0
+
+
+def _small(sequence: int, timestamp: int) -> bytes:
+    return bytes(Packet(sequence, 1, Payload(PayloadType.L16_MONO, timestamp, bytes(20))))
+
+
+def _script(packet: bytes) -> bytes:
+    return bytes([len(packet), 5]) + packet
+
+
+def _packets_in(data: bytes, ssrc: int) -> list[tuple[float, bytes]]:
+    packets, at = [], 0
+    while at + 2 < len(data) and len(packets) < 32:
+        size, delay = data[at], data[at + 1]
+        packet = data[at + 2 : at + 2 + size]
+        at += 2 + size
+        if len(packet) >= 12:
+            report = 64 <= packet[1] & 0x7F <= 95
+            place = 4 if report else 8
+            # Only what the library itself encrypts, without contributing sources, extension or padding it refuses.
+            packet = bytes([0x80 | (packet[0] & 0x1F if report else 0)]) + packet[1:]
+            packets.append((delay / 1_000, packet[:place] + ssrc.to_bytes(4, "big") + packet[place + 4 :]))
+    return packets
+
+
+def _send(session: Session, packet: bytes) -> None:
+    with contextlib.suppress(Error):  # libsrtp does not even send a repeated sequence number
+        session.send(packet)
+
+
+def _keep(pair: Pair) -> None:
+    """Connect anew what a goodbye ended, and keep the rest from timing out."""
+    if pair.robot.peer is None or pair.operator.peer is None:
+        # A goodbye's reason keeps the robot from calling for a while, and the answerer waits for its timeout.
+        for _ in range(2):
+            pair.now += SESSION_TIMEOUT + BUSY_PAUSE
+            pair.carry()
+        pair.connect()
+    for session in (pair.robot, pair.operator):
+        if session._current:
+            session._current.last_received = pair.now
+
+
+TARGETS = {
+    "packets": Target(packets, (PacketError,)),
+    "reports": Target(reports, (PacketError,)),
+    "predictions": Target(predictions, (PacketError,)),
+    "opus": Target(opus, (PacketError,)),
+    "strangers": Target(strangers),
+    "handshakes": Target(handshakes),
+    "faulty_robots": Target(faulty_robots),
+    "faulty_operators": Target(faulty_operators),
+}
