@@ -6,10 +6,11 @@ is what any watcher may: to stop and to mute.
 
 from tactophone.bridges.mcap_file import LogEnd, LogEntry, LoggedPrediction, is_mcap, read_log
 from tactophone.bridges.mcap_log import McapLog
-from tactophone.bridges.process import BridgeProcess
+from tactophone.bridges.process import Bridge, BridgeProcess
 from tactophone.bridges.run_reader import Message, RunReader
 
 __all__ = [
+    "Bridge",
     "BridgeProcess",
     "LogEnd",
     "LogEntry",

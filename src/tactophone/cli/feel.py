@@ -11,7 +11,7 @@ from typing import Any
 from rich.markup import escape
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import dashboard_options, terminal
+from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
 from tactophone.dataset import Segment, ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
@@ -64,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="greatest amplitude, 0 to 1 of full drive; profiles are scaled down to it",
     )
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
+    haptic_file_option.add_arguments(parser)
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
     dashboard_options.add_arguments(parser)
 
@@ -175,6 +176,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
+    files |= haptic_file_option.write(args, args.out / stem, outputs.timeline, duration=source.duration)
     truth = ground_truth(path, duration=source.duration)
     labels = {segment.label_name for segment in truth}
     label = labels.pop() if len(labels) == 1 else "mixed" * bool(labels)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone import config
-from tactophone.cli._support import dashboard_options, terminal
+from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
 
@@ -28,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--profile", metavar="NAME", help="compute with another rendering profile")
     add("--ceiling", type=float, metavar="LEVEL", help="compute with another ceiling, 0 to 1 of full drive")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
+    haptic_file_option.add_arguments(parser)
     add("--json", action="store_true", help="print the comparison as JSON")
     dashboard_options.add_arguments(parser)
 
@@ -37,8 +38,8 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.bridges import read_log
     from tactophone.offline.replay import Replay
 
-    if args.plot and args.out is None:
-        raise ConfigError("--plot needs a folder for the figure: add --out DIR")
+    if (args.plot or args.to) and args.out is None:
+        raise ConfigError("--plot and --to need a folder for their files: add --out DIR")
     changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
 
     def change(settings: Settings) -> Settings:
@@ -69,6 +70,8 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
 
     summary, written = write_replay(replay, args.out, args.log.stem, plot=args.plot)
     files.update(written)
+    stem = args.out / args.log.stem
+    files.update(haptic_file_option.write(args, stem, written["timeline"], duration=summary.duration))
     return summary
 
 

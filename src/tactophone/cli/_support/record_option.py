@@ -1,34 +1,86 @@
-"""``--record``: the log of a live run, from which `tactophone replay` computes it again."""
+"""``--record`` and the bridges of a live run: each a process of its own that reads telemetry."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tactophone.cli._support import extras, terminal
 
+if TYPE_CHECKING:
+    from tactophone.bridges import Bridge
+
+FOXGLOVE_ADDRESS = "127.0.0.1:8765"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the option."""
-    parser.add_argument(
+    """Add the options."""
+    group = parser.add_argument_group("logs and other systems (docs/guide/bridges.md)")
+    add = group.add_argument
+    add(
         "--record",
         type=Path,
         metavar="FILE",
         help="MCAP file for packets, sound, predictions, commands, events and settings, which `tactophone replay` "
         "computes again to the bit; written by another process, and complete up to 1 s if one is killed",
     )
+    add(
+        "--foxglove", nargs="?", const=FOXGLOVE_ADDRESS, metavar="HOST:PORT",
+        help=f"show the run live in Foxglove or Lichtblick (default: {FOXGLOVE_ADDRESS}); prints the address to open",
+    )  # fmt: skip
+    add("--osc", metavar="HOST:PORT", help="send predictions and vibration as OSC messages")
+    add(
+        "--osc-listen", type=int, default=0, metavar="PORT",
+        help="obey /tactophone/stop at this UDP port of this machine, 1 to 65535 (default: none)",
+    )  # fmt: skip
+    add("--osc-avatar", action="store_true", help="send VRChat's avatar parameters too")
+    add("--finger", default="index", metavar="NAME", help="finger in the names of OSC and ROS (default: index)")
+    add("--ros", action="store_true", help="publish to ROS 2 over DDS, in the domain of ROS_DOMAIN_ID (default: 0)")
+    add(
+        "--ros-sink", action="append", default=[], metavar="KIND[:TOPIC]",
+        help="drive a ROS 2 device with the vibration, after its limits: joy, senseglove, manus or float32",
+    )  # fmt: skip
 
 
 @contextmanager
 def recorded(args: argparse.Namespace, name: str) -> Iterator[None]:
-    """Record the run of that name meanwhile, if ``--record`` is set."""
-    if args.record is None:
-        yield
-        return
-    extras.require_modules("mcap", "zstandard")
-    from tactophone.bridges import BridgeProcess, McapLog
+    """Record the run of that name meanwhile, and pass it on, as the options say."""
+    with ExitStack() as stack:
+        for build in _bridges(args, name):
+            from tactophone.bridges import BridgeProcess
 
-    build = partial(McapLog, name, args.record.absolute())
-    with BridgeProcess(build, report=lambda line: terminal.log().print(f"! {line}", soft_wrap=True)):
+            stack.enter_context(BridgeProcess(build, report=_report))
         yield
+
+
+def _report(line: str) -> None:
+    terminal.log().print(f"! {line}", soft_wrap=True)
+
+
+def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Bridge]]":
+    if args.record is not None:
+        extras.require_modules("mcap", "zstandard")
+        from tactophone.bridges import McapLog
+
+        yield partial(McapLog, name, args.record.absolute())
+    if args.foxglove:
+        extras.require_modules("aiohttp")
+        from tactophone.bridges.foxglove import LAYOUT, FoxgloveBridge
+
+        token = secrets.token_urlsafe(24)
+        yield partial(FoxgloveBridge, name, args.foxglove, token=token)
+        terminal.log().print(f"Foxglove: ws://{args.foxglove}/{token}/", soft_wrap=True)
+        terminal.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
+    if args.osc:
+        extras.require_modules("pythonosc")
+        from tactophone.bridges.osc import OscBridge
+
+        yield partial(OscBridge, name, args.osc, finger=args.finger, listen=args.osc_listen, avatar=args.osc_avatar)
+    if args.ros or args.ros_sink:
+        extras.require_modules("cyclonedds")
+        from tactophone.bridges.ros import RosBridge
+
+        yield partial(RosBridge, name, finger=args.finger, publish=args.ros, sinks=tuple(args.ros_sink))

@@ -1,0 +1,244 @@
+"""The Foxglove WebSocket protocol: a run live in Foxglove or Lichtblick, over our own server.
+
+The protocol (github.com/foxglove/ws-protocol, docs/spec.md) is JSON for advertising and subscribing and a binary frame
+for each message. Its two names, ``foxglove.websocket.v1`` and ``foxglove.sdk.v1``, mean the same here; old viewers know
+only the first, new ones only the second. A viewer can subscribe, and nothing else.
+"""
+
+import asyncio
+import base64
+import json
+import secrets
+import socket
+import struct
+import threading
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from tactophone.bridges.run_reader import Message, RunReader
+from tactophone.bridges.schemas import PACKETS, TOPICS, Topic
+from tactophone.errors import ConfigError
+
+if TYPE_CHECKING:
+    from aiohttp import web
+
+ADDRESS = "127.0.0.1:8765"
+"""Where Foxglove looks by itself."""
+
+PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+
+ORIGINS = ("https://app.foxglove.dev", "null", "file://")
+"""Origins of Foxglove's page and of the desktop programs; others only from this machine."""
+
+INTERVAL = 0.05
+"""Seconds between two reads of the run."""
+
+BACKLOG = 500
+"""Messages kept for a slow viewer: several seconds; older ones are dropped."""
+
+VIEWERS = 8
+"""Greatest number of viewers."""
+
+LAYOUT = Path(__file__).with_name("foxglove_layout.json")
+"""A layout to import in Foxglove or Lichtblick."""
+
+SHOWN = tuple(topic for topic in TOPICS if topic is not PACKETS)
+
+_FRAME = struct.Struct("<BIQ")  # message data, subscription, time in ns
+_MESSAGE_DATA = 1
+
+
+class FoxgloveBridge:
+    """Serves a run to viewers; a context manager whose `read` is called every `INTERVAL`.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    address
+        Host and port to listen at.
+    token
+        The path that a viewer must know.
+
+    Raises
+    ------
+    ConfigError
+        When the address cannot be used.
+    """
+
+    interval = INTERVAL
+
+    def __init__(self, name: str, address: str = ADDRESS, *, token: str = "") -> None:
+        self.name, self.token = name, token
+        self._reader = RunReader(name)
+        self._listening = _listen(address)
+        self._viewers: set[_Viewer] = set()
+        # A viewer that comes later needs the start of the run and its state too.
+        self._latched: dict[str, Message] = {}
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, name="foxglove", daemon=True)
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return int(self._listening.getsockname()[1])
+
+    def __enter__(self) -> Self:
+        self._ready = threading.Event()
+        self._thread.start()
+        self._ready.wait(10)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join(2)
+        self._listening.close()
+
+    def read(self) -> None:
+        """Send what is new to those who subscribed."""
+        messages = [message for message in self._reader.read() if message.topic in SHOWN]
+        if messages:
+            self._loop.call_soon_threadsafe(self._offer, messages)
+
+    def _offer(self, messages: list[Message]) -> None:
+        for message in messages:
+            if message.topic.name in ("/tactophone/run", "/tactophone/state"):
+                self._latched[message.topic.name] = message
+            for viewer in self._viewers:
+                viewer.offer(message)
+
+    def _serve(self) -> None:
+        from aiohttp import web
+
+        asyncio.set_event_loop(self._loop)
+        app = web.Application(client_max_size=1 << 14)
+        app.router.add_get("/{token}/", self._view)
+        app.router.add_get("/{token}", self._view)
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.5)
+        self._loop.run_until_complete(runner.setup())
+        self._loop.run_until_complete(web.SockSite(runner, self._listening).start())
+        self._ready.set()
+        self._loop.run_forever()
+        for viewer in list(self._viewers):
+            self._loop.run_until_complete(viewer.socket.close())
+        self._loop.run_until_complete(runner.cleanup())
+        self._loop.close()
+
+    async def _view(self, request: "web.Request") -> "web.StreamResponse":
+        from aiohttp import web
+
+        if refused := self._refusal(request):
+            return web.Response(status=403, text=f"Refused: {refused}.\n")
+        if len(self._viewers) >= VIEWERS:
+            return web.Response(status=503, text=f"{VIEWERS} viewers are connected already: close one.\n")
+        view = web.WebSocketResponse(protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20)
+        await view.prepare(request)
+        if view.ws_protocol is None:
+            await view.close(code=1002, message=f"wanted one of {', '.join(PROTOCOLS)}".encode())
+            return view
+        viewer = _Viewer(view, self._latched)
+        await view.send_str(json.dumps(_server_info(self.name)))
+        await view.send_str(json.dumps({"op": "advertise", "channels": _channels()}))
+        self._viewers.add(viewer)
+        sending = asyncio.ensure_future(viewer.send())
+        try:
+            async for message in view:
+                if message.type is web.WSMsgType.TEXT:
+                    viewer.obey(message.data)
+        finally:
+            self._viewers.discard(viewer)
+            sending.cancel()
+        return view
+
+    def _refusal(self, request: "web.Request") -> str:
+        if not secrets.compare_digest(request.match_info["token"].encode(), self.token.encode()):
+            return "the token is wrong"
+        origin = request.headers.get("Origin")
+        local = origin is not None and origin.startswith(("http://127.0.0.1:", "http://localhost:"))
+        return "" if origin is None or origin in ORIGINS or local else "Origin is another page"
+
+
+class _Viewer:
+    """One viewer: what it subscribed to, and what waits for it."""
+
+    def __init__(self, view: "web.WebSocketResponse", latched: dict[str, Message]) -> None:
+        self.socket = view
+        self._latched = latched
+        self._subscribed: dict[int, int] = {}  # channel -> the viewer's number of the subscription
+        self._waiting: deque[Message] = deque(maxlen=BACKLOG)
+        self._wake = asyncio.Event()
+
+    def offer(self, message: Message) -> None:
+        """Queue a message that it subscribed to."""
+        if _number(message.topic) in self._subscribed:
+            self._waiting.append(message)
+            self._wake.set()
+
+    def obey(self, text: str) -> None:
+        """Subscribe and unsubscribe; everything else is ignored."""
+        try:
+            request = json.loads(text)
+            if request["op"] == "subscribe":
+                for entry in request["subscriptions"]:
+                    self._subscribe(int(entry["channelId"]), int(entry["id"]))
+            elif request["op"] == "unsubscribe":
+                ended = {int(number) for number in request["subscriptionIds"]}
+                self._subscribed = {
+                    channel: number for channel, number in self._subscribed.items() if number not in ended
+                }
+        except (ValueError, KeyError, TypeError):
+            return
+
+    async def send(self) -> None:
+        """Send what waits, for ever."""
+        while not self.socket.closed:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._waiting:
+                message = self._waiting.popleft()
+                number = self._subscribed.get(_number(message.topic))
+                if number is not None:
+                    head = _FRAME.pack(_MESSAGE_DATA, number, round(message.time * 1e9))
+                    await self.socket.send_bytes(head + message.data)
+
+    def _subscribe(self, channel: int, number: int) -> None:
+        if not 0 < channel <= len(SHOWN) or not 0 <= number < 1 << 32:
+            return
+        self._subscribed[channel] = number
+        if (latched := self._latched.get(SHOWN[channel - 1].name)) is not None:
+            self.offer(latched)
+
+
+def _server_info(name: str) -> dict[str, Any]:
+    return {
+        "op": "serverInfo", "name": f"tactophone {name}", "capabilities": [],
+        "supportedEncodings": ["json", "protobuf"], "metadata": {}, "sessionId": secrets.token_hex(4),
+    }  # fmt: skip
+
+
+def _channels() -> list[dict[str, Any]]:
+    return [
+        {
+            "id": _number(topic), "topic": topic.name, "encoding": topic.schema.message_encoding,
+            "schemaName": topic.schema.name, "schemaEncoding": topic.schema.encoding,
+            # Binary schemas travel as base64.
+            "schema": base64.b64encode(topic.schema.data).decode()
+            if topic.schema.encoding == "protobuf" else topic.schema.data.decode(),
+        }
+        for topic in SHOWN
+    ]  # fmt: skip
+
+
+def _number(topic: Topic) -> int:
+    return SHOWN.index(topic) + 1
+
+
+def _listen(address: str) -> socket.socket:
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        raise ConfigError(f"--foxglove {address}: wanted HOST:PORT, such as {ADDRESS}")
+    try:
+        return socket.create_server((host.strip("[]"), int(port)))
+    except (OSError, OverflowError) as error:
+        raise ConfigError(f"--foxglove cannot listen at {address} ({error}): choose another address") from None

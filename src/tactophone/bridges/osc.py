@@ -1,0 +1,125 @@
+"""Open Sound Control: predictions and vibration out, the emergency stop in.
+
+OSC has no authentication. So the only address that is listened to is ``/tactophone/stop``, and only where asked for.
+"""
+
+import socket
+from collections import Counter
+from typing import Any, Self
+
+from tactophone.bridges.newest import Newest, NewestReader
+from tactophone.errors import ConfigError
+from tactophone.types import Touch
+
+INTERVAL = 0.01
+"""Seconds between two reads: about the interval of the predictions."""
+
+DATAGRAMS = 32
+"""Datagrams read at a time; a flood fills the socket's buffer and is lost there."""
+
+STOP = "/tactophone/stop"
+
+VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "amplitude": "TactophoneVibration"}
+"""Avatar parameters, floats from 0 to 1, that VRChat and bHapticsOSC map to devices."""
+
+
+class OscBridge:
+    """Sends each newest prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    target
+        Host and port to send to, such as ``127.0.0.1:9000``.
+    finger
+        Name of the finger in the addresses.
+    listen
+        UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
+    avatar
+        Whether to send VRChat's avatar parameters too.
+
+    Attributes
+    ----------
+    counts
+        Datagrams received: ``stop``, and ``ignored``.
+    """
+
+    interval = INTERVAL
+
+    def __init__(self, name: str, target: str, *, finger: str = "index", listen: int = 0, avatar: bool = False) -> None:
+        host, _, port = target.rpartition(":")
+        if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+            raise ConfigError(f"--osc {target}: wanted HOST:PORT, such as 127.0.0.1:9000")
+        self._address, self._finger, self._listen, self._avatar = (host, int(port)), finger, listen, avatar
+        self._reader = NewestReader(name)
+        self.counts: Counter[str] = Counter()
+        self._inbound: socket.socket | None = None
+
+    def __enter__(self) -> Self:
+        from pythonosc.udp_client import SimpleUDPClient
+
+        try:
+            self._client: Any = SimpleUDPClient(*self._address)
+            if self._listen:
+                self._inbound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                self._inbound.setblocking(False)
+                self._inbound.bind(("127.0.0.1", self._listen))
+        except OSError as error:
+            raise ConfigError(f"--osc: {error}; choose another address or port") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._inbound:
+            self._inbound.close()
+
+    def read(self) -> None:
+        """Send what is new, and obey a stop."""
+        self._receive()
+        if (newest := self._reader.read()) is None:
+            return
+        for address, values in self._messages(newest):
+            try:
+                self._client.send_message(address, values)
+            except OSError:
+                self.counts["not sent"] += 1
+
+    def _messages(self, newest: Newest) -> list[tuple[str, Any]]:
+        base = f"/tactophone/{self._finger}"
+        contact = newest.touch is not Touch.NONE
+        messages: list[tuple[str, Any]] = [
+            (f"{base}/prediction", list(newest.probabilities)),
+            (f"{base}/roughness", newest.roughness if contact else 0.0),
+            (f"{base}/contact", int(contact)),
+            (f"{base}/vibration", [newest.amplitude, newest.frequency]),
+        ]
+        if self._avatar:
+            values = {"roughness": newest.roughness if contact else 0.0, "contact": float(contact)}
+            values["amplitude"] = newest.amplitude
+            messages += [(f"/avatar/parameters/{VRCHAT[name]}", value) for name, value in values.items()]
+        return messages
+
+    def _receive(self) -> None:
+        for _ in range(DATAGRAMS if self._inbound else 0):
+            try:
+                datagram = self._inbound.recv(1 << 12) if self._inbound else b""
+            except BlockingIOError:
+                return
+            if _address(datagram) == STOP:
+                self.counts["stop"] += 1
+                self._reader.stop()
+            else:
+                self.counts["ignored"] += 1
+
+
+def _address(datagram: bytes) -> str:
+    """Return the address pattern of a message; empty for a bundle and for anything else.
+
+    >>> _address(b"/tactophone/stop" + bytes(4) + b"," + bytes(3)), _address(bytes([255] * 9))
+    ('/tactophone/stop', '')
+    """
+    text, end, _ = datagram.partition(b"\0")
+    try:
+        return text.decode("ascii") if end and text.startswith(b"/") else ""
+    except UnicodeDecodeError:
+        return ""

@@ -1,0 +1,200 @@
+"""ROS 2 over DDS: predictions, vibration, sound and diagnostics out; stop and mute in.
+
+DDS has no authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
+"""
+
+import time
+from collections.abc import Sequence
+from typing import Any, Self
+
+import numpy as np
+from cyclonedds.core import DDSException, Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter, Publisher
+from cyclonedds.sub import DataReader, Subscriber
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from tactophone.bridges.newest import Newest, NewestReader
+from tactophone.bridges.ros import messages
+from tactophone.bridges.ros.sinks import Sink, open_sink
+from tactophone.errors import ConfigError
+from tactophone.telemetry import Snapshot
+from tactophone.types import LIVE_SAMPLE_RATE, Touch
+
+INTERVAL = 0.01
+"""Seconds between two reads."""
+
+DIAGNOSTICS_INTERVAL = 1.0
+"""Seconds between two diagnostics, as ROS's aggregator expects them."""
+
+SILENCE = 0.1
+"""Seconds without a new command after which a device gets a 0 once: a run that ended leaves nothing vibrating."""
+
+# ROS 2's default for topics: reliable, volatile, the newest ten.
+_QOS = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
+)
+_LATCHED = Qos(
+    Policy.Reliability.Reliable(duration(milliseconds=100)),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(1),
+)
+
+
+class RosBridge:
+    """Passes a run on to ROS 2; a context manager whose `read` is called every `INTERVAL`.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    finger
+        Part of the topics.
+    publish
+        Whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
+    sinks
+        Devices to drive, as `open_sink` takes them.
+    domain
+        DDS domain; ``None`` takes ROS_DOMAIN_ID.
+
+    Raises
+    ------
+    ConfigError
+        If DDS cannot join the domain.
+    """
+
+    interval = INTERVAL
+
+    def __init__(
+        self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),
+        domain: int | None = None,
+    ) -> None:  # fmt: skip
+        self._name, self._finger, self._publishes = name, finger, publish
+        self._sinks = [open_sink(text, finger=finger) for text in sinks]
+        self._domain = _domain() if domain is None else domain
+        self._reader = NewestReader(name)
+        self._snapshot: Snapshot | None = None
+        self._beat = 0
+        self._commanded_at = self._diagnosed_at = 0.0
+        self._silent = True
+
+    def __enter__(self) -> Self:
+        try:
+            self._participant = DomainParticipant(self._domain)
+            self._publisher, subscriber = Publisher(self._participant), Subscriber(self._participant)
+            base = f"tactophone/{self._finger}"
+            self._writers = {
+                suffix: self._writer(f"{base}/{suffix}", kind)
+                for suffix, kind in (
+                    ("prediction", messages.Float32MultiArray), ("vibration", messages.Float32MultiArray),
+                    ("roughness", messages.Float32), ("contact_dbfs", messages.Float32),
+                    ("audio", messages.AudioDataStamped),
+                )
+                if self._publishes
+            }  # fmt: skip
+            if self._publishes:
+                self._diagnostics = self._writer("diagnostics", messages.DiagnosticArray)
+                self._info = self._writer(f"{base}/audio_info", messages.AudioInfo, _LATCHED)
+                self._info.write(messages.AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave"))
+            self._devices: list[tuple[Sink, Any]] = [
+                (sink, self._writer(sink.topic, sink.kind)) for sink in self._sinks
+            ]
+            self._requests = {
+                action: DataReader(
+                    subscriber, Topic(self._participant, f"rt/tactophone/{action}", messages.Empty, _QOS)
+                )
+                for action in ("stop", "mute")
+            }
+        except DDSException as error:
+            raise ConfigError(f"DDS cannot join domain {self._domain} ({error}): check CYCLONEDDS_URI") from error
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._command(0.0)
+
+    def read(self) -> None:
+        """Pass on what is new, and obey a stop or a mute."""
+        self._obey()
+        now = time.time()
+        newest = self._reader.read()
+        if newest is not None:
+            self._commanded_at = now
+            self._command(newest.amplitude)
+            if self._publishes:
+                self._publish(newest)
+        elif not self._silent and now - self._commanded_at > SILENCE:
+            self._command(0.0)
+        if self._publishes:
+            self._publish_sound(now)
+            self._diagnose(now)
+
+    def _writer(self, topic: str, kind: type, qos: Qos = _QOS) -> Any:
+        return DataWriter(self._publisher, Topic(self._participant, f"rt/{topic}", kind, qos))
+
+    def _obey(self) -> None:
+        for action, reader in self._requests.items():
+            # Whatever a stranger sends in numbers, one read takes some of it and asks once.
+            if reader.take(N=10):
+                self._reader.stop() if action == "stop" else self._reader.mute()
+
+    def _command(self, amplitude: float) -> None:
+        self._beat += 1
+        self._silent = amplitude == 0.0
+        for sink, writer in self._devices:
+            writer.write(sink.make(min(max(amplitude, 0.0), 1.0), self._beat))
+
+    def _publish(self, newest: Newest) -> None:
+        writers = self._writers
+        writers["prediction"].write(messages.Float32MultiArray(data=list(newest.probabilities)))
+        writers["vibration"].write(messages.Float32MultiArray(data=[newest.amplitude, newest.frequency]))
+        writers["roughness"].write(messages.Float32(newest.roughness if newest.touch is not Touch.NONE else 0.0))
+        writers["contact_dbfs"].write(messages.Float32(max(newest.level_dbfs, -200.0)))
+
+    def _publish_sound(self, now: float) -> None:
+        snapshot = self._reader.watcher.snapshot(self._snapshot)
+        first = self._snapshot is None
+        self._snapshot = snapshot
+        if first or not len(snapshot.sound):
+            return
+        # The newest sample is about now; the first, as long ago as there are samples.
+        stamp = now - len(snapshot.sound) / LIVE_SAMPLE_RATE
+        samples = (np.clip(snapshot.sound, -1, 1) * 32_767).astype("<i2")
+        audio = messages.AudioData(data=list(samples.tobytes()))
+        self._writers["audio"].write(messages.AudioDataStamped(_header(stamp), audio))
+
+    def _diagnose(self, now: float) -> None:
+        if now - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
+            return
+        self._diagnosed_at = now
+        state = self._reader.state()
+        counters, _ = self._reader.watcher.totals()
+        values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
+        values |= {name: str(value) for name, value in counters.items() if value}
+        self._diagnostics.write(
+            messages.DiagnosticArray(
+                _header(now),
+                [
+                    messages.DiagnosticStatus(
+                        level=1 if state.faults else 0,
+                        name=f"tactophone: {self._name}",
+                        message="; ".join(fault.text for fault in state.faults) or "OK",
+                        hardware_id=self._finger,
+                        values=[messages.KeyValue(key, value) for key, value in values.items()],
+                    )
+                ],
+            )
+        )
+
+
+def _header(now: float) -> messages.Header:
+    return messages.Header(messages.Time(int(now), int(now % 1 * 1e9)), "fingertip")
+
+
+def _domain() -> int:
+    import os
+
+    text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
+    if not text.isdecimal() or int(text) > 232:
+        raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")
+    return int(text)

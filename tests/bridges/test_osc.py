@@ -1,0 +1,79 @@
+import socket
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tactophone.bridges.osc import OscBridge
+from tactophone.errors import ConfigError
+from tactophone.telemetry import Telemetry
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+
+osc_message = pytest.importorskip("pythonosc.osc_message")
+
+STEP = PipelineStep(
+    AudioBlock(np.zeros((1, 1), np.float32), 48_000),
+    (Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.75, -20.0, 0.0, 0.256),),
+    (HapticCommand(0.5, 60.0, 0.26),),
+)
+
+
+@pytest.fixture
+def telemetry(request: pytest.FixtureRequest) -> Iterator[Telemetry]:
+    with Telemetry(f"test-osc-{abs(hash(request.node.name))}") as telemetry:
+        yield telemetry
+
+
+def receive(listening: socket.socket, count: int) -> dict[str, list[float]]:
+    listening.settimeout(5)
+    messages = [osc_message.OscMessage(listening.recv(1 << 12)) for _ in range(count)]
+    return {message.address: list(message.params) for message in messages}
+
+
+def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        target = f"127.0.0.1:{listening.getsockname()[1]}"
+        with OscBridge(telemetry.name, target, avatar=True) as bridge:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            found = receive(listening, 7)
+    assert found["/tactophone/index/prediction"] == pytest.approx([0.1, 0.2, 0.7])
+    assert found["/tactophone/index/vibration"] == pytest.approx([0.5, 60.0])
+    assert found["/tactophone/index/contact"] == [1]
+    assert found["/avatar/parameters/TactophoneRoughness"] == pytest.approx([0.75])
+
+
+def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    bridge = OscBridge(telemetry.name, "127.0.0.1:9", listen=port)
+    with bridge, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for datagram in (
+            b"/tactophone/arm\0,\0\0\0",
+            b"#bundle\0" + bytes(12),
+            b"\xff" * 100,
+            b"",
+            b"/tactophone/ceiling",
+        ):
+            stranger.sendto(datagram, ("127.0.0.1", port))
+        bridge.read()
+        assert telemetry.requests() == []
+        assert bridge.counts["ignored"] == 5
+        for _ in range(200):
+            stranger.sendto(b"/x\0\0,\0\0\0", ("127.0.0.1", port))
+        bridge.read()
+        assert bridge.counts["ignored"] == 37  # one read takes 32 of them
+        for _ in range(8):
+            bridge.read()
+        stranger.sendto(b"/tactophone/stop\0\0\0\0,\0\0\0", ("127.0.0.1", port))
+        bridge.read()
+        assert [request.action for request in telemetry.requests()] == ["stop"]
+
+
+@pytest.mark.parametrize("target", ["9000", "host:", "host:port", "host:70000"])
+def test_a_wrong_address_is_one_line(telemetry: Telemetry, target: str) -> None:
+    with pytest.raises(ConfigError, match="HOST:PORT"):
+        OscBridge(telemetry.name, target)

@@ -1,0 +1,109 @@
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("cyclonedds")
+
+from tactophone.bridges.ros import RosBridge, open_sink
+from tactophone.errors import ConfigError
+from tactophone.telemetry import Telemetry
+from tests.bridges.test_osc import STEP
+
+URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
+DOMAIN = 87
+
+ROBOT = """
+import sys, time
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from tactophone.bridges.ros import messages
+from tactophone.bridges.ros.bridge import _LATCHED, _QOS
+domain = DomainParticipant(87)
+def topic(name, kind, qos=_QOS):
+    return Topic(domain, "rt/" + name, kind, qos)
+readers = {
+    "prediction": DataReader(domain, topic("tactophone/index/prediction", messages.Float32MultiArray)),
+    "joy": DataReader(domain, topic("joy/set_feedback", messages.JoyFeedback)),
+    "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
+    "manus": DataReader(domain, topic("manus_glove_0/vibration_cmd", messages.ManusVibrationCommand)),
+    "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, _LATCHED)),
+    "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
+    "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
+}
+stop = DataWriter(domain, topic("tactophone/stop", messages.Empty))
+found, until = {}, time.monotonic() + 30
+while time.monotonic() < until and len(found) < len(readers):
+    for name, reader in readers.items():
+        for sample in reader.take(N=10):
+            found.setdefault(name, sample)
+    time.sleep(0.01)
+for name, sample in found.items():
+    print(name, sample)
+stop.write(messages.Empty())
+time.sleep(1)
+"""
+
+
+@pytest.fixture
+def telemetry(request: pytest.FixtureRequest) -> Iterator[Telemetry]:
+    with Telemetry(f"test-ros-{abs(hash(request.node.name))}") as telemetry:
+        yield telemetry
+
+
+@pytest.mark.realtime
+def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
+    telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    robot = subprocess.Popen(
+        [sys.executable, "-c", ROBOT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    requests: list[str] = []
+    sinks = ("joy", "senseglove", "manus")
+    with RosBridge(telemetry.name, sinks=sinks, domain=DOMAIN) as bridge:
+        while robot.poll() is None:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            requests += [request.action for request in telemetry.requests()]
+            time.sleep(0.02)
+    output, errors = robot.communicate()
+    lines = dict(line.split(" ", 1) for line in output.splitlines())
+    assert set(lines) == {"prediction", "joy", "glove", "manus", "info", "audio", "diagnostics"}, errors
+    assert "type=1, id=0, intensity=0.5" in lines["joy"]
+    assert "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"] or "49.99, 0.0" in lines["glove"]
+    assert "intensities=[0.0, 0.5, 0.0, 0.0, 0.0]" in lines["manus"]
+    assert "sample_rate=48000" in lines["info"]
+    assert "stop" in requests
+    assert set(requests) == {"stop"}
+
+
+def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None:
+    sink = open_sink("senseglove", finger="index")
+    first, second = (sink.make(0.5, beat).data for beat in (0, 1))
+    assert first != second  # the driver drops a repeated value
+    assert max(map(max, (first, second))) <= 50
+    assert not any(sink.make(0.0, 1).data)
+    assert len(first) == 12
+
+
+@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("manus", "toe")])
+def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
+    with pytest.raises(ConfigError):
+        open_sink(text, finger=finger)
+
+
+def test_a_topic_of_its_own_is_taken() -> None:
+    assert open_sink("float32:/left/amplitude", finger="index").topic == "left/amplitude"
+
+
+def test_a_wrong_domain_is_one_line(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    with pytest.raises(ConfigError, match="0 to 232"):
+        RosBridge(telemetry.name)
