@@ -1,24 +1,36 @@
-"""``tactophone devices``: the sound devices of this machine, which suit Tactophone, and why others do not."""
+"""``tactophone devices``: the sound devices of this machine, which suit, why others do not, and `measure`."""
 
 import argparse
 from dataclasses import asdict
 
 from rich.table import Table
 
-from tactophone.cli._support import terminal
+from tactophone import config
+from tactophone.cli._support import flags, measure_actuator, terminal
 from tactophone.devices import SurveyedDevice, survey
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
+        "step",
+        nargs="?",
+        choices=("measure",),
+        help="measure: play a sweep on the actuator, record it with the contact microphone, write actuator.toml",
+    )
+    parser.add_argument(
         "--jack-server", default="", metavar="NAME", help="JACK server to list; default: the default server"
     )
     parser.add_argument("--json", action="store_true", help="print a list that a program can read")
+    measure_actuator.add_arguments(parser)
+    flags.add_settings(parser, measure_actuator.FLAGS)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the list."""
+    """Print the list, or measure the actuator."""
+    if args.step == "measure":
+        server = [f"process.jack_server={args.jack_server}"] if args.jack_server else []
+        return measure_actuator.measure(args, config.change(flags.settings_of(args), server))
     found = survey(jack_server=args.jack_server)
     if args.json:
         terminal.print_json([asdict(device) for device in found])

@@ -26,6 +26,9 @@ SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=
 
 The watchdog protects from an actuator that a stalled process would keep driving; here there is none."""
 
+NEAR = ["link.codec=pcm16", "link.packet_duration=0.0025"]
+"""Unless flags say otherwise: on one machine, a codec and long packets only delay the press's sound."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
@@ -51,7 +54,9 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.game import GameSettings, open_finger, serve_game
     from tactophone.simulation.content.stone_order import shuffled  # not by the door, which loads numba
 
-    settings = config.change(flags.settings_of(args), SIMULATED)
+    chosen = vars(args)
+    near = [setting for setting in NEAR if chosen.get(setting.partition("=")[0]) is None]
+    settings = config.change(flags.settings_of(args), [*SIMULATED, *near])
     name = settings.process.name or "play"
     seed = secrets.randbelow(10_000) if args.seed is None else args.seed
     inbox, finger = Pipe(duplex=False)

@@ -12,6 +12,7 @@ from tactophone.devices.jack import JackClient, JackPort
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
 from tactophone.devices.stream import StreamDevice
 from tactophone.devices.survey import SurveyedDevice, survey
+from tactophone.devices.sweep import MeasuredResponse, SweepRecorder, fit, sweep
 
 __all__ = [
     "ClockedDevice",
@@ -20,12 +21,16 @@ __all__ = [
     "GamepadDevice",
     "JackClient",
     "JackPort",
+    "MeasuredResponse",
     "PortAudioDevice",
     "PortAudioStream",
     "Process",
     "StreamDevice",
     "SurveyedDevice",
+    "SweepRecorder",
+    "fit",
     "motor_levels",
     "open_at_rate",
     "survey",
+    "sweep",
 ]

@@ -118,9 +118,9 @@ class GamepadDevice:
 
     def _choose(self) -> Any:
         pads = self._find()
-        wanted = self._device.lower()
+        part = self._device.lower()
         for pad in pads:
-            if wanted in pad.name.lower() or self._device == pad.path:
+            if part in pad.name.lower() or self._device == pad.path:
                 self._effect = -1
                 return pad
         listed = "; ".join(f"{pad.path} {pad.name}" for pad in pads) or "none (may this user read /dev/input?)"

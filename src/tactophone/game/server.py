@@ -29,8 +29,8 @@ from tactophone.game.rounds import GameSettings, Point, Round, read_results, wit
 from tactophone.telemetry import Request, Snapshot
 from tactophone.types import Touch
 
-PERIOD = 0.008
-"""Seconds between messages: half a video frame, because the messages carry sound."""
+PERIOD = 0.004
+"""Seconds between messages: they carry sound, and what waits here is felt late."""
 
 LONGEST_ROUND = 600.0
 """Seconds whose signals are kept for the last screen."""

@@ -14,7 +14,7 @@ const HELD = 30; // steps, 0.3 s in all: a stroke, not a touch in passing
 const [, , , , ROUGHNESS, , AMPLITUDE, , TOUCH] = Array(9).keys();
 const [, LOW, HIGH, LEVEL] = Array(4).keys();
 
-const meter = new Meter($("microphone-meter"), "Microphone");
+const meter = new Meter($("microphone-meter"), "Level");
 const strokes = { [SMOOTH]: 0, [ROUGH]: 0 };
 let state = null;
 
