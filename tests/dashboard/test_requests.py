@@ -32,6 +32,7 @@ def test_what_is_in_range_is_passed_on(entries: dict[str, object], granted: Requ
         *("", "[]", "1", "null", "mute", '{"value": 1}', '{"action": []}', '{"action": "format"}'),
         *('{"action": "output_level", "value": NaN}', '{"action": "output_level", "value": 1.01}'),
         *('{"action": "output_level", "value": true}', '{"action": "threshold_dbfs", "value": 3}'),
+        *('{"action": ' + "[" * 1000, "[" * 2000, '{"action": "ceiling", "value": ' + "9" * 400 + "}"),
         *('{"action": "profile", "text": "nonesuch"}', '{"action": "profile", "text": []}'),
     ],
 )

@@ -1,7 +1,9 @@
 """The server by its socket: access, messages, and that nothing queues up."""
 
 import asyncio
+import contextlib
 import http.client
+import socket
 import time
 from urllib.parse import urlsplit
 
@@ -10,7 +12,7 @@ import pytest
 
 from tactophone.dashboard import Page
 from tactophone.dashboard.security import HEADERS
-from tactophone.dashboard.server import CREDIT
+from tactophone.dashboard.server import CREDIT, HEADER_TIMEOUT
 from tests.dashboard.running import Run
 from tests.dashboard.test_message import parse
 
@@ -101,3 +103,21 @@ def test_a_request_out_of_range_is_answered_with_a_reason_and_not_passed_on(page
 
     assert "never raise it" in asyncio.run(ask())
     assert run.state.ceiling == 0.5
+
+
+def test_a_header_that_never_ends_is_cut_off(page: Page) -> None:
+    address = urlsplit(page.url)
+    assert address.port
+    with socket.create_connection(("127.0.0.1", address.port)) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
+        connection.settimeout(2 * HEADER_TIMEOUT)
+        with contextlib.suppress(ConnectionResetError):
+            assert connection.recv(100) == b""
+
+
+def test_a_request_for_no_path_is_refused_like_any_other(page: Page) -> None:
+    address = urlsplit(page.url)
+    assert address.port
+    with socket.create_connection(("127.0.0.1", address.port)) as connection:
+        connection.sendall(b"OPTIONS * HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
+        assert connection.recv(100).split()[1] in (b"400", b"403", b"404")

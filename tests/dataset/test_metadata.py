@@ -4,6 +4,7 @@ import pytest
 
 from tactophone import DatasetError, Touch
 from tactophone.dataset import Recording, Segment, open_dataset, write_metadata
+from tactophone.dataset.metadata import inside
 from tests.dataset.folders import audiofolder, write_sound, write_text
 
 
@@ -72,3 +73,7 @@ def test_a_manifest_that_cannot_be_read_says_why(tmp_path: Path, content: bytes,
     (tmp_path / "metadata.csv").write_bytes(content)
     with pytest.raises(DatasetError, match=message):
         open_dataset(tmp_path)
+
+
+def test_a_file_name_with_a_null_byte_is_outside(tmp_path: Path) -> None:
+    assert inside(tmp_path, "a\0b.wav") is None

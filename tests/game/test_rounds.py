@@ -83,3 +83,9 @@ def test_the_track_has_the_truth_under_the_finger() -> None:
     game.touch(Point(5.0, PITCH + 0.02, 0.03, 2.0))
     game.touch(Point(5.1, PITCH + 0.02, 0.03, LIFTED))
     assert game.track(4.0).tolist() == [[1.0, PITCH + 0.02, 0.03, 2.0, ROUGH], [5.1 - 4, PITCH + 0.02, 0.03, LIFTED, 0]]
+
+
+def test_lines_that_are_not_text_are_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "results.jsonl"
+    path.write_bytes(b"\xff\xfe\x00\n" + b"[" * 100_000 + b"\n{}\n")
+    assert read_results(path) == []

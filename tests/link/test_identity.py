@@ -1,8 +1,14 @@
 """Keys and pins on disk, and what is refused."""
 
+import contextlib
+import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
 
 from tactophone.errors import ConfigError
 from tactophone.link import Identity, Peers
@@ -69,3 +75,37 @@ def test_a_name_has_one_fingerprint() -> None:
 def test_a_malformed_fingerprint_is_refused(text: str) -> None:
     with pytest.raises(ConfigError, match="not a fingerprint"):
         parse_fingerprint(text)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe", b"\x00\x80 robot"])
+def test_a_list_of_peers_that_is_not_text_is_refused_in_words(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "peers.txt").write_bytes(content)
+    (tmp_path / "peers.txt").chmod(0o600)
+    with pytest.raises(ConfigError):
+        Peers.load(tmp_path)
+
+
+def test_any_change_of_key_or_certificate_is_refused_in_words_or_loads(tmp_path: Path) -> None:
+    """The library raises many types of its own: for a version, an algorithm or a name that it does not know."""
+    Identity.create("robot").save(tmp_path)
+    original = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    random = np.random.default_rng(0)
+    for _ in range(400):
+        path = list(original)[random.integers(len(original))]
+        changed = bytearray(original[path])
+        for at in random.integers(0, len(changed), 3):
+            changed[at] = random.choice(list(b"ABCxyz019+/=-\n\xff"))
+        path.write_bytes(changed)
+        with contextlib.suppress(ConfigError):
+            assert isinstance(Identity.load(tmp_path).name, str)
+        path.write_bytes(original[path])
+
+
+def test_a_certificate_without_a_name_is_refused_in_words(tmp_path: Path) -> None:
+    key = ec.generate_private_key(ec.SECP256R1())
+    now = datetime.datetime.now(datetime.UTC)
+    builder = x509.CertificateBuilder(x509.Name([]), x509.Name([]), key.public_key(), x509.random_serial_number())
+    certificate = builder.not_valid_before(now).not_valid_after(now + datetime.timedelta(1)).sign(key, hashes.SHA256())
+    Identity(key, certificate).save(tmp_path)
+    with pytest.raises(ConfigError, match="no usable key and certificate"):
+        Identity.load(tmp_path)

@@ -12,7 +12,7 @@ from tactophone import Touch
 from tactophone.dataset import check, open_dataset
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
-from tactophone.recording.safe_writer import PART, TakeWriter, recover
+from tactophone.recording.safe_writer import ENTRY, PART, TakeWriter, recording_in, recover
 from tactophone.types import AudioBlock
 
 RATE = 48_000
@@ -166,3 +166,64 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "slate").write_text("in the way")
     with pytest.raises(DatasetError, match="--out"):
         begin(tmp_path)
+
+
+def test_two_recorders_never_share_a_folder(tmp_path: Path) -> None:
+    """The second took the running take of the first for one that was cut off, and removed its sound."""
+    program = (
+        "import sys; from pathlib import Path; from tactophone.recording import recording_in\n"
+        "with recording_in(Path(sys.argv[1])): print('recording', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdin=-1, stdout=-1, text=True) as first:
+        assert first.stdout
+        assert first.stdout.readline() == "recording\n"
+        with pytest.raises(DatasetError, match="another `tactophone record`"), recording_in(tmp_path):
+            pass
+        first.kill()
+        first.communicate()
+    with recording_in(tmp_path):
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_without_recordings_is_not_left_behind(tmp_path: Path) -> None:
+    with recording_in(tmp_path / "new"):
+        assert (tmp_path / "new").is_dir()
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_disk_that_is_full_while_the_entry_is_rewritten_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    take = begin(tmp_path)
+    take.write(block(0))
+    entry = take.recording.path.with_suffix(ENTRY)
+    before = entry.read_text()
+    write_text = Path.write_text
+
+    def full(path: Path, text: str, **options: str) -> int:
+        write_text(path, text[:10], **options)
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_text", full)
+        with pytest.raises(DatasetError, match="kept"):
+            take.finish(quality="good")
+    assert entry.read_text() == before
+    assert recovered(tmp_path) == BLOCK
+
+
+@pytest.mark.parametrize("change", [('"file"', '"shape": 5, "file"'), ('"surface"', '"surfice"')])
+def test_an_entry_of_another_version_is_finished_too(change: tuple[str, str], tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    take.write(block(0))
+    entry = take.recording.path.with_suffix(ENTRY)
+    entry.write_text(entry.read_text().replace(*change))
+    assert recovered(tmp_path) == BLOCK
+
+
+def test_sound_beside_an_unreadable_entry_stays(tmp_path: Path) -> None:
+    take = begin(tmp_path)
+    take.write(block(0))
+    take.recording.path.with_suffix(ENTRY).write_text("{")
+    assert list(recover(tmp_path)) == []
+    assert take.recording.path.with_suffix(PART).is_file()

@@ -15,7 +15,17 @@ from tactophone.cli._support.meters import Meters, live_display
 from tactophone.dataset import Recording, holds_metadata, open_dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception import Calibration, Reference
-from tactophone.recording import PROTOCOL, Key, RecordedObject, Recorder, SessionPlan, Stage, protocol, recover
+from tactophone.recording import (
+    PROTOCOL,
+    Key,
+    RecordedObject,
+    Recorder,
+    SessionPlan,
+    Stage,
+    protocol,
+    recording_in,
+    recover,
+)
 from tactophone.types import Touch
 
 SCENARIOS = ("held", "table", "box")
@@ -56,15 +66,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until all takes are done, or the user quits."""
     plan, target = _plan(args), _recorded_object(args)
-    for recovered in recover(plan.root) if plan.root.is_dir() else ():
+    with recording_in(plan.root):
+        recorder = _session(args, plan, target)
+    _print(args, recorder.recordings)
+    return 0
+
+
+def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject) -> Recorder:
+    """Finish what was cut off before, then record."""
+    for recovered in recover(plan.root):
         terminal.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
-    known = open_dataset(plan.root) if plan.root.is_dir() and holds_metadata(plan.root) else None
+    known = open_dataset(plan.root) if holds_metadata(plan.root) else None
     with AudioInput(args, args.object) as audio, keyboard.single_keys() as has_keyboard:
         rate, channels = audio.source.sample_rate, audio.source.channels
         recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
         _record(recorder, audio, plan, unattended=args.yes or audio.simulated or not has_keyboard)
-    _print(args, recorder.recordings)
-    return 0
+    return recorder
 
 
 def _plan(args: argparse.Namespace) -> SessionPlan:

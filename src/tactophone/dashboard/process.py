@@ -186,7 +186,7 @@ async def _run(
 ) -> None:
     from aiohttp import web
 
-    from tactophone.dashboard.server import protect
+    from tactophone.dashboard.server import close_idle_connections, protect
 
     runner = web.AppRunner(protect(build(), access), access_log=None, shutdown_timeout=0.5)
     await runner.setup()
@@ -196,5 +196,7 @@ async def _run(
     ended = asyncio.Event()
     if parent is not None:
         asyncio.get_running_loop().add_reader(parent.sentinel, ended.set)
+    idle = asyncio.create_task(close_idle_connections(runner))
     await ended.wait()
+    idle.cancel()
     await runner.cleanup()

@@ -1,7 +1,6 @@
 """Requests of a viewer, parsed from the page's JSON; the run alone decides whether to grant them."""
 
 import json
-import math
 from typing import Any
 
 from tactophone.telemetry import Request, State
@@ -35,7 +34,7 @@ def parse_request(text: str, state: State, *, local: bool = True) -> Request | s
     try:
         entries = json.loads(text)
         action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return "not a request: write JSON with an action"
     if not local and (reason := _refusal_of_remote(action, value, state)):
         return reason
@@ -59,7 +58,8 @@ def _at_most(value: Any, limit: float) -> bool:
 
 
 def _number(action: Any, value: Any, state: State) -> Request | str:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    # An integer of hundreds of digits is no float, so it is bounded before anything converts it.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -1e6 <= value <= 1e6:
         return f"{action} needs a number"
     low, high = (0.0, 1.0) if action in _LEVELS else (-120.0, 0.0)
     if not low <= value <= high:

@@ -6,6 +6,7 @@ for a stalled browser; when it resumes, it receives what it missed in a single m
 
 import asyncio
 import json
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from importlib.resources import files
@@ -31,6 +32,9 @@ CREDIT = 3
 
 VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
+
+HEADER_TIMEOUT = 10.0
+"""Seconds that a connection may take to send a request; a browser sends one at once."""
 
 STATIC = files("tactophone.dashboard") / "static"
 
@@ -70,11 +74,30 @@ def page(path: Traversable) -> Handler:
     return handler
 
 
+async def close_idle_connections(runner: web.AppRunner, *, timeout: float = HEADER_TIMEOUT) -> None:
+    """Close connections that have had no request for a while: the web server waits for a request's header for ever.
+
+    A page's live connection is one request that goes on, and stays.
+    """
+    waiting: dict[int, float] = {}
+    while runner.server is not None:
+        now = time.monotonic()
+        handlers = {id(handler): handler for handler in runner.server.connections}
+        idle = {key: handler for key, handler in handlers.items() if handler._current_request is None}
+        waiting = {key: waiting.get(key, now) for key in idle}
+        for key, since in waiting.items():
+            if now - since > timeout:
+                idle[key].force_close()
+                if transport := idle[key].transport:
+                    transport.abort()
+        await asyncio.sleep(timeout / 5)
+
+
 def _check_access(access: AccessControl) -> Middleware:
     @web.middleware
     async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
         reason = access.refusal(
-            token=request.path.split("/")[1],
+            token=request.path.partition("/")[2].partition("/")[0],
             host=request.headers.get("Host"),
             origin=request.headers.get("Origin"),
             websocket="Upgrade" in request.headers,

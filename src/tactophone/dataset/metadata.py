@@ -128,6 +128,8 @@ def parse_label(text: str, *, path: Path, problems: list[Problem]) -> str:
 
 def inside(folder: Path, name: str) -> Path | None:
     """Return the path of a file named in a manifest; ``None`` if it is outside the manifest's folder."""
+    if "\0" in name:  # no file system has such a name, and Python refuses even to look
+        return None
     path = folder / name
     inner = path.resolve().is_relative_to(folder.resolve())
     return path if name and inner and not Path(name).is_absolute() else None

@@ -62,6 +62,7 @@ class WindowDetector:
         self._decision = Decision(model.card.decision)
         self._extractor = _open_extractor(model.card)
         self._engine = Engine(model.session)
+        self._check_width()
         self._level_of = level_meter(self._extractor, model.card.gate.rule)
         self.reset()
 
@@ -132,6 +133,16 @@ class WindowDetector:
         """Return the predictions that only the end of the stream completes."""
         return self._predict_all(self._resampler.flush())
 
+    def _check_width(self) -> None:
+        """Raise `ModelError` if the network does not take as many features as its kind computes."""
+        window = np.zeros((self.card.window_size, self.card.channels), np.float32)
+        found = self._extractor.push(window, contact=False).shape
+        if found != (self._engine.width,):
+            raise ModelError(
+                f"model {self.card.name}: its network takes {self._engine.width} features, but its kind "
+                f"{self.card.kind} has {found[0]} of such windows; export it again"
+            )
+
     def _select_channels(self, samples: FloatArray) -> FloatArray:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
@@ -179,5 +190,5 @@ def _open_extractor(card: ModelCard) -> Extractor:
         )
     try:
         return EXTRACTORS[card.kind](card)
-    except (KeyError, ValueError) as error:
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise ModelError(f"model {card.name}: its settings cannot be used ({error}); export it again") from None

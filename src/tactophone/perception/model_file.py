@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.features.loudness import LOUDNESS, LoudnessRule
+from tactophone.perception.model_checks import MAX_BYTES, check_entries, check_graph, check_network, printable
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -119,12 +120,11 @@ class ModelCard:
         ValueError, KeyError, TypeError
             If the text is not a card of this format.
         """
-        entries = json.loads(text)
+        entries = check_entries(json.loads(text))
         if (version := entries.pop("format")) != FORMAT_VERSION:
             raise ValueError(f"format {version}, but this version reads format {FORMAT_VERSION}")
         if (classes := entries.pop("classes")) != list(CLASSES):
             raise ValueError(f"classes {classes}, but they must be {list(CLASSES)}")
-        entries["hop"] = Fraction(entries["hop"])
         entries["gate"] = Gate(**entries["gate"])
         entries["decision"] = DecisionRule(**entries["decision"])
         return cls(**entries)
@@ -147,6 +147,8 @@ def read_model(path: Path) -> Model:
         If the file is missing or damaged, or is not a Tactophone model.
     """
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ModelError(f"{path}: over {MAX_BYTES / 1e6:g} MB, which no model here takes; give another file")
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror}); give the path of a model file") from None
@@ -155,22 +157,34 @@ def read_model(path: Path) -> Model:
             f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
             "authors' published models with `tactophone model import`"
         )
+    try:
+        check_graph(content)
+    except ValueError as error:
+        raise ModelError(f"{path}: not a whole ONNX model ({error}); copy or export it again") from None
     import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
 
     try:
         session = onnxruntime.InferenceSession(content, _options(), providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
         raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
-    return Model(_card(path, session), session)
+    card = _card(path, session)
+    try:
+        check_network(session, features=FEATURES, output=LOG_PROBABILITIES, classes=len(CLASSES))
+    except ValueError as error:
+        raise ModelError(f"{path}: cannot be used ({error}); export it again") from None
+    return Model(card, session)
 
 
 def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
-    text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
+    try:
+        text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
+    except UnicodeDecodeError:
+        raise ModelError(f"{path}: its metadata is not text in UTF-8; export it again") from None
     if text is None:
         raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
     try:
         return ModelCard.from_json(text)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
         raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); export it again") from None
 
 
@@ -186,4 +200,4 @@ def _options() -> "onnxruntime.SessionOptions":
 
 
 def _first_line(error: Exception) -> str:
-    return str(error).strip().partition("\n")[0][:160]
+    return str(printable(str(error).strip().partition("\n")[0][:160]))

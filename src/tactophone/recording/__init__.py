@@ -2,7 +2,7 @@
 
 from tactophone.recording.protocol import PROTOCOL, Key, Stage, TakePlan
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
-from tactophone.recording.safe_writer import recover
+from tactophone.recording.safe_writer import recording_in, recover
 
 __all__ = [
     "PROTOCOL",
@@ -12,5 +12,6 @@ __all__ = [
     "SessionPlan",
     "Stage",
     "TakePlan",
+    "recording_in",
     "recover",
 ]

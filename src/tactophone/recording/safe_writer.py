@@ -7,8 +7,11 @@ any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds its 
 """
 
 import dataclasses
+import fcntl
 import json
+import os
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Self
@@ -21,7 +24,7 @@ from tactophone.errors import DatasetError
 from tactophone.types import AudioBlock
 
 PART = ".part.wav"
-ENTRY = ".part.json"
+ENTRY, DRAFT = ".part.json", ".part.new"
 
 SYNC_EVERY = 0.5
 """Seconds after which sound is flushed to the disk, so that it survives a power failure."""
@@ -48,7 +51,7 @@ class TakeWriter:
         path = recording.path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.with_suffix(ENTRY).write_text(_entry_json(recording), encoding="utf-8")
+            _write_entry(recording)
             file = soundfile.SoundFile(path.with_suffix(PART), "w", sample_rate, len(recording.channels), "PCM_24")
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
@@ -86,7 +89,7 @@ class TakeWriter:
         merged = MappingProxyType({**self.recording.properties, **properties})
         recording = dataclasses.replace(self.recording, properties=merged)
         try:
-            recording.path.with_suffix(ENTRY).write_text(_entry_json(recording), encoding="utf-8")
+            _write_entry(recording)
             return _finish(self._root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(self._disk_error(error)) from None
@@ -102,6 +105,44 @@ class TakeWriter:
         return f"{part}: cannot go on ({error}); what was recorded is kept. Free some space and run the command again"
 
 
+@contextmanager
+def recording_in(root: Path) -> Iterator[None]:
+    """Hold a folder for one recorder at a time: another one would take its running take for one that was cut off.
+
+    The lock is the system's, on the folder itself: it leaves no file, and ends with the process that holds it.
+
+    Raises
+    ------
+    DatasetError
+        If another recorder holds it, or the folder cannot be made.
+    """
+    made = not root.exists()
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(root, os.O_RDONLY)
+    except OSError as error:
+        raise DatasetError(f"{root}: cannot be used ({error.strerror}); choose another --out") from None
+    try:
+        _lock(descriptor, root)
+        yield
+    finally:
+        os.close(descriptor)
+        with suppress(OSError):  # it holds recordings now
+            if made:
+                root.rmdir()
+
+
+def _lock(descriptor: int, root: Path) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise DatasetError(
+            f"{root}: another `tactophone record` is recording into it; wait for its end, or choose another --out"
+        ) from None
+    except OSError:
+        pass  # a file system without locks
+
+
 def recover(root: Path) -> Iterator[Recording]:
     """Finish every take in a folder that was cut off, and yield it.
 
@@ -110,6 +151,8 @@ def recover(root: Path) -> Iterator[Recording]:
     DatasetError
         If the disk is too full to finish a take.
     """
+    for draft in root.rglob(f"*{DRAFT}"):
+        draft.unlink(missing_ok=True)
     for entry in sorted(root.rglob(f"*{ENTRY}")):
         recording = _read_entry(entry)
         if recording is None:
@@ -146,6 +189,19 @@ def _finish(root: Path, recording: Recording) -> Recording:
     return recording
 
 
+def _write_entry(recording: Recording) -> None:
+    """Write the entry beside the old one and rename it: a full disk then leaves the old one whole."""
+    entry = recording.path.with_suffix(ENTRY)
+    draft = recording.path.with_suffix(DRAFT)
+    try:
+        draft.write_text(_entry_json(recording), encoding="utf-8")
+        flush_to_disk(draft)
+        draft.replace(entry)
+    except OSError:
+        draft.unlink(missing_ok=True)
+        raise
+
+
 def _entry_json(recording: Recording) -> str:
     fields: dict[str, Any] = {
         name: recording.known(name) for name in ("surface", "label", "take", "scenario", "session")
@@ -155,12 +211,20 @@ def _entry_json(recording: Recording) -> str:
 
 
 def _read_entry(entry: Path) -> Recording | None:
-    """Read what :func:`_entry_json` wrote; an incomplete entry has no sound yet, and is deleted."""
+    """Read what :func:`_entry_json` wrote; of another version's entry, what is known here.
+
+    An entry that cannot be read at all is left where it is while there is sound beside it, and deleted otherwise.
+    """
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
-        path, label = entry.parent / fields.pop("file"), LABEL_NAMES[fields.pop("label")]
-        channels, properties = tuple(fields.pop("channels")), MappingProxyType(fields.pop("properties"))
-    except (ValueError, KeyError, TypeError):
-        entry.unlink(missing_ok=True)
+        path, label = entry.parent / str(fields["file"]), LABEL_NAMES[fields["label"]]
+        channels, properties = tuple(fields["channels"]), MappingProxyType(dict(fields["properties"]))
+        names = ("surface", "take", "scenario", "session")
+        surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
+    except (ValueError, KeyError, TypeError, RecursionError):
+        if not entry.with_name(entry.name.removesuffix(ENTRY) + PART).exists():
+            entry.unlink(missing_ok=True)
         return None
-    return Recording(path, label=label, channels=channels, properties=properties, **fields)
+    return Recording(
+        path, surface, label, channels, take=take, scenario=scenario, session=session, properties=properties
+    )

@@ -17,8 +17,9 @@ class Engine:
     """Turns features into probabilities; input and output arrays are allocated once."""
 
     def __init__(self, session: "onnxruntime.InferenceSession") -> None:
-        width = int(session.get_inputs()[0].shape[-1])
-        self._features = np.zeros((1, width), np.float32)
+        self.width = int(session.get_inputs()[0].shape[-1])
+        """Features that the network takes."""
+        self._features = np.zeros((1, self.width), np.float32)
         self._log_probabilities = np.zeros((1, len(CLASSES)), np.float32)
         self._session, self._binding = session, session.io_binding()
         # Bound once: naming and wrapping the arrays at every run takes longer than a small network itself.
