@@ -7,12 +7,24 @@ from collections.abc import Sequence
 from pylibsrtp import Error
 
 from tactophone.errors import PacketError
-from tactophone.link import Codec, Connected, Identity, Peers, ReceiveSession, SendSession, Session
+from tactophone.link import (
+    Codec,
+    Connected,
+    Disconnected,
+    Identity,
+    PacketReceived,
+    Peers,
+    ReceiveSession,
+    Renewed,
+    SendSession,
+    Session,
+)
 from tactophone.link.codec import open_decoder
 from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
 from tactophone.link.prediction_payload import read_prediction
 from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
+from tactophone.link.session_log import read_event, write_event
 
 from .target import Run, Target
 
@@ -48,6 +60,11 @@ def reports() -> tuple[Sequence[bytes], Run]:
 
 def predictions() -> tuple[Sequence[bytes], Run]:
     return [bytes(16), bytes(range(16))], lambda data: read_prediction(data, end=1.0)
+
+
+def logged_events() -> tuple[Sequence[bytes], Run]:
+    events = (Connected("robot", 1, 2), Renewed(3, 4), Disconnected("hung up"), PacketReceived(_SOUND, report=False))
+    return [write_event(event) for event in events], read_event
 
 
 def opus() -> tuple[Sequence[bytes], Run]:
@@ -241,6 +258,7 @@ TARGETS = {
     "packets": Target(packets, (PacketError,)),
     "reports": Target(reports, (PacketError,)),
     "predictions": Target(predictions, (PacketError,)),
+    "logged_events": Target(logged_events, (PacketError,)),
     "opus": Target(opus, (PacketError,)),
     "strangers": Target(strangers),
     "handshakes": Target(handshakes),

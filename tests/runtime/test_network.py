@@ -2,12 +2,14 @@
 
 import dataclasses
 import socket
+import threading
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Self
 
 import pytest
 
-from tactophone.link import Identity, Peers
+from tactophone.link import Identity, Peers, UdpSocket
 from tactophone.runtime import ProcessInfo, Robot
 from tactophone.telemetry import Watcher
 
@@ -45,6 +47,61 @@ def test_a_second_robot_is_sent_away_and_both_sides_show_it(tmp_path: Path) -> N
         assert eventually(lambda: "takes one at a time" in str(Watcher(info.name).snapshot().state.faults))
         assert system.snapshot().state.link == "connected to robot"
         assert system.snapshot().counters["link_losses"] == 0
+
+
+class Relay:
+    """Stands between robot and operator as a NAT does, and changes its own port on request."""
+
+    def __init__(self, port: int) -> None:
+        self._operator = ("127.0.0.1", port)
+        self._robot_side, self._operator_side = UdpSocket("127.0.0.1"), UdpSocket("127.0.0.1")
+        self._robot = ("", 0)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    @property
+    def port(self) -> int:
+        return self._robot_side.address[1]
+
+    def rebind(self) -> None:
+        self._operator_side = UdpSocket("127.0.0.1")
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            for datagram, source in self._robot_side.receive(0.001):
+                self._robot = source
+                self._operator_side.send([(datagram, self._operator)])
+            if self._robot[1]:
+                self._robot_side.send([(datagram, self._robot) for datagram, _ in self._operator_side.receive(0)])
+
+
+def test_a_robot_behind_a_changing_nat_is_felt_throughout(tmp_path: Path) -> None:
+    system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
+    with Relay(system.operator_settings.link.port) as relay:
+        link = dataclasses.replace(system.robot_settings.link, port=relay.port)
+        system.robot_settings = dataclasses.replace(system.robot_settings, link=link)
+        with system.both():
+            assert eventually(lambda: system.amplitude() > 0.3)
+            for change in range(1, 4):
+                before = system.snapshot().counters
+                relay.rebind()
+                # The sound comes from the new address at once; a second later the robot, hearing nothing, calls anew.
+                assert eventually(lambda before=before: _grown(system, before, "packets_received") > 20)  # type: ignore[misc]
+                assert eventually(lambda change=change: system.snapshot().counters["handshakes"] == 1 + change)  # type: ignore[misc]
+            assert system.snapshot().counters["link_losses"] == 0
+            assert eventually(lambda: system.amplitude() > 0.3)
+
+
+def _grown(system: LiveSystem, before: dict[str, int], name: str) -> int:
+    return int(system.snapshot().counters[name] - before[name])
 
 
 def _has_ipv6() -> bool:

@@ -52,7 +52,7 @@ def read_event(content: bytes) -> Event:
         if kind == _RENEWED:
             local, remote = json.loads(rest)
             return Renewed(int(local), int(remote))
-    except (IndexError, ValueError, TypeError) as error:
+    except (IndexError, ValueError, TypeError, OverflowError, RecursionError) as error:
         raise PacketError(f"a logged event of {len(content)} bytes that cannot be read: {error}") from error
     raise PacketError(f"a logged event of kind {kind}, but there are {_RENEWED + 1}")
 
