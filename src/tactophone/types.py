@@ -103,6 +103,23 @@ class AudioBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class TouchEvent:
+    """A moment of touch.
+
+    Parameters
+    ----------
+    kind
+        ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down), ``knock`` (it was in the
+        air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without one), ``lift-off`` (sliding ended).
+    time
+        Seconds since the stream began.
+    """
+
+    kind: str
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
 class Prediction:
     """What the detector computed from one window.
 
@@ -120,6 +137,8 @@ class Prediction:
         The window's bounds, in seconds since the stream began.
     faulty
         True when the sound or the model's output held invalid numbers; the command is then silence.
+    events
+        Touch events that became known since the last prediction; always empty where they are not detected.
     """
 
     probabilities: tuple[float, float, float]
@@ -129,6 +148,7 @@ class Prediction:
     start: float
     end: float
     faulty: bool = False
+    events: tuple[TouchEvent, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

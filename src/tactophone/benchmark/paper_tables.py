@@ -181,8 +181,8 @@ def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     """Return Table II: the accuracy of each class, day by day."""
     columns, unknown = (*TWO_COLUMNS, IN_CONTACT), float("nan")
     own = [_row(f"paper's own, {variant}", columns, (*row, unknown)) for variant, row in PAPER_TWO.items()]
-    ours = (_row(name, columns, [*_accuracies(takes), contact_share(takes)]) for name, takes in predictions.items())
-    return [*own, *ours]
+    measured = (_row(name, columns, [*_accuracies(takes), contact_share(takes)]) for name, takes in predictions.items())
+    return [*own, *measured]
 
 
 def contact_share(takes: Sequence[TakePredictions]) -> float:

@@ -61,8 +61,8 @@ def _print_task(args: argparse.Namespace) -> None:
         outcomes = play_task(names, rounds=args.rounds, report=lambda name: bar.update(task, advance=1, note=name))
     if args.json:
         own = [{"name": f"paper's own: {name}", "task": time} for name, time in PAPER_THREE.items()]
-        ours = [{**outcome.as_json(), "task": outcome.median_duration + args.retrieval} for outcome in outcomes]
-        terminal.print_json([*own, *ours])
+        played = [{**outcome.as_json(), "task": outcome.median_duration + args.retrieval} for outcome in outcomes]
+        terminal.print_json([*own, *played])
         return
     title = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {args.rounds} rounds a method"
     caption = (
