@@ -12,7 +12,7 @@ from collections import Counter
 from dataclasses import replace
 
 from tactophone.haptics import Limits, open_profile, peak_amplitude
-from tactophone.perception import AnyTouchDetector, default_model, open_detector
+from tactophone.perception import AnyTouchDetector, EventDetector, EventMerger, default_model, open_detector
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
 
 
@@ -29,6 +29,8 @@ class Pipeline:
         Bounds of every command; others may be assigned at any time, also from another thread. Where the ceiling is
         below the profile's greatest amplitude, the whole profile is scaled down to it, so that the contrast between
         smooth and rough stays the same in dB.
+    events
+        Adds a prediction for each touch event; without it, none are detected.
 
     Examples
     --------
@@ -41,8 +43,16 @@ class Pipeline:
                 oscillator.submit(step.command)
     """
 
-    def __init__(self, detector: AnyTouchDetector, profile: Profile, limits: Limits | None = None) -> None:
+    def __init__(
+        self,
+        detector: AnyTouchDetector,
+        profile: Profile,
+        limits: Limits | None = None,
+        *,
+        events: EventMerger | None = None,
+    ) -> None:
         self.detector: AnyTouchDetector = detector
+        self._events = events
         self.limits = limits or Limits()
         self.profile = profile
 
@@ -82,7 +92,10 @@ class Pipeline:
 
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block of sound; returns its predictions and commands."""
-        return self._step(block, self.detector.push(block))
+        predictions = self.detector.push(block)
+        if self._events:
+            predictions = self._events.merge(block, predictions, latency=self.detector.latency)
+        return self._step(block, predictions)
 
     def flush(self, block: AudioBlock) -> PipelineStep:
         """Return what the end of the stream still completes; ``block`` is the last one pushed."""
@@ -91,6 +104,8 @@ class Pipeline:
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
         self.detector.reset()
+        if self._events:
+            self._events.reset()
 
     def command_for(self, prediction: Prediction) -> HapticCommand:
         """Return the command for a prediction, as limited; its time is when the prediction was made."""
@@ -112,6 +127,7 @@ def open_pipeline(
     limits: Limits | None = None,
     fast_contact: bool = True,
     follow_floor: bool = True,
+    events: bool = False,
 ) -> Pipeline:
     """Open a pipeline for sound of a given rate and channel count.
 
@@ -132,6 +148,8 @@ def open_pipeline(
     follow_floor
         Let the contact threshold follow the noise floor; if false, it is the model's own. Assigning
         `Pipeline.threshold_dbfs` ends the following.
+    events
+        Detect touch events (taps, strokes, slips); the profile ``events`` always does.
 
     Raises
     ------
@@ -146,4 +164,10 @@ def open_pipeline(
         fast_contact=fast_contact,
         follow_floor=follow_floor,
     )
-    return Pipeline(detector, open_profile(profile), limits)
+    merger = open_events(sample_rate=sample_rate, channels=channels) if events or profile == "events" else None
+    return Pipeline(detector, open_profile(profile), limits, events=merger)
+
+
+def open_events(*, sample_rate: int, channels: int) -> EventMerger:
+    """Make the detector of touch events for a pipeline."""
+    return EventMerger(EventDetector(sample_rate=sample_rate, channels=min(channels, 2)))

@@ -109,8 +109,8 @@ class TouchEvent:
     Parameters
     ----------
     kind
-        ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down), ``knock`` (it was in the
-        air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without one), ``lift-off`` (sliding ended).
+        ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down), ``knock`` (it was in
+        the air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without), ``lift-off`` (sliding ended).
     time
         Seconds since the stream began.
     """

@@ -22,6 +22,8 @@ from tactophone.simulation import SoundToVibration, perceive_visits, play_rounds
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 BLOCK_SIZE = 512
+LIKE_PAPER = ("paper", "dualsense", "events")
+"""Profiles that render roughness as the paper's does: one row stands for them."""
 
 PAPER_THREE: Mapping[str, str] = MappingProxyType(
     {"NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567"}
@@ -65,7 +67,7 @@ def task_methods() -> tuple[str, ...]:
     models = [name for name in shipped_models() if not name.endswith("-mono")]
     return (
         *models,
-        *(f"texture:{name}" for name in PROFILES if name not in ("paper", "dualsense") and "texture" in models),
+        *(f"texture:{name}" for name in PROFILES if name not in LIKE_PAPER and "texture" in models),
         *PASSTHROUGH,
     )
 

@@ -3,8 +3,9 @@
 import argparse
 import math
 import shlex
+from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from tactophone.perception import (
     shipped_models,
 )
 from tactophone.pipeline import Pipeline, open_pipeline
+from tactophone.types import PipelineStep, TouchEvent
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="LEVEL",
         help="greatest amplitude, 0 to 1 of full drive; profiles are scaled down to it",
     )
+    add("--events", action="store_true", help="detect taps, strokes and slips, and write them as STEM.events.csv")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
     haptic_file_option.add_arguments(parser)
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
@@ -130,6 +133,7 @@ class _Result:
     summary: RunSummary
     files: dict[str, Path]
     floor: RecordingFloor | None
+    events: Counter[str] = field(default_factory=Counter)
 
 
 def _as_json(result: _Result) -> dict[str, Any]:
@@ -141,6 +145,7 @@ def _as_json(result: _Result) -> dict[str, Any]:
         **asdict(result.summary),
         "threshold_dbfs": result.pipeline.threshold_dbfs,
         "noise_floor_dbfs": result.floor.floor_dbfs if result.floor and result.floor.known else None,
+        "events": dict(result.events),
         "speed": result.summary.speed,
         "files": {kind: str(path) for kind, path in result.files.items()},
     }
@@ -164,6 +169,12 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     pipeline, floor = _open_pipeline(source, args)
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
+    events: list[TouchEvent] = []
+
+    def follow(step: PipelineStep) -> None:
+        events.extend(event for prediction in step.predictions for event in prediction.events)
+        bar.update(task, completed=step.block.end)
+
     with terminal.progress("processing") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
         summary, renderer = process_recording(
@@ -171,9 +182,11 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
             pipeline,
             outputs,
             passthrough=passthrough,
-            on_step=lambda step: bar.update(task, completed=step.block.end),
+            on_step=follow,
         )
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
+    if args.events or args.profile == "events":
+        files["events"] = _write_events(args.out / f"{stem}.events.csv", events)
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
     files |= haptic_file_option.write(args, args.out / stem, outputs.timeline, duration=source.duration)
@@ -192,7 +205,14 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
             truth=truth,
         )
     mono = source.channels == 1 and not args.model
-    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor)
+    counts = Counter(event.kind for event in events)
+    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, counts)
+
+
+def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
+    lines = ["time,event", *(f"{event.time:.4f},{event.kind}" for event in events)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
 
 
 def _open_pipeline(source: FileSource, args: argparse.Namespace) -> tuple[Pipeline, RecordingFloor | None]:
@@ -205,6 +225,7 @@ def _open_pipeline(source: FileSource, args: argparse.Namespace) -> tuple[Pipeli
         limits=Limits(ceiling=args.ceiling),
         fast_contact=args.contact == "fast",
         follow_floor=False,
+        events=args.events,
     )
     if args.threshold is not None:
         pipeline.threshold_dbfs = args.threshold
@@ -225,6 +246,8 @@ def _print(result: _Result) -> None:
         show("             (if that is an air microphone, use --model impulses)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     show(f"  threshold  {_threshold(result)}", soft_wrap=True)
+    if result.events:
+        show("  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(result.events.items())))
     if summary.faults:
         show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
     for kind, path in result.files.items():

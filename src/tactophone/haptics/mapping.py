@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Self
 
 from tactophone.errors import ConfigError, did_you_mean
+from tactophone.haptics.event_profile import EventsProfile
 from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, PiezoProfile
 from tactophone.haptics.response import UNKNOWN, ActuatorResponse
 from tactophone.types import HapticCommand, Prediction, Profile, Touch
@@ -105,6 +106,7 @@ PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType(
         "lra": LraProfile,
         "piezo": PiezoProfile,
         "dualsense": DualSenseProfile,
+        "events": lambda: EventsProfile(PaperProfile()),
     }
 )
 """Every profile by the name that ``feel --profile`` takes."""

@@ -1,7 +1,7 @@
 """Simulated scenes of taps, strokes and knocks in the air, with the moment of each: truth for touch events.
 
-A tap is a touch of under 0.12 s without sliding; a stroke begins where the finger lands to slide; it ends in a lift-off.
-A knock in the air reaches the air microphone alone, but for the little that the finger's body passes on.
+A tap is a touch of under 0.12 s without sliding; a stroke begins where the finger lands to slide and ends in a
+lift-off. A knock in the air reaches the air microphone alone, but for the little that the finger passes on.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from tactophone.simulation.content.movement import Script
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 KNOCK_TO_CONTACT_DB = -20.0
-"""What the finger's body passes on of a knock in the air to its contact microphone: our guess, as nobody measured it."""
+"""What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,8 @@ def touch_scene(name: str, *, seed: int, duration: float = 12.0, taps: bool = Tr
 def _touches(contact: NDArray[np.bool_]) -> tuple[list[float], list[float]]:
     """Return when touches begin and end, in s; bounces of under 60 ms are one touch."""
     edges = np.flatnonzero(np.diff(contact, prepend=False, append=False)).reshape(-1, 2) / LIVE_SAMPLE_RATE
-    begins, ends = [], []
+    begins: list[float] = []
+    ends: list[float] = []
     for begin, end in edges:
         if ends and begin - ends[-1] < 0.06:
             ends[-1] = float(end)

@@ -3,6 +3,8 @@
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import NEVER_ABSTAIN, Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
+from tactophone.perception.event_merging import EventMerger
+from tactophone.perception.events import EventDetector
 from tactophone.perception.features.bands import BAND_COUNT, BAND_VALUES, CREST_INDEX, BandFeatures
 from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL
 from tactophone.perception.features.handcrafted import CUES, cues
@@ -81,6 +83,8 @@ __all__ = [
     "ContactGate",
     "Decision",
     "DecisionRule",
+    "EventDetector",
+    "EventMerger",
     "FallbackDetector",
     "FaultDetector",
     "FaultKind",

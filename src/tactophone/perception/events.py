@@ -95,7 +95,7 @@ class EventDetector:
     def reset(self) -> None:
         """Return to the initial state."""
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
-        self._count = 0
+        self._count, self._origin, self._next = 0, 0, 0
         self._background: Floats | None = None
         self._levels: deque[Floats] = deque(maxlen=3)
         self._fluxes: deque[float] = deque(maxlen=HISTORY)
@@ -107,13 +107,23 @@ class EventDetector:
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
         """Take sound; return the events that it completes, oldest first, at seconds since the stream began."""
+        return [event for _, event in self.push_timed(block)]
+
+    def push_timed(self, block: AudioBlock) -> list[tuple[float, TouchEvent]]:
+        """Do as :meth:`push`, and return with each event the moment in s at which it became known."""
+        if block.start != self._next:
+            # Sound was lost: what was before is no background of what comes.
+            self.reset()
+            self._origin = block.start
+        self._next = block.end
         samples = np.nan_to_num(block.samples[:, : self._channels], nan=0.0, posinf=0.0, neginf=0.0)
         sound = np.concatenate((self._rest, samples))
         steps = len(sound) // self._step - 1
-        events: list[TouchEvent] = []
+        events: list[tuple[float, TouchEvent]] = []
         for number in range(steps):
             begin = number * self._step
-            events += self._advance(sound[begin : begin + 2 * self._step])
+            found = self._advance(sound[begin : begin + 2 * self._step])
+            events += [(self._time(self._count), event) for event in found]
         self._rest = sound[steps * self._step :]
         return events
 
@@ -168,9 +178,8 @@ class EventDetector:
         if len(self._levels) < 2:
             return 0.0
         before = self._levels[-2][:, CONTACT]
-        loudest = np.maximum(
-            before, np.maximum(np.append(before[1:], before[-1]), np.insert(before[:-1], 0, before[0]))
-        )
+        above, below = np.append(before[1:], before[-1]), np.insert(before[:-1], 0, before[0])
+        loudest = np.maximum(before, np.maximum(above, below))
         return float(np.maximum(level - loudest, 0.0).mean())
 
     def _threshold(self) -> float:
@@ -180,7 +189,8 @@ class EventDetector:
 
     def _excess_of(self, level: Floats) -> Floats:
         """Return by how much each channel exceeds its background, in dB, mean of the bands."""
-        return np.asarray((level - self._background).mean(axis=0))
+        background = level if self._background is None else self._background
+        return np.asarray((level - background).mean(axis=0))
 
     def _follow_sliding(self, level: Floats) -> list[TouchEvent]:
         excess = self._excess_of(level)[CONTACT]
@@ -189,7 +199,8 @@ class EventDetector:
         # The sound of a tap is no background.
         if self._count - self._onset >= REFRACTORY or self._onset < 0:
             rate = max(1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE)
-            self._background = self._background + rate * (level - self._background)
+            background = level if self._background is None else self._background
+            self._background = background + rate * (level - background)
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._onset >= REFRACTORY
         if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > HISTORY // 2:
@@ -203,7 +214,7 @@ class EventDetector:
         return []
 
     def _time(self, step: int) -> float:
-        return step * self._step / self._rate
+        return (self._origin + step * self._step) / self._rate
 
 
 def _band_edges(size: int, rate: int) -> NDArray[np.intp]:

@@ -52,7 +52,7 @@ from tactophone.perception import (
     read_model,
     with_fallback,
 )
-from tactophone.pipeline import Pipeline
+from tactophone.pipeline import Pipeline, open_events
 from tactophone.telemetry import Fault
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Source
 
@@ -145,6 +145,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         detector,
         GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
+        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels) if profile == "events" else None,
     )
 
 

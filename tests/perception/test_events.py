@@ -1,0 +1,115 @@
+"""Touch events: simulated scenes know the truth, and any block size gives the same."""
+
+import numpy as np
+import pytest
+
+from tactophone.haptics import open_profile
+from tactophone.measurement.touch_scenes import TouchScene, touch_scene
+from tactophone.perception import EventDetector
+from tactophone.pipeline import open_pipeline
+from tactophone.types import AudioBlock, PipelineStep, TouchEvent
+from tests.sounds import ODD_SIZES
+
+RATE = 48_000
+UNHEARD = ("3", "14", "22")
+"""No constant of the detector was chosen on these objects."""
+
+
+@pytest.fixture(scope="module")
+def scenes() -> list[TouchScene]:
+    return [touch_scene(name, seed=150 + number, duration=8.0) for number, name in enumerate(UNHEARD)]
+
+
+def events_of(sound: np.ndarray) -> list[TouchEvent]:
+    return EventDetector(sample_rate=RATE, channels=sound.shape[1]).push(AudioBlock(sound, RATE))
+
+
+def times(events: list[TouchEvent], kind: str) -> np.ndarray:
+    return np.array([event.time for event in events if event.kind == kind])
+
+
+def f_measure(truth: list[float], found: np.ndarray, window: float) -> float:
+    """Return the F-measure of events, each true one matched with one found at most."""
+    left, matched = sorted(found), 0
+    for time in sorted(truth):
+        near = [other for other in left if abs(other - time) <= window]
+        if near:
+            left.remove(min(near, key=lambda other: abs(other - time)))
+            matched += 1
+    return 2 * matched / (len(truth) + len(found))
+
+
+@pytest.mark.parametrize(("window", "goal"), [(0.05, 0.98), (0.01, 0.95)])
+def test_touch_downs_of_unheard_simulated_objects(scenes: list[TouchScene], window: float, goal: float) -> None:
+    scored = []
+    for scene in scenes:
+        truth = [*scene.taps, *scene.strokes]
+        found = times(events_of(scene.sound), "tap")
+        score = f_measure(truth, found, window)
+        assert score >= goal
+        scored.append((np.sort(truth), found, score))
+    mir_eval = pytest.importorskip("mir_eval")
+    for truth, found, score in scored:
+        assert score == pytest.approx(mir_eval.onset.f_measure(truth, found, window=window)[0])
+
+
+def test_a_touch_is_known_within_5_ms_and_a_knock_in_the_air_is_no_tap(scenes: list[TouchScene]) -> None:
+    for scene in scenes:
+        merged = EventDetector(sample_rate=RATE, channels=2).push_timed(AudioBlock(scene.sound, RATE))
+        known = np.array([moment for moment, event in merged if event.kind == "contact"])
+        delays = [float(np.min(known[known >= tap] - tap)) for tap in scene.taps]
+        assert np.quantile(delays, 0.9) <= 0.005
+        taps = times([event for _, event in merged], "tap")
+        assert not any(np.abs(taps - knock).min() < 0.03 for knock in scene.knocks)
+
+
+def test_sliding_brings_strokes_and_no_taps() -> None:
+    scene = touch_scene("17", seed=3, duration=10.0, taps=False, knocks=False)
+    found = events_of(scene.sound)
+    assert len(times(found, "stroke")) >= len(scene.strokes) - 1
+    assert len(times(found, "tap")) <= len(scene.strokes)
+
+
+@pytest.mark.parametrize("size", ODD_SIZES)
+def test_any_block_size_gives_the_same_predictions_and_events(scenes: list[TouchScene], size: int) -> None:
+    sound = scenes[0].sound[: 2 * RATE]
+
+    def steps(block_size: int) -> list[PipelineStep]:
+        pipeline = open_pipeline("texture", sample_rate=RATE, channels=2, profile="events", follow_floor=False)
+        starts = range(0, len(sound), block_size)
+        return [pipeline.push(AudioBlock(sound[start : start + block_size], RATE, start)) for start in starts]
+
+    whole, pieces = (
+        [prediction for step in steps(block_size) for prediction in step.predictions]
+        for block_size in (len(sound), max(size, 64))
+    )
+    assert whole == pieces
+    assert any(prediction.events for prediction in whole)
+
+
+def test_the_profile_events_clicks_once_for_30_ms() -> None:
+    sound = np.random.default_rng(0).normal(0, 1e-3, (RATE, 2)).astype(np.float32)
+    sound[RATE // 2 : RATE // 2 + 240] *= 200
+    pipeline = open_pipeline("texture", sample_rate=RATE, channels=2, profile="events", follow_floor=False)
+    step = pipeline.push(AudioBlock(sound, RATE))
+    clicks = [command for command in step.commands if command.frequency == 250.0]
+    assert clicks
+    assert 0.5 <= clicks[0].time <= 0.505
+    assert clicks[-1].time - clicks[0].time < 0.03
+    assert all(command.amplitude <= 0.5 for command in step.commands)
+
+
+def test_without_events_the_profile_renders_as_the_papers() -> None:
+    pipeline = open_pipeline("texture", sample_rate=RATE, channels=2, follow_floor=False)
+    sound = np.random.default_rng(0).normal(0, 0.1, (RATE, 2)).astype(np.float32)
+    (prediction, *_) = pipeline.push(AudioBlock(sound, RATE)).predictions
+    assert open_profile("events").command(prediction) == open_profile("paper").command(prediction)
+
+
+def test_lost_sound_and_invalid_samples_bring_no_event() -> None:
+    detector = EventDetector(sample_rate=RATE, channels=2)
+    noise = np.random.default_rng(0).normal(0, 1e-3, (RATE, 2)).astype(np.float32)
+    assert detector.push(AudioBlock(noise, RATE)) == []
+    assert detector.push(AudioBlock(noise, RATE, start=2 * RATE)) == []
+    noise[1000:1100] = np.nan
+    assert not times(detector.push(AudioBlock(noise, RATE, start=3 * RATE)), "tap").size
