@@ -2,6 +2,10 @@
 
 import subprocess
 import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +36,9 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_there_are_five_and_each_is_under_40_lines() -> None:
+def test_there_are_ten_and_each_is_under_40_lines() -> None:
     lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 5
+    assert len(lengths) == 10
     assert max(lengths.values()) < 40, lengths
 
 
@@ -66,3 +70,83 @@ def test_a_custom_source_is_classified() -> None:
     names = run("custom_source.py")
     assert "NONE" in names
     assert "SMOOTH" in names or "ROUGH" in names
+
+
+@contextmanager
+def repeated(work: Callable[[], object]) -> Iterator[None]:
+    """Repeat a piece of work in the background, a hundred times a second."""
+    ended = threading.Event()
+
+    def run_on() -> None:
+        while not ended.wait(0.01):
+            work()
+
+    thread = threading.Thread(target=run_on, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_the_rough_spans_of_a_log_are_printed(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    from tests.bridges.recorded_run import record
+    from tests.models import write_tiny_model
+
+    log = record(tmp_path / "run.mcap", write_tiny_model(tmp_path / "tiny.onnx"))
+    assert "rough from 0.5" in run("read_log.py", log)
+
+
+def test_a_pulse_of_isaac_is_rendered_under_the_limits(tmp_path: Path) -> None:
+    pytest.importorskip("isaacteleop")
+    assert "peak 0.30" in run("isaac_device.py", tmp_path / "pulse.wav")
+    assert np.abs(soundfile.read(tmp_path / "pulse.wav")[0]).max() <= 0.3 + 1 / 2**15  # rounded to 16 bits
+
+
+def test_osc_messages_are_printed(tmp_path: Path) -> None:
+    pytest.importorskip("pythonosc")
+    from tactophone.bridges.osc import OscBridge
+    from tests.bridges.test_osc import STEP
+    from tests.runtime.live_system import free_port
+
+    port = free_port()
+    with (
+        Telemetry(f"test-{tmp_path.name}") as telemetry,
+        OscBridge(telemetry.name, f"127.0.0.1:{port}") as bridge,
+        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+    ):
+        printed = run("receive_osc.py", str(port), "1")
+    assert "/tactophone/index/vibration 0.50 60.00" in printed
+
+
+def test_a_viewer_of_foxgloves_protocol_prints_predictions(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp")
+    from tactophone.bridges.foxglove import FoxgloveBridge
+    from tests.bridges.test_osc import STEP
+
+    name = f"test-{tmp_path.name}"
+    with (
+        Telemetry(name) as telemetry,
+        FoxgloveBridge(name, "127.0.0.1:0", token="secret") as bridge,
+        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+    ):
+        printed = run("watch_foxglove.py", f"ws://127.0.0.1:{bridge.port}/secret/", "3")
+    assert printed.count("rough  0.5") == 3
+
+
+@pytest.mark.realtime
+def test_the_vibration_on_ros_is_printed(tmp_path: Path) -> None:
+    pytest.importorskip("cyclonedds")
+    from tactophone.bridges.ros import RosBridge
+    from tests.bridges.test_osc import STEP
+
+    name = f"test-{tmp_path.name}"
+    with (
+        Telemetry(name) as telemetry,
+        RosBridge(name, domain=0) as bridge,
+        repeated(lambda: (telemetry.publish(STEP, now=time.monotonic()), bridge.read())),
+    ):
+        printed = run("follow_ros.py", "5")
+    assert "amplitude 0.50, 60 Hz" in printed

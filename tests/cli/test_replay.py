@@ -24,7 +24,8 @@ def test_it_says_that_all_is_equal(log: Path, capsys: pytest.CaptureFixture[str]
 def test_what_would_have_been_rendered_is_written(
     log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(log), "--profile", "perceptual", "--out", str(tmp_path), "--plot", "--json", "--to", ".ahap"]) == 0
+    options = ["--profile", "perceptual", "--out", str(tmp_path), "--plot", "--json", "--to", ".ahap"]
+    assert main(["replay", str(log), *options]) == 0
     outcome = json.loads(capsys.readouterr().out)
     assert outcome["different"] > 0
     assert all(Path(path).is_file() for path in outcome["files"].values())
