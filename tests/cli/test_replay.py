@@ -38,6 +38,21 @@ def test_a_changed_log_is_noticed(log: Path, tmp_path: Path, capsys: pytest.Capt
     assert json.loads(capsys.readouterr().out)["different"] > 50
 
 
+def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Path) -> None:
+    reader_of = pytest.importorskip("rosbags.rosbag2").Reader
+    assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 0
+    with reader_of(tmp_path / "bag") as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+        assert all(connection.digest.startswith("RIHS01_") for connection in reader.connections)
+        times = [time for _, time, _ in reader.messages()]
+    base = "/tactophone/index"
+    assert counts[f"{base}/prediction"] == counts[f"{base}/vibration"] > 150
+    assert counts[f"{base}/audio"] > 700
+    assert counts[f"{base}/audio_info"] == 1
+    assert (max(times) - min(times)) / 1e9 == pytest.approx(2.0, abs=0.05)
+    assert main(["replay", str(log), "--to-rosbag", str(tmp_path / "bag")]) == 1
+
+
 @pytest.mark.parametrize("words", [["--profile", "none-such"], ["--plot"], ["--ceiling", "2"]])
 def test_wrong_options_are_one_line(log: Path, words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(log), *words]) == 1

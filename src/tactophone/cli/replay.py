@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone import config
-from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
+from tactophone.cli._support import dashboard_options, extras, haptic_file_option, terminal
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
 
@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--ceiling", type=float, metavar="LEVEL", help="compute with another ceiling, 0 to 1 of full drive")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
     haptic_file_option.add_arguments(parser)
+    add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")
     add("--json", action="store_true", help="print the comparison as JSON")
     dashboard_options.add_arguments(parser)
 
@@ -38,6 +39,10 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.bridges import read_log
     from tactophone.offline.replay import Replay
 
+    if args.to_rosbag:
+        extras.require_modules("rosbags")
+        if args.out:
+            raise ConfigError("--to-rosbag writes no other files: leave --out away, or call replay twice")
     if (args.plot or args.to) and args.out is None:
         raise ConfigError("--plot and --to need a folder for their files: add --out DIR")
     changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
@@ -48,7 +53,9 @@ def run(args: argparse.Namespace) -> int:
     replay = Replay(_with_progress(args.log, read_log(args.log)), change)
     files: dict[str, Path] = {}
     summary = None
-    if args.out is None:
+    if args.to_rosbag:
+        _write_bag(replay, args, files)
+    elif args.out is None:
         for _ in replay.steps():
             pass
     else:
@@ -73,6 +80,25 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
     stem = args.out / args.log.stem
     files.update(haptic_file_option.write(args, stem, written["timeline"], duration=summary.duration))
     return summary
+
+
+def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> None:
+    """Write the steps as a bag whose time begins when the run did."""
+    from tactophone.bridges import read_log
+    from tactophone.bridges.rosbag import RosBag
+    from tactophone.telemetry import EventBatch, RunStart
+
+    epoch = begun = 0.0
+    for entry in read_log(args.log):
+        if isinstance(entry, RunStart):
+            epoch = entry.epoch
+        elif isinstance(entry, EventBatch):
+            begun = entry.time
+            break
+    with RosBag(args.to_rosbag, epoch=epoch + begun) as bag:
+        for step in replay.steps():
+            bag.write(step)
+    files["bag"] = args.to_rosbag
 
 
 def _show(args: argparse.Namespace, change: Any) -> None:

@@ -1,0 +1,105 @@
+"""A run as a ROS 2 bag (rosbag2, MCAP storage), without a ROS installation."""
+
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from tactophone.errors import ConfigError
+from tactophone.types import LIVE_SAMPLE_RATE, PipelineStep, Touch
+
+_AUDIO = {
+    "audio_common_msgs/msg/AudioData": "uint8[] data",
+    "audio_common_msgs/msg/AudioDataStamped": "std_msgs/Header header\naudio_common_msgs/AudioData audio",
+    "audio_common_msgs/msg/AudioInfo": (
+        "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format"
+    ),
+}
+
+_TOPICS = {
+    "prediction": "std_msgs/msg/Float32MultiArray",
+    "vibration": "std_msgs/msg/Float32MultiArray",
+    "roughness": "std_msgs/msg/Float32",
+    "contact_dbfs": "std_msgs/msg/Float32",
+    "audio": "audio_common_msgs/msg/AudioDataStamped",
+    "audio_info": "audio_common_msgs/msg/AudioInfo",
+}
+
+
+class RosBag:
+    """Writes steps with the topics of the ROS bridge; a context manager.
+
+    Parameters
+    ----------
+    folder
+        New folder of the bag.
+    epoch
+        Seconds since 1970 at the beginning of the steps' time.
+    finger
+        Part of the topics.
+
+    Raises
+    ------
+    ConfigError
+        If the folder exists.
+    """
+
+    def __init__(self, folder: Path, *, epoch: float, finger: str = "index") -> None:
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+        if folder.exists():
+            raise ConfigError(f"--to-rosbag {folder}: exists already; name a new folder")
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        for name, text in _AUDIO.items():
+            self._store.register(get_types_from_msg(text, name))
+        self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._epoch, self._finger = epoch, finger
+
+    def __enter__(self) -> Self:
+        self._writer.open()
+        self._connections = {
+            suffix: self._writer.add_connection(f"/tactophone/{self._finger}/{suffix}", kind, typestore=self._store)
+            for suffix, kind in _TOPICS.items()
+        }
+        info = self._type("audio_common_msgs/msg/AudioInfo")(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
+        self._write("audio_info", 0.0, info)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.close()
+
+    def write(self, step: PipelineStep) -> None:
+        """Add the sound, the predictions and the commands of a step."""
+        if step.block.size:
+            self._write("audio", step.block.time, self._audio(step))
+        for number, prediction in enumerate(step.predictions):
+            self._write("prediction", prediction.end, self._numbers(prediction.probabilities))
+            roughness = prediction.roughness if prediction.touch is not Touch.NONE else 0.0
+            self._write("roughness", prediction.end, self._type("std_msgs/msg/Float32")(roughness))
+            level = max(prediction.level_dbfs, -200.0)
+            self._write("contact_dbfs", prediction.end, self._type("std_msgs/msg/Float32")(level))
+            if step.commands:
+                command = step.commands[number]
+                self._write("vibration", command.time, self._numbers((command.amplitude, command.frequency)))
+
+    def _audio(self, step: PipelineStep) -> Any:
+        samples = step.block.samples
+        stereo = samples if samples.shape[1] == 2 else np.repeat(samples, 2, axis=1)
+        data = (np.clip(stereo, -1, 1) * 32_767).astype("<i2").view(np.uint8).ravel()
+        seconds = self._epoch + step.block.time
+        stamp = self._type("builtin_interfaces/msg/Time")(int(seconds), int(seconds % 1 * 1e9))
+        header = self._type("std_msgs/msg/Header")(stamp, "fingertip")
+        audio = self._type("audio_common_msgs/msg/AudioData")(data)
+        return self._type("audio_common_msgs/msg/AudioDataStamped")(header, audio)
+
+    def _numbers(self, values: tuple[float, ...]) -> Any:
+        layout = self._type("std_msgs/msg/MultiArrayLayout")([], 0)
+        return self._type("std_msgs/msg/Float32MultiArray")(layout, np.array(values, np.float32))
+
+    def _type(self, name: str) -> Any:
+        return self._store.types[name]
+
+    def _write(self, suffix: str, time: float, message: Any) -> None:
+        data = self._store.serialize_cdr(message, _TOPICS[suffix])
+        self._writer.write(self._connections[suffix], round((self._epoch + time) * 1e9), data)
