@@ -12,7 +12,7 @@ CRASHES = Path(__file__).parent.parent / "data" / "crashes"
 SMOKE = 30.0
 """Seconds of random inputs, for all targets together."""
 
-OPEN = dict.fromkeys(("cards", "page_requests", "metadata", "takes", "rounds"), "known, not mended yet")
+OPEN = {"cards": "a card nested 100,000 deep is refused by `read_model`, not by `ModelCard.from_json`"}
 """Targets with crashes that are known and not mended yet."""
 
 

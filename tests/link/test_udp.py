@@ -74,6 +74,8 @@ FOREIGN = [
     b"\x80",
     b"\x7f" + SOUND[1:],
     b"\x13" + SOUND[1:],
+    b"\x16garbage",
+    b"\x16",
     b"\xc0" + SOUND[1:],
 ]
 

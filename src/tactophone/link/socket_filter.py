@@ -14,6 +14,9 @@ from collections.abc import Collection, Iterator
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 _LOAD_BYTE, _LOAD_WORD, _AND, _JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x30, 0x20, 0x54, 0x05, 0x15, 0x35, 0x06
 _FIRST_BYTE, _SECOND_BYTE, _SSRC_OF_RTCP, _SSRC_OF_RTP = 8, 9, 12, 16
+_DTLS_VERSION = 0xFE
+"""First byte of every DTLS version; the second byte of a record."""
+
 _WHOLE, _NOTHING = 0xFFFF_FFFF, 0
 
 Instruction = tuple[int, int, int, int]
@@ -52,15 +55,15 @@ def set_filter(target: socket.socket, streams: Collection[int]) -> None:
 
 def _program(streams: Collection[int]) -> Iterator[Instruction]:
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
-    rtp, compare, drop = 11, 12, 12 + len(streams)
-    accept = drop + 1
+    rtp, compare, dtls = 11, 12, 13 + len(streams)
+    drop, accept = dtls + 2, dtls + 3
 
     def skip(index: int, target: int) -> int:
         return target - index - 1
 
     yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
-    yield (_JUMP_AT_LEAST, 0, skip(2, accept), 64)
+    yield (_JUMP_AT_LEAST, 0, skip(2, dtls), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
     yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
@@ -72,5 +75,8 @@ def _program(streams: Collection[int]) -> Iterator[Instruction]:
     yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTP)
     for index, stream in enumerate(streams, compare):
         yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
+    yield (_JUMP, 0, 0, skip(dtls - 1, drop))
+    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
+    yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
     yield (_RETURN, 0, 0, _NOTHING)
     yield (_RETURN, 0, 0, _WHOLE)

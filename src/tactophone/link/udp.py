@@ -16,6 +16,9 @@ _LARGEST = 2_048
 _MOST_AT_ONCE = 256
 """Maximum datagrams of one read: more than half a second of 2.5 ms packets."""
 
+_QUEUE = 1 << 20
+"""Bytes of a socket's queue, if the system permits so many: datagrams that arrive while the process is late."""
+
 MAX_FOREIGN = 16
 """Maximum datagrams of one read from others than the connected peer: 3,200 a second where a read waits 5 ms."""
 
@@ -173,6 +176,7 @@ def _socket(family: int, *, only: bool) -> socket.socket:
     opened.setblocking(False)
     if family == socket.AF_INET6:
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, only)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
     with contextlib.suppress(OSError):  # works without, where a system does not support it
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
     with contextlib.suppress(OSError, AttributeError):
