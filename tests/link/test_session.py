@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import Connected, Disconnected, PacketReceived, Peers, Session
+from tactophone.link import Connected, Disconnected, PacketReceived, Peers, Renewed, Session
 from tactophone.link.admission import MAX_HANDSHAKES
 from tactophone.link.events import DatagramKind
 from tactophone.link.handshake import HANDSHAKE_TIMEOUT
@@ -25,7 +25,7 @@ def connected() -> SessionPair:
 
 
 def rtp(pair: SessionPair, sequence: int = 1) -> bytes:
-    ssrc = next(event.local_ssrc for event in reversed(pair.at_robot) if isinstance(event, Connected))
+    ssrc = next(event.local_ssrc for event in reversed(pair.at_robot) if isinstance(event, Connected | Renewed))
     return b"\x80\x62" + sequence.to_bytes(2) + bytes(4) + ssrc.to_bytes(4) + b"sound"
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from tactophone import config
 from tactophone.config import Settings
-from tactophone.link import Codec, DecodedAudio, ReceiveSession, SendSession
+from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendSession
 from tactophone.link.depacketizer import STALENESS
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
@@ -44,6 +44,7 @@ class World:
         self.to_operator: list[tuple[bytes, tuple[str, int]]] = []
         self.to_robot: list[tuple[bytes, tuple[str, int]]] = []
         self.decoded: list[tuple[float, DecodedAudio]] = []
+        self.connections = 0
         self.began: float | None = None
 
     def stalled(self, part: str) -> bool:
@@ -66,6 +67,7 @@ class World:
         if not (self.stalled("link") or self.stalled("operator")):
             events = [*self.operator.receive(self.to_operator, now=self.now), *self.operator.poll(self.now)]
             self.to_operator = []
+            self.connections += sum(isinstance(event, Connected) for event in events)
             self.decoded += [(self.now, event) for event in events if isinstance(event, DecodedAudio)]
             self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.outgoing()]
 
@@ -102,6 +104,18 @@ def test_sound_is_fresh_again_soon_after_any_stall(part: str, duration: float) -
     # From then on nothing is missing: a fresh packet every 5 ms.
     late = [now for now in fresh if now > 1.5 + duration + RECOVERY]
     assert np.diff(late).max() < 0.03
+
+
+@pytest.mark.parametrize("part", ["robot", "link", "operator"])
+@pytest.mark.parametrize("duration", [1.2, 2.0, 3.5])
+def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: str, duration: float) -> None:
+    """A stream that began anew would count its times from 0, and every log of the run would be off."""
+    world = World({part: ((1.5, 1.5 + duration),)})
+    world.run(3.0 + duration)
+    assert world.connections == 1
+    starts = [audio.block.start for _, audio in world.decoded]
+    assert starts == sorted(starts)
+    assert starts[-1] / LIVE_SAMPLE_RATE == pytest.approx(3.0 + duration, abs=0.1)
 
 
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])

@@ -158,7 +158,8 @@ class Session:
         """Begin a handshake if there is no session, if the peer is silent, or if the keys are old."""
         current = self._current
         if current is None or now - current.last_received > RECALL_AFTER:
-            continues, callee = b"", self._callees[0]
+            # An operator that only stood still goes on with the stream; one that is new makes a new one of it.
+            continues, callee = current.agreement.continuation if current else b"", self._callees[0]
             # If this address does not answer, the next call tries the next one.
             self._callees = [*self._callees[1:], callee]
         elif self._keys.beside is None and current.needs_renewal(now, after=self._renew_after):

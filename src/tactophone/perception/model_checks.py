@@ -170,7 +170,7 @@ def check_network(session: "onnxruntime.InferenceSession", *, features: str, out
 
 
 def _probe(session: "onnxruntime.InferenceSession", features: str, zeros: Any) -> Any:
-    """Run the network once, in a thread that is told to end when it takes too long."""
+    """Run the network once, in a thread that is ended when it takes too long."""
     import onnxruntime
 
     options, results, failures = onnxruntime.RunOptions(), [], []

@@ -39,7 +39,6 @@ class StrokingFinger(AlwaysOpen):
         session = SessionVariation() if tip == DEFAULT_TIP else SessionVariation.draw(seed, tip=tip)
         self._finger = SimulatedFinger(self._scene, session=session, seed=seed, block_size=block_size, place=place)
         self._script = Script(self._rng, x=place[0], y=place[1])
-        self._queued = 0
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._finger:
@@ -57,6 +56,7 @@ class StrokingFinger(AlwaysOpen):
         force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
         visit = Visit(self._rng.uniform(1.5, 3.0), force, speed, slips=bool(self._rng.random() < 0.2))
         explore(self._script, stone, visit)
-        for move in self._script.moves[self._queued :]:
+        for move in self._script.moves:
             self._finger.move(move.x, move.y, move.force, move.time)
-        self._queued = len(self._script.moves)
+        # The finger has its own queue: kept here, the moves would grow by 100 MB an hour.
+        self._script.moves.clear()
