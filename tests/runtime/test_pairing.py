@@ -1,8 +1,10 @@
+import subprocess
+import sys
 from pathlib import Path
 
 from tactophone.config import Settings
 from tactophone.link import Identity, Peers
-from tactophone.runtime.pairing import pair_on_one_machine
+from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
 
 
 def test_both_sides_trust_each_other_and_nobody_else(tmp_path: Path) -> None:
@@ -19,3 +21,17 @@ def test_keys_are_fresh_each_time(tmp_path: Path) -> None:
     pairs = [pair_on_one_machine(Settings(), tmp_path / str(number), name="loopback")[0] for number in range(2)]
     first, second = (Identity.load(Path(settings.link.identity)).fingerprint for settings in pairs)
     assert first != second
+
+
+def test_keys_of_killed_runs_are_removed_by_the_next() -> None:
+    program = (
+        "import os, signal; from tactophone.runtime import temporary_keys\n"
+        "with temporary_keys() as folder: print(folder, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    left = Path(subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True).stdout.strip())
+    assert left.is_dir()
+    with temporary_keys() as folder:
+        assert not left.exists()
+        with temporary_keys():
+            assert folder.is_dir()
+    assert not folder.exists()

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -70,8 +71,8 @@ def sides_monitored(recorder: PeakRecorder, graph: Graph) -> Iterator[tuple[Side
 def test_whatever_ends_the_actuator_is_silent_within_a_tenth_of_a_second(
     end: Callable[[Sides], None], graph: Graph
 ) -> None:
-    # The machine itself may stand still for 40 ms now and then; it does not do so three times in a row.
-    assert any(measure_time_to_silence(SETTINGS, graph, end) <= 0.1 for _ in range(3))
+    # The machine itself may stand still for 40 ms now and then; it does not do so twice of three times.
+    assert statistics.median(measure_time_to_silence(SETTINGS, graph, end) for _ in range(3)) <= 0.1
 
 
 def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(graph: Graph) -> None:

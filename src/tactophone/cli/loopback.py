@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
@@ -81,10 +79,10 @@ def both_sides(
     ``open_source`` replaces the way in which the settings' source is opened.
     """
     from tactophone.cli._support import sources
-    from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+    from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, temporary_keys
 
-    with TemporaryDirectory(prefix="tactophone-") as folder, ExitStack() as stack:
-        robot, operator = pair_on_one_machine(settings, Path(folder), name=name)
+    with temporary_keys() as folder, ExitStack() as stack:
+        robot, operator = pair_on_one_machine(settings, folder, name=name)
         receive = partial(run_operator, robot=robot.process.name)
         receiving = stack.enter_context(Supervisor(receive, operator, name=name, report=terminal.note))
         if network != "clean":

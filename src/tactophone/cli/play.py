@@ -2,10 +2,10 @@
 
 import argparse
 import secrets
+from contextlib import ExitStack
 from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from tactophone import config
 from tactophone.cli._support import dashboard_options, flags
@@ -62,18 +62,17 @@ def run(args: argparse.Namespace) -> int:
     inbox, finger = Pipe(duplex=False)
     game = GameSettings(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results)
     # The page comes first: both sides take seconds to start, and it shows their progress.
-    with serve_game(game, **dashboard_options.place(args)) as page, TemporaryDirectory(prefix="tactophone-") as folder:
+    with serve_game(game, **dashboard_options.place(args)) as page:
         dashboard_options.announce(page)
 
         from tactophone.cli._support import console, terminal
-        from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+        from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, temporary_keys
 
-        robot, operator = pair_on_one_machine(settings, Path(folder), name=name)
         receive = partial(run_operator, robot=f"{name}-robot")
         send = partial(run_robot, open_source=partial(open_finger, inbox))
-        with (
-            Supervisor(receive, operator, name=name, report=terminal.note) as receiving,
-            Supervisor(send, robot, name=f"{name}-robot", report=terminal.note) as sending,
-        ):
+        with temporary_keys() as folder, ExitStack() as stack:
+            robot, operator = pair_on_one_machine(settings, folder, name=name)
+            receiving = stack.enter_context(Supervisor(receive, operator, name=name, report=terminal.note))
+            sending = stack.enter_context(Supervisor(send, robot, name=f"{name}-robot", report=terminal.note))
             console.follow([receiving, sending], name)
     return 0

@@ -61,6 +61,10 @@ class StoneBoxSource(AlwaysOpen):
             yield block
             self._position += block.size
 
+    def rehearse(self) -> None:
+        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        _finger_over((Touch.SMOOTH,) * 5, 0).render(64)
+
     def truth_now(self) -> int:
         """Return the true touch at the end of the last block."""
         touch = self._finger.truth.touch

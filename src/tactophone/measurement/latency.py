@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +20,15 @@ from tactophone.config import Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulse_latency import ImpulseLatency, ImpulsePlayer, analyse
-from tactophone.runtime import OpenSource, Supervisor, open_device, pair_on_one_machine, run_operator, run_robot
+from tactophone.runtime import (
+    OpenSource,
+    Supervisor,
+    open_device,
+    pair_on_one_machine,
+    run_operator,
+    run_robot,
+    temporary_keys,
+)
 from tactophone.telemetry import MARKS, Watcher
 
 COLLECT_EVERY = 1.0
@@ -116,7 +122,7 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
         process=replace(process, jack_server=graph.server or process.jack_server),
     )
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-")))
+        folder = stack.enter_context(temporary_keys())
         name = f"{process.name or 'latency'}-{secrets.token_hex(3)}"
         robot, operator = pair_on_one_machine(settings, folder, name=name)
         receive = partial(run_operator, robot=robot.process.name)

@@ -1,11 +1,19 @@
 """Robot and operator on one machine: two fresh identities, paired for one run."""
 
+import os
+import shutil
 import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
 from tactophone.config import Link, Settings
 from tactophone.link import Identity, Peers
+from tactophone.telemetry import is_alive
+
+_KEYS = "tactophone-keys-"
 
 
 def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
@@ -23,6 +31,18 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
         _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
         _side(settings, replace(common, identity=str(folder / "operator")), name),
     )
+
+
+@contextmanager
+def temporary_keys() -> Iterator[Path]:
+    """Yield a private folder for the keys of one run; it removes those that killed runs of this user left."""
+    for left in Path(tempfile.gettempdir()).glob(f"{_KEYS}*"):
+        pid = left.name.removeprefix(_KEYS).partition("-")[0]
+        with suppress(OSError):
+            if pid.isdecimal() and left.lstat().st_uid == os.getuid() and not is_alive(int(pid)):
+                shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
+        yield Path(folder)
 
 
 def _side(settings: Settings, link: Link, name: str) -> Settings:

@@ -58,6 +58,14 @@ class LabelledSource(Protocol):
         """Return the `Touch` at the end of the newest block; -1 when it is not known."""
 
 
+@runtime_checkable
+class RehearsableSource(Protocol):
+    """A source that compiles itself at first use."""
+
+    def rehearse(self) -> None:
+        """Compile now; the sound to come stays the same."""
+
+
 class Robot:
     """The robot's side while it runs; a context manager.
 
@@ -80,6 +88,9 @@ class Robot:
         self._resources = ExitStack()
         info.progress("opening the source")
         self._source = open_source(settings)
+        if isinstance(self._source, RehearsableSource):
+            info.progress("compiling the simulation")
+            self._source.rehearse()
         info.progress("rehearsing")
         self._session = open_send_session(settings, self._source.channels)
         remote = settings.link.send_predictions

@@ -6,7 +6,7 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 """
 
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.memory import MARK, PREDICTION, STEP, remove_leftovers, remove_memory
+from tactophone.telemetry.memory import MARK, PREDICTION, STEP, is_alive, remove_leftovers, remove_memory
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
 from tactophone.telemetry.session_log import Controls, EventBatch, Record, RunStart, read_records, write_record
@@ -36,6 +36,7 @@ __all__ = [
     "Telemetry",
     "TimelineWriter",
     "Watcher",
+    "is_alive",
     "read_records",
     "read_timeline",
     "remove_leftovers",

@@ -159,7 +159,7 @@ class Memory:
     @property
     def writer_alive(self) -> bool:
         """Whether the writing process exists."""
-        return _alive(int(self["pid"]))
+        return is_alive(int(self["pid"]))
 
     def unlink(self) -> None:
         """Remove the file, if this process created it; readers that have it open see the last state."""
@@ -178,7 +178,7 @@ def remove_memory(name: str) -> None:
     """Remove what a run of this name left, if its process is gone."""
     path = folder() / f"{PREFIX}{name}"
     with contextlib.suppress(OSError, TactophoneError):
-        if not _alive(_left_by(path)):
+        if not is_alive(_left_by(path)):
             path.unlink()
 
 
@@ -200,7 +200,7 @@ def remove_leftovers() -> list[str]:
 def _is_leftover(path: Path) -> bool:
     with path.open("rb", buffering=0) as file:
         head = file.read(24)
-    if len(head) < 24 or _alive(int.from_bytes(head[8:16], sys.byteorder)):
+    if len(head) < 24 or is_alive(int.from_bytes(head[8:16], sys.byteorder)):
         return False
     beat = struct.unpack("=d", head[16:24])[0]
     return not abs(time.monotonic() - beat) < LEFT_AFTER
@@ -210,7 +210,7 @@ def _created(draft: Path, path: Path) -> BinaryIO:
     """Make the file under a name that no reader looks for, until it is complete."""
     if path.exists():
         pid = _left_by(path)
-        if _alive(pid):
+        if is_alive(pid):
             raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
         path.unlink()
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
@@ -277,7 +277,8 @@ def _run(path: Path) -> str:
     return path.name.removeprefix(PREFIX)
 
 
-def _alive(pid: int) -> bool:
+def is_alive(pid: int) -> bool:
+    """Return whether a process exists."""
     try:
         os.kill(pid, 0)
     except ProcessLookupError:

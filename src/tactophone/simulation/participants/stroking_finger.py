@@ -46,6 +46,10 @@ class StrokingFinger(AlwaysOpen):
             if self._script.time < block.end / LIVE_SAMPLE_RATE + AHEAD:
                 self._queue_visit()
 
+    def rehearse(self) -> None:
+        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        SimulatedFinger(self._scene).render(64)
+
     def truth_now(self) -> int:
         """Return the true touch at the end of the last block."""
         touch = self._finger.truth.touch

@@ -1,0 +1,197 @@
+"""Does anything grow, wrap wrongly or stop in a long run? ``python benchmarks/endurance.py``, about three minutes.
+
+Two parts. *Virtual*: both ends of a link in virtual time, checked sample by sample, across the wraps of sequence number
+and RTP timestamp and through renewed keys; ``--virtual-hours 168`` is a week, and takes about two hours. *Live*:
+``tactophone loopback`` with the simulated finger, its processes measured every few seconds; ``--live-minutes 60`` is
+the hour that the goals are meant for, as a start still settles in the first minutes.
+"""
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import psutil
+
+from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendSession, Session
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
+from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, VirtualLink
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+
+PACKET = 960
+"""Samples that are sent at once: 20 ms, four packets."""
+
+MAX_SLOPE_MB = 1.0
+"""Goal for each process, in MB an hour."""
+
+BEFORE_WRAP = 30.0
+"""Virtual seconds from the start to the wrap of the RTP timestamp, which comes by itself after up to 24.9 hours."""
+
+SAMPLE_INTERVAL = 3.0
+SETTLING = 0.3
+"""Seconds between two measurements of the live processes, and the share of the run in which they still settle."""
+
+Row = tuple[str, str, str, bool]
+"""Quantity, goal, value, and whether it is met."""
+
+
+@dataclass
+class Soak:
+    """What a virtual run has shown so far."""
+
+    good: int = 0
+    wrong: int = 0
+    concealed: int = 0
+    wraps: int = 0
+    memory: list[tuple[float, float]] = field(default_factory=list)
+
+
+def soak(hours: float, *, report: Callable[[str], None]) -> list[Row]:
+    """Run both ends for some virtual hours over a link that loses 1 % of the packets."""
+    robot, operator = Identity.create("robot"), Identity.create("operator")
+    renew_after = 3600 * hours / 3.5
+    calling = Session(robot, Peers({operator.fingerprint: "op"}), call=OPERATOR_ADDRESS, renew_after=renew_after)
+    sender = SendSession(calling, Codec("pcm16", channels=1, packet_size=240))
+    receiver = ReceiveSession(Session(operator, Peers({robot.fingerprint: "robot"})))
+    link = VirtualLink(sender, receiver, ImpairedLink(NetworkProfile(loss=0.01)), ImpairedLink(NetworkProfile()))
+    begun = link.connect(1000.0)
+    assert sender._packetizer is not None
+    sender._packetizer._offset = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
+    sound, found = _second_of_noise(), Soak()
+    position, number, shown = 0, sender._packetizer._sequence, time.monotonic()
+    process = psutil.Process()
+    while position < hours * 3600 * LIVE_SAMPLE_RATE:
+        block = AudioBlock(sound[np.arange(position, position + PACKET) % LIVE_SAMPLE_RATE], LIVE_SAMPLE_RATE, position)
+        sender.push(block)
+        position += PACKET
+        for event in link.carry(begun + position / LIVE_SAMPLE_RATE):
+            if isinstance(event, DecodedAudio):
+                _compare(event.block, sound, found)
+        before, number = number, sender._packetizer._sequence
+        found.wraps += number < before
+        if position % (60 * LIVE_SAMPLE_RATE) == 0:
+            found.memory.append((position / LIVE_SAMPLE_RATE / 3600, process.memory_info().rss / 2**20))
+            if time.monotonic() - shown > 30:
+                shown = time.monotonic()
+                report(f"{found.memory[-1][0]:.2f} of {hours:g} virtual hours")
+    handshakes = receiver.counters["handshakes"]
+    slope = slope_of(found.memory)
+    expected = hours * 3600 * LIVE_SAMPLE_RATE
+    return [
+        ("samples that differ from those sent", "0", f"{found.wrong} of {found.good:,}", found.wrong == 0),
+        ("samples received or concealed", "over 99.9 %", f"{(found.good + found.concealed) / expected:.2%}",
+         found.good + found.concealed > 0.999 * expected),
+        ("sequence numbers wrapped", f"{int(expected / 240 / 65536)} or more", str(found.wraps),
+         found.wraps >= int(expected / 240 / 65536)),
+        ("RTP timestamp wrapped", "once or more", "yes", expected > BEFORE_WRAP * LIVE_SAMPLE_RATE),
+        ("handshakes: the first, and keys renewed", "3 or more", str(handshakes), handshakes >= 3),
+        ("connections lost", "0", str(receiver.counters["link_losses"]), receiver.counters["link_losses"] == 0),
+        ("memory of the process, virtual", f"under {MAX_SLOPE_MB:g} MB/h", f"{slope:+.2f} MB/h", slope < MAX_SLOPE_MB),
+    ]  # fmt: skip
+
+
+def _second_of_noise() -> FloatArray:
+    """Return noise that 16-bit samples hold exactly, shape ``(samples, 1)``."""
+    numbers = np.random.default_rng(0).integers(-20_000, 20_000, (LIVE_SAMPLE_RATE, 1))
+    return (numbers / 32_768).astype(np.float32)
+
+
+def _compare(block: AudioBlock, sound: FloatArray, found: Soak) -> None:
+    if block.concealed:
+        found.concealed += block.size
+        return
+    same = np.array_equal(block.samples, sound[np.arange(block.start, block.end) % LIVE_SAMPLE_RATE])
+    found.good += block.size * same
+    found.wrong += block.size * (not same)
+
+
+def slope_of(points: list[tuple[float, float]]) -> float:
+    """Return the slope of values over hours, without the first third; 0 for fewer than four points.
+
+    >>> slope_of([(k / 10, 5.0 + k / 5) for k in range(12)])
+    2.0
+    """
+    settled = points[len(points) // 3 :]
+    return round(statistics.linear_regression(*zip(*settled, strict=True)).slope, 6) if len(settled) > 3 else 0.0
+
+
+@dataclass
+class ProcessTrace:
+    """Measurements of one live process: memory in MB over hours, descriptors, threads."""
+
+    name: str
+    memory: list[tuple[float, float]] = field(default_factory=list)
+    descriptors: list[int] = field(default_factory=list)
+    threads: list[int] = field(default_factory=list)
+
+
+def live(minutes: float, *, report: Callable[[str], None]) -> list[Row]:
+    """Run robot and operator as processes, and measure both and their parent."""
+    name = f"endurance-{os.getpid()}"
+    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
+    command += ["--network", "wifi", "--name", name, "--duration", str(60 * minutes)]
+    traces: dict[int, ProcessTrace] = {}
+    begun = shown = time.monotonic()
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as loopback:
+        while loopback.poll() is None:
+            time.sleep(SAMPLE_INTERVAL)
+            passed = time.monotonic() - begun
+            if passed > 60 * minutes * SETTLING:
+                _measure(loopback.pid, traces, passed / 3600)
+            if time.monotonic() - shown > 30:
+                shown = time.monotonic()
+                report(f"{passed / 60:.1f} of {minutes:g} minutes live")
+    rows = [("exit of the live run", "0", str(loopback.returncode), loopback.returncode == 0)]
+    for trace in (trace for trace in traces.values() if len(trace.memory) > 5):
+        slope = slope_of(trace.memory)
+        rows.append(
+            (f"memory, {trace.name}", f"under {MAX_SLOPE_MB:g} MB/h", f"{slope:+.1f} MB/h", slope < MAX_SLOPE_MB)
+        )
+        for quantity, counts in (("descriptors", trace.descriptors), ("threads", trace.threads)):
+            steady = max(counts) - min(counts) <= 2
+            rows.append((f"{quantity}, {trace.name}", "steady", f"{min(counts)} to {max(counts)}", steady))
+    return rows
+
+
+def _measure(pid: int, traces: dict[int, ProcessTrace], hours: float) -> None:
+    try:
+        processes = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return
+    for index, process in enumerate(processes):
+        try:
+            with process.oneshot():
+                trace = traces.setdefault(
+                    process.pid, ProcessTrace(f"process {index} ({'parent' if not index else 'side'})")
+                )
+                trace.memory.append((hours, process.memory_info().rss / 2**20))
+                trace.descriptors.append(process.num_fds())
+                trace.threads.append(process.num_threads())
+        except psutil.Error:
+            continue
+
+
+def main() -> int:
+    """Run both parts and print the table; exit 1 where a goal was missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--virtual-hours", type=float, default=0.25, metavar="H", help="0: none; default 0.25")
+    parser.add_argument("--live-minutes", type=float, default=2.0, metavar="MIN", help="0: none; default 2")
+    args = parser.parse_args()
+    rows: list[Row] = []
+    if args.virtual_hours:
+        rows += soak(args.virtual_hours, report=lambda line: print(line, file=sys.stderr))
+    if args.live_minutes:
+        rows += live(args.live_minutes, report=lambda line: print(line, file=sys.stderr))
+    print("| quantity | goal | value | |\n|---|---|---|---|")
+    for quantity, goal, value, met in rows:
+        print(f"| {quantity} | {goal} | {value} | {'met' if met else 'MISSED'} |")
+    return 0 if all(met for *_, met in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
