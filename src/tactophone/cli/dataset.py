@@ -16,6 +16,7 @@ from tactophone.cli._support import terminal
 from tactophone.dataset import (
     DEFAULT_CONTACT_DBFS,
     FILE_NAME,
+    FORMATS,
     LABEL_NAMES,
     SPLITS,
     Dataset,
@@ -71,6 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )  # fmt: skip
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
+    sub.add_argument(
+        "--format", choices=FORMATS,
+        help="of a published set: biotac (CSV files with pac1 to pac22), cluster (Cluster Haptic Texture Database)",
+    )  # fmt: skip
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
@@ -171,6 +176,8 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
 def _import(args: argparse.Namespace) -> int:
     if is_mcap(Path(args.folder)):
         return _import_log(args, Path(args.folder))
+    if args.format:
+        return _import_published(args)
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
         terminal.log().print(f"{'left out' if problem.fatal else 'warning'}: {problem}", soft_wrap=True)
@@ -190,6 +197,20 @@ def _import(args: argparse.Namespace) -> int:
             f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side",
             soft_wrap=True,
         )
+    return 0
+
+
+def _import_published(args: argparse.Namespace) -> int:
+    with terminal.progress("converting") as bar:
+        task = bar.add_task("", total=None, note="")
+        made, problems = FORMATS[args.format](
+            Path(args.folder), args.out, progress=lambda done: bar.update(task, completed=done)
+        )
+    for problem in problems:
+        terminal.log().print(f"left out: {problem}", soft_wrap=True)
+    print(f"{len(made.recordings)} recordings in {args.out}")
+    if not any(recording.label is not None for recording in made.recordings):
+        terminal.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")
     return 0
 
 

@@ -16,6 +16,7 @@ from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
+from tactophone.dataset.published_sets import FORMATS
 from tactophone.dataset.roughness import Roughness, measure_profile
 from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
@@ -23,6 +24,7 @@ from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, 
 __all__ = [
     "DEFAULT_CONTACT_DBFS",
     "FILE_NAME",
+    "FORMATS",
     "KIN_SPLIT",
     "LABEL_NAMES",
     "REDUCED_OBJECTS",

@@ -6,7 +6,7 @@ Widmer, DAFx 2013), against a threshold of median and deviation over the last ha
 An onset is reported at once as *contact*, and as a *tap* when the next 25 ms are over and it was no knock in the air.
 
 Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*, or a *slip* if no touch-down was
-detected since the last sliding ended; its end is a *lift-off*. By sound alone a finger that rests is not told from one
+detected since the last sliding ended; its end is a *lift-off*. A finger that rests sounds like one
 that has left: lift-off means that the sliding ended.
 """
 
