@@ -35,11 +35,14 @@ class Capture:
 
     source: str = _choice(
         "jack",
-        "microphones, one plain microphone, that of a page in a browser, a recording, or the simulated finger",
-        ("jack", "portaudio", "microphone", "browser", "file", "finger"),
+        "microphones, one plain microphone, that of a page in a browser, a recording, the simulated finger, "
+        "or a ROS 2 topic",
+        ("jack", "portaudio", "microphone", "browser", "file", "finger", "ros"),
     )
     device: str = _setting(
-        "", "PortAudio device (name or number), recording to play, or seed of the simulated finger; empty: the default"
+        "",
+        "PortAudio device (name or number), recording to play, seed of the simulated finger, or topic; "
+        "empty: the default",
     )
     tip: str = _choice(DEFAULT_TIP, "tip that touches: the simulated finger's", TIP_NAMES)
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")

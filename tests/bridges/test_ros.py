@@ -1,3 +1,5 @@
+import argparse
+import itertools
 import os
 import subprocess
 import sys
@@ -5,13 +7,16 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("cyclonedds")
 
 from tactophone.bridges.ros import RosBridge, open_sink
+from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
 from tactophone.telemetry import Telemetry
+from tactophone.types import AudioBlock, PipelineStep
 from tests.bridges.test_osc import STEP
 
 URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
@@ -107,3 +112,47 @@ def test_a_wrong_domain_is_one_line(telemetry: Telemetry, monkeypatch: pytest.Mo
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     with pytest.raises(ConfigError, match="0 to 232"):
         RosBridge(telemetry.name)
+
+
+@pytest.mark.realtime
+def test_microphones_on_a_topic_are_a_source(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", URI)
+    from tactophone.bridges.ros import RosSource
+
+    tone = np.repeat((0.25 * np.sin(np.arange(480) / 10)).astype(np.float32)[:, None], 2, axis=1)
+    step = PipelineStep(AudioBlock(tone, 48_000), (), ())
+    with RosBridge(telemetry.name, domain=DOMAIN + 1) as bridge:
+        source = RosSource("/tactophone/index/audio", domain=DOMAIN + 1)
+        assert (source.sample_rate, source.channels) == (48_000, 2)
+        received: list[AudioBlock] = []
+        for block in source:
+            received.append(block)
+            telemetry.publish(step, now=time.monotonic())
+            bridge.read()
+            if sum(each.size for each in received) >= 4_800 or len(received) > 2_000:
+                break
+    sound = np.concatenate([block.samples for block in received])
+    assert len(sound) >= 4_800
+    np.testing.assert_allclose(sound[:480], tone, atol=2e-4)
+    assert all(a.end == b.start for a, b in itertools.pairwise(received))
+
+
+def test_a_topic_in_another_format_is_one_line() -> None:
+    from tactophone.bridges.ros import messages, source
+
+    broken = source.RosSource.__new__(source.RosSource)
+    broken._topic = "/audio"
+    for info in (
+        messages.AudioInfo(2, 48_000, "S16LE", 0, "mp3"),
+        messages.AudioInfo(6, 48_000, "S16LE", 0, "wave"),
+        messages.AudioInfo(1, 800, "S16LE", 0, "wave"),
+    ):
+        with pytest.raises(ConfigError, match="is needed"):
+            broken._checked(info)
+
+
+def test_a_source_is_named_with_its_topic() -> None:
+    parser = argparse.ArgumentParser()
+    flags.add_settings(parser, {"--source": "capture.source"})
+    settings = flags.settings_of(parser.parse_args(["--source", "ros:/audio"]))
+    assert (settings.capture.source, settings.capture.device) == ("ros", "/audio")

@@ -2,5 +2,6 @@
 
 from tactophone.bridges.ros.bridge import RosBridge
 from tactophone.bridges.ros.sinks import Sink, open_sink
+from tactophone.bridges.ros.source import RosSource
 
-__all__ = ["RosBridge", "Sink", "open_sink"]
+__all__ = ["RosBridge", "RosSource", "Sink", "open_sink"]

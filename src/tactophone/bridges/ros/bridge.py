@@ -72,7 +72,7 @@ class RosBridge:
     ) -> None:  # fmt: skip
         self._name, self._finger, self._publishes = name, finger, publish
         self._sinks = [open_sink(text, finger=finger) for text in sinks]
-        self._domain = _domain() if domain is None else domain
+        self._domain = default_domain() if domain is None else domain
         self._reader = NewestReader(name)
         self._snapshot: Snapshot | None = None
         self._beat = 0
@@ -191,7 +191,8 @@ def _header(now: float) -> messages.Header:
     return messages.Header(messages.Time(int(now), int(now % 1 * 1e9)), "fingertip")
 
 
-def _domain() -> int:
+def default_domain() -> int:
+    """Return the domain of ROS_DOMAIN_ID."""
     import os
 
     text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"

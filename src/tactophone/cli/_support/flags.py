@@ -46,6 +46,9 @@ def settings_of(args: argparse.Namespace) -> Settings:
     for path in args.config:
         settings = config.read(path, settings)
     for name, value in vars(args).items():
-        if "." in name and value is not None:
+        if name == "capture.source" and value is not None and value.startswith("ros:"):
+            # `ros:/topic` is short for the source `ros` and the device `/topic`.
+            settings = config.change(settings, ["capture.source=ros", f"capture.device={value[4:]}"])
+        elif "." in name and value is not None:
             settings = config.change(settings, [f"{name}={value}"])
     return config.change(settings, args.set)

@@ -3,6 +3,7 @@
 from functools import partial
 
 from tactophone.capture import FileSource, RecordedSource
+from tactophone.cli._support import extras
 from tactophone.config import Settings
 from tactophone.dataset import ground_truth, touch_at
 from tactophone.errors import ConfigError
@@ -26,6 +27,8 @@ def open_source(settings: Settings) -> Source:
         from tactophone.simulation import StrokingFinger
 
         return StrokingFinger(capture.block_size, seed=_seed(capture.device), tip=capture.tip)
+    if capture.source == "ros":
+        return _ros_source(capture.device)
     if capture.source != "file":
         return open_device(settings)
     if not capture.device:
@@ -38,6 +41,21 @@ def recorded(source: FileSource) -> RecordedSource:
     resampler = Resampler(source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels)
     truth = ground_truth(source.path, duration=source.duration)
     return RecordedSource(source, resample=resampler.push, label_at=partial(touch_at, segments=truth))
+
+
+def _ros_source(topic: str) -> Source:
+    """Open the microphones of a ROS 2 topic, at the live sample rate."""
+    extras.require_modules("cyclonedds")
+    from tactophone.bridges.ros import RosSource
+
+    if not topic:
+        raise ConfigError("capture.source = 'ros', but no topic is named: give --source ros:/TOPIC")
+    source = RosSource(topic)
+    if source.sample_rate != LIVE_SAMPLE_RATE:
+        raise ConfigError(
+            f"--source ros:{topic}: {source.sample_rate} Hz, but {LIVE_SAMPLE_RATE} Hz is needed; set its node so"
+        )
+    return source
 
 
 def _seed(text: str) -> int:
