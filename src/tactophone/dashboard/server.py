@@ -121,7 +121,7 @@ async def _live(request: web.Request) -> web.StreamResponse:
     try:
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(_send(view, Feed(run), credit))
-            await _receive(view, run, credit, local=_is_local(request))
+            await _receive(view, run, credit, local=is_local(request))
             sending.cancel()
     finally:
         views.discard(view)
@@ -136,7 +136,7 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
             await asyncio.sleep(PERIOD)
 
 
-def _is_local(request: web.Request) -> bool:
+def is_local(request: web.Request) -> bool:
     """Return whether a page is open on this machine: both ends of its connection then have the same address."""
     if request.transport is None:
         return False

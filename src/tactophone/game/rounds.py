@@ -20,7 +20,7 @@ PITCH, WIDTH, DEPTH = 0.11, 0.085, 0.07
 MARGIN = 0.015
 """Metres that the finger can reach beyond the stones."""
 
-LIFTED = -0.2
+LIFTED = -0.1
 """Newtons of a lifted finger: negative, so that it rises, but little, so that a press reaches the stone soon."""
 
 GREATEST_FORCE = 5.0

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tactophone.dashboard import WatchedRun, pack, step_table
 from tactophone.dashboard.admission import FLOOD_RATE, TAKEN, FloodGate, admit, end_flood
 from tactophone.dashboard.fingertip import command_of
-from tactophone.dashboard.server import CREDIT, page
+from tactophone.dashboard.server import CREDIT, is_local, page
 from tactophone.game.rounds import GameSettings, Point, Round, read_results, within_reach
 from tactophone.telemetry import Request, Snapshot
 from tactophone.types import Touch
@@ -69,7 +69,7 @@ class _PlayerSlot:
             if loser is view:
                 return view
         self._view = view
-        player = _Player(self._game, self._run, view, self._played)
+        player = _Player(self._game, self._run, view, self._played, local=is_local(request))
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(player.send())
             await player.receive()
@@ -82,7 +82,9 @@ class _PlayerSlot:
 class _Player:
     """A connection: the player's actions go to the finger and the round, the vibration comes back."""
 
-    def __init__(self, game: GameSettings, run: WatchedRun, view: web.WebSocketResponse, played: int) -> None:
+    def __init__(
+        self, game: GameSettings, run: WatchedRun, view: web.WebSocketResponse, played: int, *, local: bool
+    ) -> None:
         self._game, self._run, self._view = game, run, view
         self._credit = asyncio.Semaphore(CREDIT)
         self._round: Round | None = None
@@ -90,6 +92,7 @@ class _Player:
         self._last: Snapshot | None = None
         self._steps: list[NDArray[np.float64]] = []
         self.played = played
+        self._local = local
 
     async def receive(self) -> None:
         actions: dict[str, Callable[..., Awaitable[None]]] = {
@@ -158,7 +161,8 @@ class _Player:
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
         self._begun, self._steps = time.monotonic(), []
-        self._run.ask(Request("arm"))  # a player's request, in case a fault has muted the run
+        if self._local:  # a page on another machine never arms
+            self._run.ask(Request("arm"))  # a player's request, in case a fault has muted the run
         self._command(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))
 

@@ -6,7 +6,7 @@
 import { Speaker } from "./speaker.js";
 
 export const DEAD_MAN = 150; // ms after the last command
-const REFRESH = 50; // ms between two effects of a gamepad, and between two checks
+const REFRESH = 50; // ms between two effects of a gamepad
 const EFFECT = 120; // ms of an effect: lasts over a missed refresh
 const ROUGH = [8, 8]; // ms on, off: about 60 Hz, as fast as a phone's motor follows
 const ROUGH_TRAIN = 112; // ms, seven of them; the next train follows without a seam
@@ -42,6 +42,7 @@ export class Fingertip {
   #chosen = "auto";
   #missing = "";
   #timer = null;
+  #deadMan = null;
   #pad = null;
 
   /** `onWay(text)`: how the vibration is rendered now, or why it is not; `quiet`: never by sound, as another plays it. */
@@ -101,6 +102,8 @@ export class Fingertip {
   #render([amplitude, roughness], ceiling) {
     const before = this.#command;
     this.#command = { amplitude, roughness, ceiling, at: performance.now() };
+    clearTimeout(this.#deadMan);
+    this.#deadMan = setTimeout(() => this.#silence(), DEAD_MAN);
     const changed = !before || before.amplitude > 0 !== amplitude > 0 || before.roughness >= 0.5 !== roughness >= 0.5;
     if (amplitude > 0 && changed) this.#refresh(true);
     else if (before?.amplitude > 0 && !(amplitude > 0)) this.#rest(); // the waveform of the sound fades by itself
@@ -112,7 +115,7 @@ export class Fingertip {
     const command = this.#command;
     if (!command) return;
     const left = DEAD_MAN - (performance.now() - command.at);
-    if (left <= 0) return this.#silence();
+    if (left <= 0) return this.#silence(); // the timer for it is late
     if (!(command.amplitude > 0)) return;
     if (this.#way === "gamepad") this.#rumble(command, Math.min(EFFECT, left));
     else if (this.#way === "phone" && (now || performance.now() >= this.#trainEnd - REFRESH / 2)) this.#buzz(command, left);
