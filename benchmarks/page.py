@@ -188,7 +188,7 @@ def deadman() -> None:
                 feel(browser, page.url)
                 while changes.get(timeout=5)[0] != Touch.ROUGH or not changes.empty():  # type: ignore[attr-defined]
                     pass
-                time.sleep(0.1)
+                time.sleep(0.03)
                 process.kill()  # type: ignore[attr-defined]
                 killed = time.time()
                 found.append(noted(browser, "reset", killed) - killed)
