@@ -1,8 +1,9 @@
 """How does simulated sound differ from real? Prints the second table of the simulator's realism page, draws its figure.
 
-    python benchmarks/realism.py SIMULATED REAL [PICTURE]     (REAL: the folder of the LMT recordings)
+    python benchmarks/realism.py STYLUS PAD REAL [PICTURE]
 
-Compares levels, spectra, peaks and strokes.
+STYLUS and PAD are sets simulated with these tips, REAL is the folder of the LMT recordings. Compares levels, spectra,
+peaks, clicks, flicker and strokes. Enter every run in docs/research/looks.md.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset import Recording, open_dataset
+from tactophone.perception.features.resample import Resampler
 from tactophone.plotting import BLUE, GREEN, VERMILION, load_pyplot
 from tactophone.types import AIR, CONTACT, Touch
 
@@ -27,6 +29,12 @@ BAND = (60.0, 7000.0)
 
 ACTIVE_DB = 20.0
 """dB under a recording's loudest tenth from which windows are pauses, left out of spectra and crest factors."""
+
+CLICKS_RATE = 16_000
+"""Hz."""
+
+TREBLE = 3000.0
+"""Hz over which flicker is averaged."""
 
 _OCTAVES = 3
 """Bands an octave."""
@@ -51,6 +59,10 @@ class Traits:
         Median peak over rms of an active window.
     modulation_db
         Standard deviation of the level at the frequencies of strokes.
+    clicks
+        Mean log10 of the slope's kurtosis in an active window; 0.48 for Gaussian noise.
+    flicker_db
+        Standard deviation of each third octave's level from window to window.
     """
 
     level_db: NDArray[np.float64]
@@ -58,6 +70,8 @@ class Traits:
     slope_db: float
     crest_db: float
     modulation_db: float
+    clicks: float
+    flicker_db: NDArray[np.float64]
 
 
 def centres() -> NDArray[np.float64]:
@@ -86,7 +100,18 @@ def measure_traits(samples: NDArray[np.float64], rate: int) -> Traits:
         slope_db=float(np.polyfit(np.log2(centres()), density, 1)[0]),
         crest_db=float(np.median(crest)),
         modulation_db=_modulation(level, size / rate),
+        clicks=_clicks(samples, rate, active, size),
+        flicker_db=np.array([_thirds(row, frequency, relative=False) for row in power[active]]).std(axis=0),
     )
+
+
+def _clicks(samples: NDArray[np.float64], rate: int, active: NDArray[np.bool_], size: int) -> float:
+    """As the texture detector measures them, at 16 kHz, in the active windows."""
+    slower = Resampler(rate, CLICKS_RATE, channels=1).push(samples[:, None].astype(np.float32))[:, 0]
+    starts = np.flatnonzero(active) * size * CLICKS_RATE // rate
+    window = round(WINDOW * CLICKS_RATE)
+    slopes = np.array([np.diff(slower[k : k + window]) for k in starts if k + window <= len(slower)], float)
+    return float(np.log10(np.mean(slopes**4, axis=1) / np.mean(slopes**2, axis=1) ** 2).mean())
 
 
 def measure_recordings(recordings: Iterable[Recording], channel: int) -> dict[str, list[Traits]]:
@@ -106,6 +131,8 @@ def summary(found: Sequence[Traits]) -> dict[str, float]:
         "level spread": float(np.median(spread)),
         "slope per octave": float(np.median([traits.slope_db for traits in found])),
         "crest factor": float(np.median([traits.crest_db for traits in found])),
+        "clicks (log10)": float(np.median([traits.clicks for traits in found])),
+        "flicker, 3-7 kHz": float(np.median([traits.flicker_db[centres() > TREBLE].mean() for traits in found])),
         "modulation by stroke": float(np.median([traits.modulation_db for traits in found])),
     }
 
@@ -113,7 +140,7 @@ def summary(found: Sequence[Traits]) -> dict[str, float]:
 def draw_realism(path: Path, groups: Mapping[str, Mapping[str, Sequence[Traits]]]) -> None:
     """Draw spectra, levels, crest factors and modulation of groups of recordings, by label, as PNG."""
     pyplot = load_pyplot()
-    figure, axes = pyplot.subplots(2, 2, figsize=(11, 7.5), layout="constrained")
+    figure, axes = pyplot.subplots(2, 3, figsize=(15, 7.5), layout="constrained")
     for (name, found), colour in zip(groups.items(), (VERMILION, BLUE, GREEN), strict=False):
         for label, style in (("smooth", "--"), ("rough", "-")):
             _draw_group(axes, found[label], color=colour, linestyle=style, label=f"{name}, {label}")
@@ -121,6 +148,8 @@ def draw_realism(path: Path, groups: Mapping[str, Mapping[str, Sequence[Traits]]
     axes[0, 1].set(xlabel="level over the recording's mean (dB)", ylabel="share of windows under it", xlim=(-40, 12))
     axes[1, 0].set(xlabel="crest factor (dB)", ylabel="share of recordings under it")
     axes[1, 1].set(xlabel="modulation of level by strokes (dB)", ylabel="share of recordings under it")
+    axes[0, 2].set(xlabel="clicks: log10 of the slope's kurtosis", ylabel="share of recordings under it")
+    axes[1, 2].set(xscale="log", xlabel="frequency (Hz)", ylabel="flicker of a third octave's level (dB)")
     for axis in axes.flat:
         axis.grid(alpha=0.3)
     handles, labels = axes[0, 0].get_legend_handles_labels()
@@ -131,7 +160,9 @@ def draw_realism(path: Path, groups: Mapping[str, Mapping[str, Sequence[Traits]]
 
 def _draw_group(axes: Any, found: Sequence[Traits], **look: str) -> None:
     axes[0, 0].plot(centres(), np.median([traits.spectrum_db for traits in found], axis=0), **look)
+    axes[1, 2].plot(centres(), np.median([traits.flicker_db for traits in found], axis=0), **look)
     for axis, values in (
+        (axes[0, 2], np.array([traits.clicks for traits in found])),
         (axes[0, 1], np.concatenate([traits.level_db for traits in found])),
         (axes[1, 0], np.array([traits.crest_db for traits in found])),
         (axes[1, 1], np.array([traits.modulation_db for traits in found])),
@@ -140,11 +171,13 @@ def _draw_group(axes: Any, found: Sequence[Traits], **look: str) -> None:
         axis.plot(np.quantile(values, quantiles), quantiles, **look)
 
 
-def _thirds(power: NDArray[np.float64], frequency: NDArray[np.float64]) -> NDArray[np.float64]:
+def _thirds(
+    power: NDArray[np.float64], frequency: NDArray[np.float64], *, relative: bool = True
+) -> NDArray[np.float64]:
     edges = BAND[0] * 2 ** (np.arange(len(centres()) + 1) / _OCTAVES)
     # Low bands hold one or two bins: interpolating the running sum shares a bin between its neighbours.
     running = np.interp(edges, frequency, np.cumsum(power))
-    return np.asarray(10 * np.log10(np.diff(running) / (power.sum() + 1e-20) + 1e-12))
+    return np.asarray(10 * np.log10(np.diff(running) / (power.sum() + 1e-20 if relative else 1.0) + 1e-12))
 
 
 def _modulation(level_db: NDArray[np.float64], step: float) -> float:
@@ -156,16 +189,17 @@ def _modulation(level_db: NDArray[np.float64], step: float) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("simulated", type=Path)
+    parser.add_argument("stylus", type=Path)
+    parser.add_argument("pad", type=Path)
     parser.add_argument("real", type=Path)
     parser.add_argument("picture", type=Path, nargs="?", default=Path("realism.png"))
     args = parser.parse_args()
-    simulated = open_dataset(args.simulated).recordings
+    stylus, pad = (open_dataset(folder).recordings for folder in (args.stylus, args.pad))
     real = [recording for recording in open_dataset(args.real).recordings if recording.tier == "core"]
     groups = {
         "real (stylus, air)": measure_recordings(real, CONTACT),  # its only channel
-        "simulated air": measure_recordings(simulated, AIR),
-        "simulated contact": measure_recordings(simulated, CONTACT),
+        "simulated stylus, air": measure_recordings(stylus, AIR),
+        "simulated pad, air": measure_recordings(pad, AIR),
     }
     rows = {f"{name}, {label}": summary(traits) for name, group in groups.items() for label, traits in group.items()}
     names = next(iter(rows.values()))
