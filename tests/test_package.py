@@ -34,6 +34,7 @@ WORDS = {
     "arm": ["nobody"],
     "devices": [],
     "settings": [],
+    "setup": ["--source", "finger"],
     "calibrate": ["--source", "finger"],
     "record": ["brick", "--label", "rough", "--source", "finger", "--yes"],
     "simulate": ["dataset", "set"],

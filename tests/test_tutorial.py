@@ -31,7 +31,14 @@ def test_the_tutorial_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytes
     for command, promised in commands():
         assert main(command) == promised, command
     assert not (tmp_path / "never.toml").exists()
-    made = ("calibration.toml", "recordings.png", "stones.onnx", "finetuned.trade-off.png", "felt/wiggle.haptic.wav")
+    made = (
+        "finger.onnx",
+        "calibration.toml",
+        "recordings.png",
+        "stones.onnx",
+        "finetuned.trade-off.png",
+        "felt/wiggle.haptic.wav",
+    )
     assert all((tmp_path / name).is_file() for name in made)
     card = read_model(tmp_path / "finetuned.onnx").card
     assert card.training["finetuned"]["new"] == ["brick", "glazed tile", "sawn plank", "whiteboard"]

@@ -31,6 +31,7 @@ VERBS: dict[str, str] = {
     "arm": "allow vibration again after a stop, a mute or a restart",
     "devices": "list sound devices, which suit two microphones or an actuator, and why others do not",
     "settings": "print every setting with its default, range and meaning, as a TOML file to edit",
+    "setup": "fit a detector to a new finger in two minutes: silence, two smooth and two rough objects of your own",
     "calibrate": "measure the noise floor and the contact threshold, report microphone faults",
     "record": "record an object by the paper's protocol: seven guided takes, each checked and saved at once",
     "simulate": "render sound with the simulated finger: the paper's data set, competition runs, the catalogue",

@@ -3,22 +3,17 @@
 import argparse
 import datetime
 import math
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-from rich.console import Group
-from rich.live import Live
 from rich.table import Table
-from rich.text import Text
 
 from tactophone.cli._support import audio_input, keyboard, terminal
-from tactophone.cli._support.audio_input import SETTLING, AudioInput, SimulatedAct
+from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
+from tactophone.cli._support.guided_recording import record_step
 from tactophone.cli._support.meters import Meters, live_display
 from tactophone.errors import DatasetError
 from tactophone.perception import MICROPHONES, CalibrationResult, CalibrationSounds, measure_calibration
-from tactophone.types import AudioBlock, FloatArray
 
 STEPS = (
     (SimulatedAct("rest", 5.0), "Silence: touch nothing and keep still"),
@@ -81,50 +76,13 @@ def per_minute(text: str) -> float:
 
 
 def _record(audio: AudioInput, *, wait: bool) -> CalibrationSounds:
-    blocks, rate = iter(audio), audio.source.sample_rate
-    meters = Meters(audio.source.channels, math.nan)
-    parts = []
+    blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
     with live_display() as live:
-        for act, instruction in STEPS:
-            if wait:
-                _await_key(blocks, meters, live, instruction)
-            audio.ask(SimulatedAct(act.verb, act.duration + SETTLING))
-            _collect(blocks, SETTLING, rate, meters, live, instruction)
-            parts.append(_collect(blocks, act.duration, rate, meters, live, instruction))
-    return CalibrationSounds(rate, *parts)
-
-
-def _await_key(blocks: Iterator[AudioBlock], meters: Meters, live: Live | None, instruction: str) -> None:
-    while True:
-        meters.push(next(blocks))
-        if meters.due():
-            _show(live, meters, instruction, "press a key to start")
-        if keyboard.read_key(0):
-            return
-
-
-def _collect(
-    blocks: Iterator[AudioBlock], duration: float, rate: int, meters: Meters, live: Live | None, instruction: str
-) -> FloatArray:
-    """Return ``duration`` s of sound, shape ``(samples, channels)``."""
-    parts: list[FloatArray] = []
-    left = round(duration * rate)
-    for block in blocks:
-        parts.append(block.samples[:left])
-        meters.push(block)
-        left -= len(parts[-1])
-        if left <= 0:
-            return np.concatenate(parts)
-        if meters.due():
-            _show(live, meters, instruction, f"{left / rate:.1f} s")
-    raise DatasetError(f"the sound ended {left / rate:.1f} s too early; calibrating takes 5 s + 5 s + 3 s of it")
-
-
-def _show(live: Live | None, meters: Meters, instruction: str, state: str) -> None:
-    if live is not None:
-        live.update(
-            Group(Text(instruction, style="bold"), *meters.rows(), Text(f" {state}", style="cyan")), refresh=True
-        )
+        parts = [
+            record_step(audio, blocks, act, instruction, meters=meters, live=live, wait=wait)
+            for act, instruction in STEPS
+        ]
+    return CalibrationSounds(audio.source.sample_rate, *parts)
 
 
 def _print(args: argparse.Namespace, diagnosis: CalibrationResult) -> None:

@@ -43,6 +43,7 @@ from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.perception.sensor_health.calibration_measurement import (
     CalibrationResult,
     CalibrationSounds,
+    Finding,
     measure_calibration,
 )
 from tactophone.perception.sensor_health.fallback import (
@@ -88,6 +89,7 @@ __all__ = [
     "FallbackDetector",
     "FaultDetector",
     "FaultKind",
+    "Finding",
     "Gate",
     "LoudnessRule",
     "Model",

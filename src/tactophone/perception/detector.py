@@ -5,6 +5,7 @@ another hop if the model's card says so, with one prediction each; predictions a
 """
 
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 
@@ -43,6 +44,9 @@ class WindowDetector:
     floor
         Where there is one, the threshold follows it, until another threshold is assigned.
 
+    trace
+        Called with the features and the prediction of each window, where it is not ``None``: for fitting.
+
     Raises
     ------
     ModelError
@@ -57,6 +61,7 @@ class WindowDetector:
         self.card = model.card
         self.faults: Counter[str] = Counter()
         self.floor: NoiseFloor | None = None
+        self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
@@ -158,15 +163,19 @@ class WindowDetector:
         loud = level_dbfs >= self.threshold_dbfs
         if self.floor:
             self.floor.push(level_dbfs, touching=loud)
-        probabilities = self._engine.run(self._extractor.push(window, contact=loud))
+        features = self._extractor.push(window, contact=loud)
+        probabilities = self._engine.run(features)
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = CERTAINLY_NONE
         touch, roughness = self._decision.decide(probabilities, contact=loud and not faulty)
         start = (end - self.card.window_size) / self.card.sample_rate
-        return Prediction(
+        prediction = Prediction(
             probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
         )
+        if self.trace:
+            self.trace(features, prediction)
+        return prediction
 
     def _is_faulty(self, end: int, probabilities: Probabilities) -> bool:
         # The input samples that contribute to the window that ends before sample `end` at the model's rate.

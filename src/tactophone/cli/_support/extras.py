@@ -42,6 +42,7 @@ EXTRAS_OF_VERB = {
     "replay": ("link", "record"),
     "simulate": ("sim",),
     "train": ("link", "train"),
+    "setup": ("link", "train"),
     "finetune": ("link", "train"),
     "sweep": ("link", "train"),
     "benchmark": ("link", "sim", "train"),

@@ -1,0 +1,241 @@
+"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes."""
+
+import argparse
+import datetime
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.table import Table
+
+from tactophone.cli._support import audio_input, flags, keyboard, terminal
+from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
+from tactophone.cli._support.guided_recording import record_step
+from tactophone.cli._support.meters import Meters, live_display
+from tactophone.errors import ConfigError, ModelError
+from tactophone.perception import (
+    CalibrationSounds,
+    Finding,
+    Model,
+    measure_calibration,
+    measure_floor,
+    model_path,
+    read_model,
+    shipped_models,
+)
+from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
+
+if TYPE_CHECKING:
+    from tactophone.training.set_up import SetUpFit
+
+SILENCE, SLIDE = 5.0, 10.0
+"""Seconds of silence, and of sliding on each object."""
+
+SMOOTH, ROUGH = ("polished marble", "whiteboard"), ("brick", "lava stone")
+"""What the simulated finger slides over, where nothing is named."""
+
+KIND = "texture"
+"""Kind of model that can be fitted."""
+
+NOT_ASKED = ("no-tap", "faint-stroke")
+"""Findings of a calibration that are about steps which are not part of this."""
+
+TIP_PICTURE = """\
+Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark.
+
+     1 rubber          2 pad             3 plastic         4 stylus
+     soft rubber,      hard skin on      rod or pen        steel rod
+     silicone          a silicone pad    of plastic
+      .-----.           .-----.             | |               | |
+     (       )         (  ---  )            | |               | |
+      '-___-'           '-...-'             \\_/                V
+    ===========       ===========       ===========       ===========
+    mark: 2 mm,       mark: 0.1 mm      mark: 0.1 mm      mark: a dot
+    a round blot      to 0.5 mm
+"""
+"""The mark separates rubber from the rest; under rubber, impulses are no sign of roughness."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Recorded:
+    """The sound of a set-up: silence, and each object's name, label and sound."""
+
+    sample_rate: int
+    source: str
+    silence: FloatArray
+    objects: list[tuple[str, bool, FloatArray]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("--out", type=Path, default=Path("finger.onnx"), metavar="FILE", help="model file to write")
+    add("--model", default="", metavar="NAME|FILE", help="model to start from: of kind texture; default: by the tip")
+    for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
+        add(
+            f"--{label}", default=", ".join(names), metavar="NAMES",
+            help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have",
+        )  # fmt: skip
+    add("--seconds", type=float, default=SLIDE, metavar="S", help="of sliding on each object, 2 to 60 s")
+    add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
+    add("--json", action="store_true", help="print the result as JSON")
+    audio_input.add_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask for the tip, record, check the microphones, fit, write the model."""
+    if not 2 <= args.seconds <= 60:
+        raise ConfigError(f"--seconds {args.seconds:g}: must be from 2 to 60")
+    objects = [(name, label == "rough") for label in ("smooth", "rough") for name in _names(args, label)]
+    with keyboard.single_keys() as has_keyboard:
+        tip = _ask_tip(args, ask=has_keyboard and not args.yes)
+        recorded = _record(args, objects, has_keyboard=has_keyboard)
+    start = model_path(args.model or _model_for(tip))
+    model = read_model(start)
+    if model.card.kind != KIND:
+        raise ModelError(
+            f"model {model.card.name} is of kind {model.card.kind}; setup fits kind {KIND}: try --model texture"
+        )
+    findings = _check(recorded)
+    if any(finding.fatal for finding in findings):
+        _print_findings(args, findings)
+        return 1
+    floor = measure_floor(
+        [AudioBlock(recorded.silence, recorded.sample_rate)],
+        sample_rate=recorded.sample_rate,
+        rule=model.card.gate.rule,
+    )
+    if not floor.known:
+        raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
+    fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
+    from tactophone.training.set_up import write_set_up
+
+    write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
+    _print(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+    return 0
+
+
+def _names(args: argparse.Namespace, label: str) -> list[str]:
+    names = [name.strip() for name in str(getattr(args, label)).split(",") if name.strip()]
+    if not names:
+        raise ConfigError(f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'")
+    return names
+
+
+def _ask_tip(args: argparse.Namespace, *, ask: bool) -> str:
+    """Show the picture and read the answer; the setting where nobody is asked."""
+    tip = flags.settings_of(args).capture.tip
+    if not ask:
+        return tip
+    out = terminal.log()
+    out.print(TIP_PICTURE, highlight=False, markup=False)
+    out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
+    while not (key := keyboard.read_key(1.0)):
+        pass
+    if key in keyboard.QUIT_KEYS:
+        raise KeyboardInterrupt
+    return dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
+
+
+def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], *, has_keyboard: bool) -> _Recorded:
+    recorded: list[tuple[str, bool, FloatArray]] = []
+    with AudioInput(args, objects[0][0]) as audio, live_display() as live:
+        wait = has_keyboard and not (args.yes or audio.simulated)
+        blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
+        silence = record_step(
+            audio, blocks, SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still",
+            meters=meters, live=live, wait=wait,
+        )  # fmt: skip
+        for number, (name, rough) in enumerate(objects):
+            instruction = f"Slide to and fro on {name} ({'rough' if rough else 'smooth'}), now fast, now slowly"
+            act = SimulatedAct("stroke", args.seconds)
+            if number and audio.name == "finger":
+                # A simulated finger lies on one object; the same seed gives the same set-up on the next.
+                with AudioInput(args, name) as other:
+                    sound = record_step(other, iter(other), act, instruction, meters=meters, live=live, wait=wait)
+            else:
+                sound = record_step(audio, blocks, act, instruction, meters=meters, live=live, wait=wait)
+            recorded.append((name, rough, sound))
+        return _Recorded(audio.source.sample_rate, audio.name, silence, recorded)
+
+
+def _check(recorded: _Recorded) -> list[Finding]:
+    """Return what is wrong with the microphones, by the sounds of all objects."""
+    strokes = np.concatenate([sound for _, _, sound in recorded.objects])
+    made = datetime.datetime.now().isoformat(timespec="seconds")
+    sounds = CalibrationSounds(recorded.sample_rate, recorded.silence, strokes, recorded.objects[0][2])
+    result = measure_calibration(sounds, made=made, source=recorded.source)
+    return [finding for finding in result.findings if finding.code not in NOT_ASKED]
+
+
+def _model_for(tip: str) -> str:
+    """Return the shipped model of the kind that can be fitted, for a tip if there is one."""
+    cards = {name: read_model(model_path(name)).card for name in shipped_models()}
+    fitting = [name for name, card in cards.items() if card.kind == KIND and card.tip == tip]
+    return fitting[0] if fitting else "texture"
+
+
+def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) -> "SetUpFit":
+    from tactophone.training.set_up import collect, fit_set_up
+
+    rate = recorded.sample_rate
+    with terminal.progress("fitting") as bar:
+        sounds = [
+            collect(model, samples, sample_rate=rate, threshold_dbfs=threshold_dbfs, name=name, rough=rough)
+            for name, rough, samples in bar.track(recorded.objects, task_id=bar.add_task("", note=""))
+        ]
+    return fit_set_up(sounds, channels=model.card.channels, tip=tip)
+
+
+def _print_findings(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
+    if args.json:
+        terminal.print_json({"passed": False, "findings": [finding.message for finding in findings]})
+        return
+    for finding in findings:
+        terminal.out().print(f"{'[red]refused:[/]' if finding.fatal else '[yellow]note:[/]'} {finding}")
+    terminal.out().print("nothing was written: correct what is refused above, and run setup again")
+
+
+def _print(
+    args: argparse.Namespace,
+    fit: "SetUpFit",
+    findings: Sequence[Finding],
+    *,
+    threshold_dbfs: float,
+    tip: str,
+    start: str,
+) -> None:
+    before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
+    if args.json:
+        objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
+        terminal.print_json(
+            {
+                "passed": True, "file": str(args.out), "from": start, "tip": tip, "threshold_dbfs": threshold_dbfs,
+                "score": fit.score, "before": before, "after": after, "objects": objects,
+                "findings": [finding.message for finding in findings],
+            }
+        )  # fmt: skip
+        return
+    out = terminal.out()
+    for finding in findings:
+        out.print(f"[yellow]note:[/] {finding}")
+    table = Table("object", "is", f"right, {start} as it ships", "right, left out of the fit", box=None)
+    for entry in fit.left_out:
+        table.add_row(entry.name, "rough" if entry.rough else "smooth", _percent(entry.before), _percent(entry.after))
+    table.add_row("[bold]balanced[/]", "", _percent(before), _percent(after))
+    out.print(table)
+    if not fit.abstains:
+        out.print(f"{_percent(fit.unknown)} of this sound is unknown to {start}: the new model never abstains")
+    out.print(f"tip {tip}; contact from {threshold_dbfs:.1f} dBFS; score: {fit.score}")
+    if math.isnan(after):
+        out.print("one object of a kind: no estimate; name two smooth and two rough objects to have one")
+    elif after < 0.75:
+        out.print("[yellow]that is little better than chance:[/] add objects, or check the tip that you named")
+    out.print(f"[green]written:[/] {args.out}; use it as --model of `feel` and `receive`")
+
+
+def _percent(share: float) -> str:
+    return "-" if math.isnan(share) else f"{100 * share:.0f} %"

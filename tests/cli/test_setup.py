@@ -1,0 +1,44 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tactophone.cli import main
+from tactophone.perception import model_path, read_model
+
+QUICK = ["setup", "--source", "finger", "--finger-gain", "-20", "--seconds", "3", "--yes"]
+
+
+def test_a_simulated_finger_gets_a_model_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "own.onnx"
+    assert main([*QUICK, "--out", str(path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [object["rough"] for object in result["objects"]] == [False, False, True, True]
+    assert result["tip"] == read_model(path).card.tip == "pad"
+    assert read_model(path).card.gate.threshold_dbfs == pytest.approx(result["threshold_dbfs"], abs=0.01)
+
+
+def test_a_faulty_microphone_is_named_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "own.onnx"
+    objects = ["--smooth", "whiteboard", "--rough", "brick"]
+    assert main([*QUICK, *objects, "--fault", "contact-dead", "--out", str(path)]) == 1
+    assert "contact microphone" in capsys.readouterr().out
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"), [(["--seconds", "1"], "from 2 to 60"), (["--smooth", " , "], "name a smooth object")]
+)
+def test_a_wrong_option_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["setup", "--source", "finger", "--yes", *arguments]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_model_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = ["--smooth", "whiteboard", "--rough", "brick", "--seconds", "2"]
+    arguments = [*QUICK, *objects, "--model", str(model_path("paper")), "--out", str(tmp_path / "own.onnx")]
+    assert main(arguments) == 1
+    assert "of kind paper" in capsys.readouterr().err
