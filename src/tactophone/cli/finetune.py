@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
         task = bar.add_task("", total=None, note="")
         trained = finetuning.train_on_both(
             job, data,
+            reading=lambda done, count: bar.update(task, completed=done, total=count, note="reading"),
             report=lambda at: bar.update(task, completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
         )  # fmt: skip
     share = _choose(args, job, trained, data)

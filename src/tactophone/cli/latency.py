@@ -55,14 +55,15 @@ def run(args: argparse.Namespace) -> int:
         measured = measure(
             settings, graph, impulses=args.impulses, progress=lambda share: bar.update(task, completed=share)
         )
-        delays = None if args.no_decisions else measure_decisions(open_pipeline_for(settings, channels=2))
+        decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
+        delays = measure_decisions(decider) if decider else None
     if args.json:
-        terminal.print_json(as_figures(measured, delays))
+        terminal.print_json({**as_figures(measured, delays), "detector": decider.detector_name if decider else None})
         return 0
     terminal.out().print(_table(measured, delays))
     terminal.out().print(_notes(measured, settings, dummy=args.dummy), soft_wrap=True)
-    if delays is not None:
-        terminal.out().print(_decision_notes(delays), soft_wrap=True)
+    if decider and delays is not None:
+        terminal.out().print(_decision_notes(delays, decider.detector_name), soft_wrap=True)
     return 0
 
 
@@ -130,12 +131,13 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
     return "\n".join(words)
 
 
-def _decision_notes(delays: "DecisionDelays") -> str:
+def _decision_notes(delays: "DecisionDelays", model: str) -> str:
     from tactophone.measurement import MAX_DECISION_DELAY
 
     touches, edges = len(delays.touch) + delays.missed_touches, len(delays.edge) + delays.missed_edges
     return (
-        "Decisions: simulated finger, virtual time, packets of 2.5 ms; link and devices add to it. "
+        f"Decisions of the detector {model}: simulated finger, virtual time, packets of 2.5 ms; link and devices add "
+        "to it. "
         f"{touches} touches, {delays.missed_touches} missed; {edges} edges between smooth and rough, "
         f"{delays.missed_edges} not detected within {MAX_DECISION_DELAY:g} s."
     )

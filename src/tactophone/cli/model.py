@@ -74,11 +74,18 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
         ("model", f"{card.name}, of kind {card.kind}"),
         ("input", f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz"),
         ("window", f"{card.window_size} samples, {1000 * duration:.1f} ms; one every {1000 * hop:.2f} ms"),
+        ("delay", f"of {card.name}: a change fills its window after {1000 * duration:.0f} ms; {_confirming(card)}"),
         ("contact", f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window"),
         ("rough", f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row"),
     ]
     known = {name: getattr(card, name) for name in ("settings", "training", "scores")}
     return [*lines, *_outline(known), ("licence", card.licence or "not stated")]
+
+
+def _confirming(card: ModelCard) -> str:
+    """Say how long the decision rule waits besides."""
+    waits = 1000 * (card.decision.confirm - 1) * float(card.hop) / card.sample_rate
+    return f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"
 
 
 def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, str]]:

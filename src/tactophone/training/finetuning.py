@@ -125,9 +125,22 @@ def _settings(card: ModelCard, strategy: Strategy, calibration: Calibration | No
 
 
 def train_on_both(
-    job: NetworkJob, data: FinetuningData, *, report: Callable[[Progress], None] = silent
+    job: NetworkJob,
+    data: FinetuningData,
+    *,
+    reading: Callable[[int, int], None] = silent,
+    report: Callable[[Progress], None] = silent,
 ) -> dict[str, FloatArray]:
     """Train on new and replayed recordings; return the parameters.
+
+    Parameters
+    ----------
+    job, data
+        Of the fine-tuning.
+    reading
+        Called with the recordings read, and with how many there are.
+    report
+        Called with the progress of the training.
 
     Raises
     ------
@@ -137,7 +150,8 @@ def train_on_both(
     recordings = [*data.new, *data.replay]
     if {recording.label for recording in recordings} != {Touch.SMOOTH, Touch.ROUGH}:
         raise DatasetError("new and general recordings together hold one label only; smooth and rough are needed")
-    return job.fit(job.read_windows(recordings), report=report)
+    count = len(recordings)
+    return job.fit(job.read_windows(recordings, report=lambda done: reading(done, count)), report=report)
 
 
 def mixtures(
