@@ -100,7 +100,9 @@ class Rendering:
     """How predictions become vibration, and how strong it may be."""
 
     profile: str = _setting(
-        "paper", "rendering profile: paper, perceptual, erm, lra, piezo, dualsense; or the sound itself: direct, pitch"
+        "paper",
+        "rendering profile: paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: direct, pitch, "
+        "median-frequency",
     )
     ceiling: float = _setting(
         DEFAULT_CEILING,
