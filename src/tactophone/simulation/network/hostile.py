@@ -20,6 +20,9 @@ from tactophone.link.srtp import PROFILE
 Answer = Callable[[bytes], list[bytes]]
 """Sends a datagram to the answerer; returns its replies."""
 
+POLL_INTERVAL = 0.02
+"""Seconds between two polls of a caller."""
+
 CERTIFICATE_FAULTS = ("version", "month")
 
 
@@ -85,6 +88,7 @@ class DelayedLine:
         self.answerer, self.address, self.delay = answerer, address, delay
         self.callers: dict[Address, Session] = {}
         self.now = 0.0
+        self._next_poll: dict[Address, float] = {}
         self._queue: list[tuple[float, int, Address, bool, bytes]] = []
         self._numbers = itertools.count()
 
@@ -93,8 +97,10 @@ class DelayedLine:
         self.now += duration
         self.answerer.poll(self.now)
         for address, caller in self.callers.items():
-            caller.poll(self.now)
-            self._collect(address, caller)
+            if self.now >= self._next_poll.get(address, 0.0):
+                self._next_poll[address] = self.now + POLL_INTERVAL
+                caller.poll(self.now)
+                self._collect(address, caller)
         while self._queue and self._queue[0][0] <= self.now:
             _, _, address, to_answerer, datagram = heapq.heappop(self._queue)
             if to_answerer:
