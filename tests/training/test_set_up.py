@@ -7,15 +7,13 @@ import pytest
 from tactophone.errors import ModelError
 from tactophone.perception import FEATURES, LOG_PROBABILITIES, model_path, read_model
 from tactophone.training.set_up import (
-    NEVER,
     ObjectSound,
     collect,
-    corrected,
     fit_boundary,
     fit_set_up,
     impulse_columns,
-    write_set_up,
 )
+from tactophone.training.set_up_model import NEVER, corrected, write_set_up
 from tests.sounds import noise
 
 COLUMNS = impulse_columns(40, 1)

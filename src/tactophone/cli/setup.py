@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
     if not floor.known:
         raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
     fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    from tactophone.training.set_up import write_set_up
+    from tactophone.training.set_up_model import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
     _print(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
