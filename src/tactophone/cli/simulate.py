@@ -52,6 +52,7 @@ def _dataset_arguments(add: Callable[..., object]) -> None:
     add("--takes", default="all", metavar="LIST", help=words)
     add("--scenarios", action="store_true", help="render movable objects held, on a table and in a box")
     add("--opus", action="store_true", help="pass the sound through Opus, as the paper did")
+    add("--hall", action="store_true", help="in the competition's noise: a hall full of people, and running motors")
     add("--authors-layout", action="store_true", help="write opus/stereo/NN_variant.wav, as the paper's authors do")
     add("--jobs", type=int, default=cores, help="processes, 1 or more")
 
@@ -112,7 +113,13 @@ def _dataset(args: argparse.Namespace) -> int:
     from tactophone.simulation import PAPER, RenderOptions, plan_dataset, render_dataset, write_manifest
 
     options = RenderOptions(
-        args.seconds, args.seed, opus=args.opus, authors_layout=args.authors_layout, bits=args.bits, tip=args.tip
+        args.seconds,
+        args.seed,
+        opus=args.opus,
+        hall=args.hall,
+        authors_layout=args.authors_layout,
+        bits=args.bits,
+        tip=args.tip,
     )
     objects = _objects_named(args.objects)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):

@@ -25,7 +25,7 @@ from tactophone.simulation.content.takes import TAKES, Take
 from tactophone.simulation.physics.modes import Mounting
 from tactophone.simulation.physics.motion import Hand, Move
 from tactophone.simulation.physics.scene import Scene, single
-from tactophone.simulation.physics.session_variation import SessionVariation
+from tactophone.simulation.physics.session_variation import COMPETITION, SessionVariation
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
 from tactophone.simulation.physics.tip import tip_named
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
@@ -52,6 +52,8 @@ class RenderOptions:
         Of sessions, strokes and noise.
     opus
         Whether the sound passes through Opus.
+    hall
+        Whether the room is the competition's: a hall full of people, and running motors.
     authors_layout
         ``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``.
     bits
@@ -63,6 +65,7 @@ class RenderOptions:
     duration: float = DURATION
     seed: int = 0
     opus: bool = False
+    hall: bool = False
     authors_layout: bool = False
     bits: int = 16
     tip: str = DEFAULT_TIP
@@ -150,7 +153,8 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     """Render one recording: the sound, shape ``(samples, 2)`` at 48 kHz, and the ground truth."""
     scene = single(job.object, job.mounting)
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
-    session = SessionVariation.draw(job.session, tip=job.options.tip)
+    electronics = COMPETITION if job.options.hall else None
+    session = SessionVariation.draw(job.session, electronics, tip=job.options.tip)
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     return (through_opus(block.samples) if job.options.opus else block.samples), finger.truth

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset import Recording
@@ -23,7 +24,7 @@ from tactophone.training.features.feature_tracks import (
     extract_features,
     mean_shifts,
 )
-from tactophone.types import FloatArray, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 FALSE_CONTACTS = 0.01
 """Share of windows without contact that pass the gate's threshold."""
@@ -136,8 +137,13 @@ def build_training_set(
     DatasetError
         If there is no contact in all rough or all smooth recordings.
     """
-    specs = [spec, *(replace(spec, codec=codec) for codec in codecs)]
-    tracks = [track for each in specs for track in extract_features(recordings, each)]
+    tracks = extract_features(recordings, spec)
+    # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
+    at_rate = (
+        [each for each in recordings if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE] if codecs else []
+    )
+    for codec in codecs:
+        tracks += extract_features(at_rate or recordings, replace(spec, codec=codec))
     threshold_dbfs = contact_threshold(tracks)
     masks = [track.touching() & (track.level_dbfs >= _threshold_for(track, threshold_dbfs)) for track in tracks]
     sizes = [int(mask.sum()) for mask in masks]
