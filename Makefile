@@ -68,24 +68,32 @@ docs: $(READY)  ## the documentation site, in build/site
 lock:
 	scripts/lock
 
-# Trains the shipped models again, from simulated sound alone (docs/guide/training.md); about 15 minutes.
-# With TACTOPHONE_RECORDINGS set to a folder of real recordings, the one-channel models are scored on those too.
-DATASET = build/stones
-MODELS  = src/tactophone/perception/models
-RECIPES = $(shell $(BIN)/python -c "from tactophone.training.recipes import SHIPPED; print(*SHIPPED)")
-TRAIN   = $(BIN)/python -m tactophone train $(DATASET) --filter split=train --opus-bitrate 96 --precision bfloat16
-SCORE   = $(BIN)/python -m tactophone evaluate
+# Trains the shipped models again, on the authors' 20 training objects: one for the pad, one for the stylus, and the
+# paper's network; about 10 minutes. With TACTOPHONE_RECORDINGS set to a folder of real recordings, the stylus learns from its `lmt` too.
+SETS   = build/sets
+MODELS = src/tactophone/perception/models
+RENDER = $(BIN)/python -m tactophone simulate dataset --seconds 6 --objects $(shell seq -s, 0 19)
+TRAIN  = $(BIN)/python -m tactophone train --opus-bitrate 96
+SCORE  = $(BIN)/python -m tactophone evaluate
+TEST   = --objects 23,24,25,26,27,28,29,30,31,32 --takes long_medium,short_light,wiggle
+LMT    = $(wildcard $(TACTOPHONE_RECORDINGS)/lmt)
 model: $(READY)
-	$(BIN)/python -m tactophone simulate dataset $(DATASET) --seconds 10
-	for recipe in $(RECIPES); do $(TRAIN) --recipe $$(echo $$recipe | sed s/^paper$$/paper-fast/) --out $(MODELS)/$$recipe.onnx || exit; done
-	$(TRAIN) --recipe paper-fast --variant one-channel --out $(MODELS)/paper-mono.onnx
-	for model in $(RECIPES) paper-mono; do \
-	  $(SCORE) $$model --data $(DATASET) --filter split=test --note "simulated, held out" || exit; \
+	$(RENDER) $(SETS)/pad-train --takes long_medium,short_light,wiggle --seed 21
+	$(RENDER) $(SETS)/pad-hall --takes long_loud,short_medium --hall --seed 24
+	$(RENDER) $(SETS)/stylus-train --tip stylus --takes long_medium,short_light,wiggle --seed 22
+	$(RENDER) $(SETS)/stylus-hall --tip stylus --takes long_loud,short_medium --hall --seed 25
+	$(TRAIN) $(SETS)/pad-train --also $(SETS)/pad-hall --recipe texture --out $(MODELS)/texture.onnx
+	$(TRAIN) $(SETS)/stylus-train --also $(SETS)/stylus-hall $(addprefix --also ,$(LMT)) --recipe texture --channels 1 \
+	  --microphone air --tip stylus --out $(MODELS)/stylus.onnx
+	$(TRAIN) $(SETS)/pad-train --also $(SETS)/pad-hall --recipe paper-fast --precision bfloat16 --out $(MODELS)/paper.onnx
+	$(TRAIN) $(SETS)/pad-train --also $(SETS)/pad-hall --recipe paper-fast --precision bfloat16 --variant one-channel \
+	  --out $(MODELS)/paper-mono.onnx
+	$(RENDER) $(SETS)/pad-test $(TEST) --seed 31
+	$(RENDER) $(SETS)/stylus-test --tip stylus $(TEST) --seed 32
+	for model in texture paper paper-mono; do \
+	  $(SCORE) $$model --data $(SETS)/pad-test --note "simulated, held out" || exit; \
 	done
-	test ! -d "$(TACTOPHONE_RECORDINGS)/lmt" || for model in $(filter-out paper,$(RECIPES)) paper-mono; do \
-	  $(SCORE) $$model --data "$(TACTOPHONE_RECORDINGS)/lmt" --filter tier=core \
-	    --note "real, lmt core (air microphone)" || exit; \
-	done
+	$(SCORE) stylus --data $(SETS)/stylus-test --note "simulated, held out"
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

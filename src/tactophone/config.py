@@ -44,7 +44,11 @@ class Capture:
         "PortAudio device (name or number), recording to play, seed of the simulated finger, or topic; "
         "empty: the default",
     )
-    tip: str = _choice(DEFAULT_TIP, "tip that touches: the simulated finger's", TIP_NAMES)
+    tip: str = _choice(
+        DEFAULT_TIP,
+        "tip that touches: it chooses the model where none is named, and is the simulated finger's",
+        TIP_NAMES,
+    )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
     block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
@@ -78,9 +82,7 @@ class Link:
 class Detector:
     """What classifies the sound."""
 
-    model: str = _setting(
-        "", "name of a shipped model, or path of a model file; empty: the default for the number of microphones"
-    )
+    model: str = _setting("", "name of a shipped model, or path of a model file; empty: the shipped model for the tip")
     calibration: str = _setting(
         "", "file written by `tactophone calibrate`: contact threshold and microphone check; empty: none"
     )

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from tactophone.haptics import Limits, open_profile, peak_amplitude
 from tactophone.perception import AnyTouchDetector, EventDetector, EventMerger, default_model, open_detector
-from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.types import DEFAULT_TIP, AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
 
 
 class Pipeline:
@@ -128,13 +128,14 @@ def open_pipeline(
     fast_contact: bool = True,
     follow_floor: bool = True,
     events: bool = False,
+    tip: str = DEFAULT_TIP,
 ) -> Pipeline:
     """Open a pipeline for sound of a given rate and channel count.
 
     Parameters
     ----------
     model
-        Name of a shipped model, or path of a model file; empty: the default for so many channels.
+        Name of a shipped model, or path of a model file; empty: the shipped model for the tip.
     sample_rate
         Of the sound to come, in Hz; 2000 or more.
     channels
@@ -150,6 +151,8 @@ def open_pipeline(
         `Pipeline.threshold_dbfs` ends the following.
     events
         Detect touch events (taps, strokes, slips); the profile ``events`` always does.
+    tip
+        Tip that touches, one of `tactophone.types.TIP_NAMES`.
 
     Raises
     ------
@@ -159,7 +162,7 @@ def open_pipeline(
         If there is no such profile.
     """
     detector = open_detector(
-        model or default_model(channels),
+        model or default_model(channels, tip),
         sample_rate=sample_rate,
         fast_contact=fast_contact,
         follow_floor=follow_floor,

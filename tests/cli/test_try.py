@@ -114,10 +114,10 @@ def test_what_is_felt_equals_what_feel_gives_for_the_file(
     assert "live" in text(listener, "listen-state")
     felt = np.concatenate(rows)
     begin = offset(np.concatenate(captured), sound)
-    assert operator.snapshot().state.detector == "impulses"
+    assert operator.snapshot().state.detector == "stylus"
 
     captured_part = sound[begin:] if begin >= 0 else np.concatenate([np.zeros(-begin, np.float32), sound])
-    pipeline = open_pipeline("impulses", sample_rate=RATE, channels=1)
+    pipeline = open_pipeline("stylus", sample_rate=RATE, channels=1)
     expected = pipeline.push(AudioBlock(np.ascontiguousarray(captured_part[:, None]), RATE, 0)).predictions
     live = {round(1000 * row["end"]): row for row in felt}
     pairs = [(item, live[round(1000 * item.end)]) for item in expected if round(1000 * item.end) in live]

@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 
 from tactophone.perception import (
-    SUPPORTS_MISSING_CHANNEL,
+    TIP_MODELS,
     default_model,
     fallback_model,
     model_path,
     open_detector,
     read_model,
     shipped_models,
+    tip_mismatch,
 )
-from tactophone.training.recipes import RECIPES, SHIPPED
-from tactophone.types import AudioBlock, Touch
+from tactophone.training.recipes import SHIPPED
+from tactophone.types import TIP_NAMES, AudioBlock, Touch
 from tests.sounds import blocks
 
 PAPERS = {"paper": 2, "paper-mono": 1}
-ON_FEATURES = [name for name in SHIPPED if name not in PAPERS]
+ON_FEATURES = sorted(set(TIP_MODELS.values()))
 RATE = 48_000
-REAL_SCORES = "real, lmt core (air microphone)"
 
 
 def hiss(channels: int) -> np.ndarray:
@@ -27,14 +27,13 @@ def hiss(channels: int) -> np.ndarray:
 
 
 def test_the_shipped_recipes_models_are_in_the_package_and_take_a_few_megabytes() -> None:
-    assert set(shipped_models()) == {*PAPERS, *SHIPPED}
+    assert set(shipped_models()) == {*PAPERS, *SHIPPED, *TIP_MODELS.values()}
     assert sum(model_path(name).stat().st_size for name in shipped_models()) < 5_000_000
 
 
 @pytest.mark.parametrize(("name", "channels"), PAPERS.items())
 def test_each_card_of_the_network_has_the_papers_settings_and_its_scores(name: str, channels: int) -> None:
     card = read_model(model_path(name)).card
-    assert default_model(channels) == name
     assert (card.name, card.channels, card.sample_rate, card.window_size) == (name, channels, 2000, 512)
     assert (card.gate.threshold_dbfs, card.gate.rule) == (-26.0, "rms")
     assert card.training["settings"]["labelling"]["loudness"] == "rms"
@@ -47,16 +46,16 @@ def test_each_card_of_the_network_has_the_papers_settings_and_its_scores(name: s
 def test_each_card_has_scores_on_held_out_sound(name: str) -> None:
     card = read_model(model_path(name)).card
     assert card.name == name
-    assert "simulated sound alone" in card.licence
-    assert "real sound" in card.scores
+    assert ("simulated sound alone" in card.licence) == (name != "stylus")
+    assert ("real sound" in card.scores) == (name != "stylus")
     assert "simulated, held out" in card.scores
-    assert (REAL_SCORES in card.scores) == (card.channels == 1 or card.kind in SUPPORTS_MISSING_CHANNEL)
 
 
 @pytest.mark.parametrize("name", ON_FEATURES)
 def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: str) -> None:
     card = read_model(model_path(name)).card
-    assert (card.kind, card.training["recipe"]) == (RECIPES[name].features, name)
+    assert (card.kind, card.training["recipe"]) == ("texture", "texture")
+    assert (card.tip, card.settings["memory"]) == ("stylus" if name == "stylus" else "pad", 0.25)
     for channels in (1, 2):
         detector = open_detector(name, sample_rate=RATE)
         predictions = [each for block in blocks(hiss(channels), 4800) for each in detector.push(block)]
@@ -69,8 +68,25 @@ def test_a_model_that_works_without_air_is_its_own_fallback() -> None:
     assert fallback_model("texture") == "texture"
 
 
-def test_impulses_uses_the_air_microphone_where_there_are_two() -> None:
+def test_the_stylus_uses_the_air_microphone_where_there_are_two() -> None:
     sound = hiss(2)
-    alone, both = (open_detector("impulses", sample_rate=RATE) for _ in range(2))
+    alone, both = (open_detector("stylus", sample_rate=RATE, fast_contact=False) for _ in range(2))
     air = np.ascontiguousarray(sound[:, 1:])
     assert both.push(AudioBlock(sound, RATE)) == alone.push(AudioBlock(air, RATE))
+
+
+def test_the_card_of_the_stylus_names_the_sources_and_their_terms() -> None:
+    licence = read_model(model_path("stylus")).card.licence
+    for words in ("LMT", "Strese", "no recordings", "simulated"):
+        assert words in licence
+
+
+@pytest.mark.parametrize("tip", TIP_NAMES)
+def test_each_tip_has_its_model_and_a_mismatch_is_reported(tip: str) -> None:
+    for channels in (1, 2):
+        assert default_model(channels, tip) == TIP_MODELS.get(tip, "texture")
+    texture, stylus = (read_model(model_path(name)).card for name in ("texture", "stylus"))
+    assert bool(tip_mismatch(texture, tip)) == (tip != "pad")
+    assert bool(tip_mismatch(stylus, tip)) == (tip in ("pad", "rubber"))
+    assert "use --model stylus" in tip_mismatch(texture, "stylus")
+    assert "train one" in tip_mismatch(texture, "rubber")

@@ -17,7 +17,7 @@ _STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
         "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
         "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
         "scalogram-cnn": (PURPLE, "-"),
-        "surface": (ORANGE, ":"), "impulses": (ORANGE, "-."), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
+        "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
         "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
         "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
     }

@@ -25,9 +25,10 @@ from tactophone.perception import (
     model_path,
     read_model,
     shipped_models,
+    tip_mismatch,
 )
 from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.types import PipelineStep, TouchEvent
+from tactophone.types import DEFAULT_TIP, TIP_NAMES, PipelineStep, TouchEvent
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,8 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--model", metavar="NAME|FILE",
         help=f"a model file, or a shipped model ({', '.join(shipped_models()) or 'none'}); "
-        "default: the shipped model for the recording's number of channels",
+        "default: the shipped model for the tip",
     )  # fmt: skip
+    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touched the surface")
     add(
         "--profile",
         default="paper",
@@ -167,6 +169,9 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
 def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     source = FileSource(path)
     pipeline, floor = _open_pipeline(source, args)
+    model = args.model or default_model(source.channels, args.tip)
+    if warning := tip_mismatch(read_model(model_path(model)).card, args.tip):
+        terminal.log().print(f"{path}: {warning}", soft_wrap=True)
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
     events: list[TouchEvent] = []
@@ -216,7 +221,7 @@ def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
 
 
 def _open_pipeline(source: FileSource, args: argparse.Namespace) -> tuple[Pipeline, RecordingFloor | None]:
-    model = args.model or default_model(source.channels)
+    model = args.model or default_model(source.channels, args.tip)
     pipeline = open_pipeline(
         model,
         sample_rate=source.sample_rate,
@@ -243,7 +248,7 @@ def _print(result: _Result) -> None:
     show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
     show(f"  model      {escape(result.pipeline.detector_name)}{', for one channel' if result.chosen_for_mono else ''}")
     if result.chosen_for_mono:
-        show("             (if that is an air microphone, use --model impulses)")
+        show("             (taken as the contact microphone; of a rod with its microphone on it, state --tip stylus)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     show(f"  threshold  {_threshold(result)}", soft_wrap=True)
     if result.events:

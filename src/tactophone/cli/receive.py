@@ -10,6 +10,7 @@ FLAGS = {
     "--device": "output.device",
     "--actuator-port": "output.port",
     "--actuator-channel": "output.channel",
+    "--tip": "capture.tip",
     "--model": "detector.model",
     "--calibration": "detector.calibration",
     "--contact-threshold": "detector.threshold_dbfs",

@@ -31,11 +31,13 @@ from tactophone.perception.model_file import (
     read_model,
 )
 from tactophone.perception.model_registry import (
+    TIP_MODELS,
     default_model,
     fallback_model,
     model_path,
     open_detector,
     shipped_models,
+    tip_mismatch,
 )
 from tactophone.perception.noise_floor import SILENT_DBFS, NoiseFloor
 from tactophone.perception.recording_floor import RecordingFloor, measure_floor
@@ -73,6 +75,7 @@ __all__ = [
     "SILENT_DBFS",
     "SILENT_POWER",
     "SUPPORTS_MISSING_CHANNEL",
+    "TIP_MODELS",
     "AnyTouchDetector",
     "BandFeatures",
     "Calibration",
@@ -118,5 +121,6 @@ __all__ = [
     "rough_share",
     "shipped_models",
     "texture_features",
+    "tip_mismatch",
     "with_fallback",
 ]

@@ -1,18 +1,24 @@
 """Opens a detector by name or path: the models inside the package, and files of the user's own."""
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 
 from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.features.extractors import SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import read_model
+from tactophone.perception.model_file import ModelCard, read_model
 from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 from tactophone.perception.touch_detector import TouchDetector
+from tactophone.types import DEFAULT_TIP
 
-DEFAULTS = {1: "paper-mono", 2: "paper"}
-"""The model for sound of so many channels, where none is named."""
+TIP_MODELS: Mapping[str, str] = MappingProxyType({"pad": "texture", "plastic": "stylus", "stylus": "stylus"})
+"""The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
+
+PAPER_MONO = "paper-mono"
+"""Replaces the paper's network where only the contact microphone works."""
 
 _FOLDER = Path(str(files("tactophone.perception"))) / "models"
 
@@ -40,9 +46,24 @@ def model_path(name: str) -> Path:
     )
 
 
-def default_model(channels: int) -> str:
-    """Return the name of the shipped model for sound of so many channels."""
-    return DEFAULTS[min(channels, 2)]
+def default_model(channels: int, tip: str = DEFAULT_TIP) -> str:
+    """Return the name of the shipped model for a tip; each works with one channel as with two.
+
+    A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
+    """
+    del channels
+    return TIP_MODELS.get(tip, TIP_MODELS[DEFAULT_TIP])
+
+
+def tip_mismatch(card: ModelCard, tip: str) -> str:
+    """Return what is wrong with a model for a tip, and what to do; empty if they fit or the card names no tip.
+
+    A tip decides the sign of some features: what is rough under one may come out smooth under another.
+    """
+    if not card.tip or card.tip == tip or TIP_MODELS.get(tip, tip) == TIP_MODELS.get(card.tip, card.tip):
+        return ""
+    right = f"use --model {TIP_MODELS[tip]}" if tip in TIP_MODELS else "train one on recordings of your finger"
+    return f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap; {right}"
 
 
 def fallback_model(name: str) -> str | None:
@@ -53,7 +74,7 @@ def fallback_model(name: str) -> str | None:
     kind = read_model(model_path(name)).card.kind
     if kind in SUPPORTS_MISSING_CHANNEL:
         return name
-    return DEFAULTS[1] if kind == "paper" else None
+    return PAPER_MONO if kind == "paper" else None
 
 
 def open_detector(

@@ -42,6 +42,7 @@ from tactophone.runtime.wiring import (
     open_renderer,
     open_session,
     send_outgoing,
+    tip_warning,
 )
 from tactophone.telemetry import MARKS, Controls, Fault, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep, Prediction, Touch
@@ -243,7 +244,7 @@ class Operator:
 
     def _follow_network(self) -> None:
         process, checked_at = self._settings.process, 0.0
-        warnings = {"priority": prioritize_thread(process.priority)}
+        warnings = {"priority": prioritize_thread(process.priority), "other_tip": tip_warning(self._settings)}
         if process.lock_memory:
             warnings["memory"] = lock_memory()
         self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)

@@ -53,7 +53,7 @@ class SessionRecorder:
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     chosen = settings.detector.model
-    models = [chosen] if chosen else sorted({default_model(channels) for channels in (1, 2)})
+    models = [chosen] if chosen else [default_model(2, settings.capture.tip)]
     calibration = settings.detector.calibration
     return RunStart(
         role=role,

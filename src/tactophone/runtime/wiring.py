@@ -50,6 +50,7 @@ from tactophone.perception import (
     model_path,
     open_detector,
     read_model,
+    tip_mismatch,
     with_fallback,
 )
 from tactophone.pipeline import Pipeline, open_events
@@ -127,7 +128,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     Its detector falls back safely when a microphone is faulty, unless the settings say otherwise.
     """
     chosen, profile = settings.detector, settings.rendering.profile
-    model = chosen.model or default_model(channels)
+    model = chosen.model or default_model(channels, settings.capture.tip)
     calibration = _calibration(chosen.calibration, channels)
     detector: AnyTouchDetector
     detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
@@ -147,6 +148,12 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         Limits(ceiling=settings.rendering.ceiling),
         events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels) if profile == "events" else None,
     )
+
+
+def tip_warning(settings: Settings) -> str:
+    """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
+    model = settings.detector.model or default_model(2, settings.capture.tip)
+    return tip_mismatch(read_model(model_path(model)).card, settings.capture.tip)
 
 
 def microphone_faults(detector: AnyTouchDetector) -> Iterator[Fault]:

@@ -218,10 +218,6 @@ _LISTED = (
         "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=4, memory=0.25,
         augmentation=Augmentation(), shipped=True,
     ),
-    Recipe(
-        "impulses", "crest of one air microphone's sound, and how much it varies", "texture",
-        f"{_BASELINES}:build_impulses", decision=_CONFIRMED, microphone="air", change_detection=False, shipped=True,
-    ),
     Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),
     Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues", f"{_BASELINES}:build_rules"),
     Recipe(

@@ -12,7 +12,7 @@ from tactophone.config import Settings
 from tactophone.runtime.wiring import OpenSource
 from tactophone.types import Source
 
-MODEL = "impulses"
+MODEL = "stylus"
 """The shipped model for one air microphone; `paper-mono` was trained on a contact microphone."""
 
 

@@ -11,7 +11,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
-from tactophone.perception import BAND_VALUES, CREST_INDEX, CUES
+from tactophone.perception import CUES
 from tactophone.training.features.examples import Floats
 from tactophone.training.features.onnx_graph import build_known, build_linear, fill_missing
 from tactophone.training.features.training_set import TrainingSet
@@ -98,27 +98,6 @@ def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]
     errors = model.predict(standard) - height
     spread = float(np.sqrt(np.average(np.square(errors), weights=weights)))
     return model.coef_ / scale, centre, float(model.intercept_), spread
-
-
-def build_impulses(training_set: TrainingSet) -> onnx.ModelProto:
-    """Classify by the crest of the sound plus its variation, equally weighted.
-
-    What spectra and levels say about roughness in simulated sound is contradicted by real sound of another finger and
-    microphone. That rough is more transient holds in both (and in the paper, section III-C); so only the boundary and
-    the steepness around it are fitted (docs/research/detector.md). Two cues of equal weight are hard to improve on
-    where samples differ from practice (Dawes, "The robust beauty of improper linear models", 1979).
-    """
-    from sklearn.linear_model import LogisticRegression
-
-    examples = training_set.examples.thinned()
-    centre, scale = examples.moments()
-    direction = np.zeros(len(centre))
-    # The means of all values come first, then their deviations.
-    direction[[CREST_INDEX, BAND_VALUES + CREST_INDEX]] = 0.5
-    direction /= scale
-    score = (examples.features - centre) @ direction
-    model = LogisticRegression().fit(score[:, None], examples.rough, sample_weight=examples.weights())
-    return build_linear(centre, model.coef_[0, 0] * direction, float(model.intercept_[0]))
 
 
 def build_boosting(training_set: TrainingSet) -> onnx.ModelProto:

@@ -1,0 +1,66 @@
+"""How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, gaps; simulated sound.
+
+python benchmarks/demo_scores.py [--seeds 30] [--tip pad] [--model NAME]
+
+The strokes and the competition's noise are those of `tactophone demo`, through the pipeline without the network.
+"""
+
+import argparse
+
+import numpy as np
+
+from tactophone.pipeline import open_pipeline
+from tactophone.simulation import demonstration
+from tactophone.types import DEFAULT_TIP, TIP_NAMES, Touch
+
+BRIDGE = 0.03
+"""Seconds; bumps closer than this are perceived as one."""
+
+
+def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, float]:
+    """Return the shares of contact: rough rendered rough, smooth rendered rough, silent; and false bumps in 10 s."""
+    finger = demonstration(seed, tip=tip)
+    labels = [each.label for each in finger.scene.objects]
+    pipeline = open_pipeline(model, sample_rate=finger.sample_rate, channels=finger.channels, tip=tip)
+    predictions, truth = [], []
+    with finger:
+        for block in finger:
+            predictions += pipeline.push(block).predictions
+            truth.append(finger.truth.object_index)
+    index = np.concatenate(truth)
+    times = np.array([each.end for each in predictions])
+    touches = np.array([each.touch for each in predictions])
+    place = index[np.minimum((times * finger.sample_rate).astype(int), len(index) - 1)]
+    on = {label: np.isin(place, [n for n, each in enumerate(labels) if each is label]) for label in labels}
+    rough, smooth = on[Touch.ROUGH], on[Touch.SMOOTH]
+    bumps = times[(touches == Touch.ROUGH) & smooth]
+    count = int(len(bumps) > 0) + int((np.diff(bumps) > BRIDGE).sum())
+    hop = float(np.median(np.diff(times)))
+    return (
+        float((touches[rough] == Touch.ROUGH).mean()),
+        float((touches[smooth] == Touch.ROUGH).mean()),
+        float((touches[rough | smooth] == Touch.NONE).mean()),
+        10 * count / (hop * smooth.sum()),
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--tip", choices=TIP_NAMES, default=DEFAULT_TIP)
+    parser.add_argument("--model", default="")
+    args = parser.parse_args()
+    scores = np.array([score(seed, tip=args.tip, model=args.model) for seed in range(args.seeds)])
+    worst = [scores[:, 0].min(), *scores[:, 1:].max(axis=0)]
+    names = (
+        "rough rendered rough",
+        "smooth rendered rough",
+        "silent in contact",
+        "false bumps in 10 s of smooth contact",
+    )
+    for name, mean, extreme in zip(names, scores.mean(axis=0), worst, strict=True):
+        print(f"{name}: mean {mean:.3f}, worst {extreme:.3f}")
+
+
+if __name__ == "__main__":
+    main()
