@@ -82,7 +82,7 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
         terminal.log().print("beware: the model was trained on these very recordings")
-    predict = model_predictor(model)
+    predict = model_predictor(model, own_floor=True)
     with terminal.progress("predicting") as bar:
         takes = bar.track(dataset.recordings, task_id=bar.add_task("", note=""))
         return make_report([predict(take) for take in takes], decision=model.card.decision)

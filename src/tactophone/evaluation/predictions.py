@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
-from tactophone.perception import SUPPORTS_MISSING_CHANNEL, Model, WindowDetector
+from tactophone.perception import SUPPORTS_MISSING_CHANNEL, Model, WindowDetector, measure_floor
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
 
 READ_SIZE = 1 << 16
@@ -60,16 +60,36 @@ def streaming_predictor(open_detector: Callable[[int], Detector], *, channels: i
     return predict
 
 
-def model_predictor(model: Model) -> Predictor:
-    """Return a predictor that runs a model as the live system does; some models do without a missing air channel."""
+def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
+    """Return a predictor that runs a model as the live system does; some models do without a missing air channel.
+
+    With ``own_floor`` the contact threshold is just over each recording's own noise floor, as in `tactophone feel`;
+    otherwise it is the model's.
+    """
 
     def predict(recording: Recording) -> TakePredictions:
         lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and len(recording.channels) == 1
         channels = 1 if lacks_air else model.card.channels
         order = channel_order(recording, count=channels, single=model.card.microphone)
-        return as_arrays(recording, _stream(lambda rate: WindowDetector(model, sample_rate=rate), recording, order))
+
+        def open_window_detector(rate: int) -> WindowDetector:
+            detector = WindowDetector(model, sample_rate=rate)
+            if own_floor:
+                detector.threshold_dbfs = _floor_threshold(recording, order, model)
+            return detector
+
+        return as_arrays(recording, _stream(open_window_detector, recording, order))
 
     return predict
+
+
+def _floor_threshold(recording: Recording, order: tuple[int, ...], model: Model) -> float:
+    """The threshold of a recording, from the channel that the model detects contact with."""
+    with soundfile.SoundFile(recording.path) as file:
+        rate = file.samplerate
+        samples = file.read(dtype="float32", always_2d=True)[:, order[:1]]
+    block = AudioBlock(np.ascontiguousarray(samples), rate, 0)
+    return measure_floor([block], sample_rate=rate, rule=model.card.gate.rule).threshold_dbfs
 
 
 def _stream(open_detector: Callable[[int], Detector], recording: Recording, order: tuple[int, ...]) -> list[Prediction]:
