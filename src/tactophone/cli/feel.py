@@ -209,7 +209,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
             title=f"{path.name}{labelled}; model {pipeline.detector_name}, profile {pipeline.profile.name}",
             truth=truth,
         )
-    mono = source.channels == 1 and not args.model
+    mono = source.channels == 1 and not args.model and args.tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
     return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, counts)
 
