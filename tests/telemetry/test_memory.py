@@ -146,3 +146,13 @@ def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     assert not path.exists()
     with Telemetry(name):
         assert name not in remove_leftovers()
+
+
+def test_memory_that_another_run_is_just_making_is_no_leftover(name: str) -> None:
+    draft = folder() / f".{PREFIX}{name}"
+    draft.write_bytes(bytes(64))
+    try:
+        remove_leftovers()
+        assert draft.exists()
+    finally:
+        draft.unlink(missing_ok=True)

@@ -198,6 +198,8 @@ def remove_leftovers() -> list[str]:
 
 
 def _is_leftover(path: Path) -> bool:
+    if path.name.startswith("."):  # unfinished: nothing is known of it but its age
+        return time.time() - path.lstat().st_ctime > LEFT_AFTER
     with path.open("rb", buffering=0) as file:
         head = file.read(24)
     if len(head) < 24 or is_alive(int.from_bytes(head[8:16], sys.byteorder)):
@@ -236,7 +238,7 @@ def _publish(draft: Path, path: Path) -> None:
             f"{path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
         ) from None
     finally:
-        draft.unlink()
+        draft.unlink(missing_ok=True)
 
 
 def _allocate(file: BinaryIO) -> None:
