@@ -7,6 +7,7 @@ its range and the words that ``--help`` and ``tactophone settings`` show, so tha
 import dataclasses
 import difflib
 import math
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -263,7 +264,8 @@ def replace(settings: Settings, name: str, value: Any, *, where: str) -> Setting
 def _checked(declared: "dataclasses.Field[Any]", value: Any, found: str) -> Any:
     kind = type(declared.default)
     if kind is float and type(value) is int:
-        value = float(value)
+        # A whole number of more than 308 digits has no float; infinity is then refused by the range.
+        value = float(value) if abs(value) < sys.float_info.max else math.copysign(math.inf, value)
     if type(value) is not kind:
         raise ConfigError(f"{found}, but it is a {_KINDS[kind]}")
     choices = declared.metadata.get("choices", ())

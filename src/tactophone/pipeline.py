@@ -86,6 +86,11 @@ class Pipeline:
         self.detector.threshold_dbfs = level_dbfs
 
     @property
+    def follows_floor(self) -> bool:
+        """Whether the contact threshold follows the noise floor; not once it was given or calibrated."""
+        return self.detector.follows_floor
+
+    @property
     def faults(self) -> Counter[str]:
         """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
         return self.detector.detector.faults

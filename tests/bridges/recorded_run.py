@@ -49,7 +49,7 @@ class RecordedOperator:
         pipeline, gate = self.endpoint.pipeline, self.gate
         return Controls(
             gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-            pipeline.threshold_dbfs,
+            None if pipeline.follows_floor else pipeline.threshold_dbfs,
         )  # fmt: skip
 
     def _published(self, steps: Iterable[EventStep], now: float) -> Iterator[EventStep]:

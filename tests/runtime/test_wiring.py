@@ -20,7 +20,10 @@ def noise(seconds: float, levels: tuple[float, float]) -> AudioBlock:
 
 def test_a_calibration_sets_the_threshold_and_a_setting_goes_before_it(tmp_path: Path) -> None:
     settings = calibrated(tmp_path)
-    assert open_pipeline_for(settings, channels=2).threshold_dbfs == CALIBRATION.threshold_dbfs
+    # The default model's contact rule is `banded`, the paper's network's is `rms`.
+    assert open_pipeline_for(settings, channels=2).threshold_dbfs == CALIBRATION.banded_dbfs
+    paper = change(settings, ["detector.model=paper"])
+    assert open_pipeline_for(paper, channels=2).threshold_dbfs == CALIBRATION.threshold_dbfs
     louder = change(settings, ["detector.threshold_dbfs=-10"])
     assert open_pipeline_for(louder, channels=2).threshold_dbfs == -10
 

@@ -33,7 +33,7 @@ def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
     name: str, dataset: Dataset, tmp_path: Path
 ) -> None:
-    path = tmp_path / "model.onnx"
+    path = tmp_path / f"{name}.onnx"  # the name on the card is the file's
     assert RECIPES[name].open_job().train(path, dataset)
     model = read_model(path)
     assert (model.card.name, model.card.kind) == (name, RECIPES[name].features)

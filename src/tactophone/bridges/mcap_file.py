@@ -91,7 +91,7 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
                     break
     except EndOfFile:
         pass  # its writer was killed
-    except (McapError, struct.error, ValueError, EOFError) as error:
+    except (McapError, struct.error, ValueError, EOFError, OverflowError) as error:
         if not found:
             raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
     except Exception as error:

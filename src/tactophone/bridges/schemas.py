@@ -44,6 +44,7 @@ def _json_schema(name: str, properties: dict[str, str]) -> Schema:
     """Make a schema of numbers, texts and switches; a time is ``{sec, nsec}``."""
     kinds: dict[str, dict[str, Any]] = {
         "time": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
+        "number or null": {"type": ["number", "null"]},
     }
     described = {key: kinds.get(kind, {"type": kind}) for key, kind in properties.items()}
     schema = {"title": name, "type": "object", "properties": described}
@@ -105,7 +106,7 @@ CONTROLS = Topic(
     _json_schema(
         "tactophone.Controls",
         {"armed": "boolean", "ceiling": "number", "output_level": "number", "limit": "number", "profile": "string",
-         "threshold_dbfs": "number", "step": "integer"},
+         "threshold_dbfs": "number or null", "step": "integer"},
     ),
     "what a person changed, in its order among the packets",
 )  # fmt: skip

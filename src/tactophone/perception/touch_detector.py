@@ -77,6 +77,11 @@ class TouchDetector:
         floors = (getattr(part, "floor", None) for part in (self._gate, self.detector))
         return [floor for floor in floors if floor]
 
+    @property
+    def follows_floor(self) -> bool:
+        """Whether the threshold follows the noise floor; not once it was given or calibrated."""
+        return bool(self.floors)
+
     def adopt_floors(self, other: "TouchDetector") -> None:
         """Take over what another detector, of the same microphone and rule, has measured of the noise."""
         for own, known in zip(self.floors, other.floors, strict=False):

@@ -309,7 +309,7 @@ class Operator:
         gate, pipeline = self._gate, self._endpoint.pipeline
         return Controls(
             gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-            pipeline.threshold_dbfs,
+            None if pipeline.follows_floor else pipeline.threshold_dbfs,
         )  # fmt: skip
 
     def _pull(self, size: int) -> FloatArray:

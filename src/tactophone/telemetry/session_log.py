@@ -83,6 +83,8 @@ class Controls:
         Of the output gate.
     limit
         Ceiling of the pipeline, to which a profile is scaled.
+    threshold_dbfs
+        Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself.
     """
 
     armed: bool
@@ -90,7 +92,7 @@ class Controls:
     output_level: float
     limit: float
     profile: str
-    threshold_dbfs: float
+    threshold_dbfs: float | None
     step: int = 0
 
 

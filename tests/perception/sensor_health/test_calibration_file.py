@@ -17,6 +17,7 @@ CALIBRATION = Calibration(
     hum_dbfs=(-31.0, -77.0),
     stroke_dbfs=(-12.0, -30.0),
     peak_dbfs=(-6.0, -12.0),
+    banded_dbfs=-24.5,
 )
 
 

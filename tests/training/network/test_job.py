@@ -37,7 +37,7 @@ def test_the_card_names_sound_seed_and_licences(tmp_path: Path) -> None:
     card = read_model(tmp_path / "a.onnx").card
     assert (card.training["dataset"], card.training["seed"], card.training["surfaces"]) == ("stones", 7, 4)
     assert card.training["sha256"] == dataset.fingerprint
-    assert card.licence == "trained on sound under: CC BY 4.0"
+    assert card.licence == "weights alone, no recordings; trained on sound under: CC BY 4.0"
     assert card.scores == {}
 
 

@@ -27,6 +27,7 @@ EXTRA_OF_MODULE = {
     "cyclonedds": "ros",
     "rosbags": "ros",
     "isaacteleop": "isaac",
+    "tdw": "profiles",
 }
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
 

@@ -132,8 +132,11 @@ class LoggedEndpoint:
             pipeline.profile = (
                 GateProfile(controls.profile) if controls.profile in PASSTHROUGH else open_profile(controls.profile)
             )
-        if not self._fixed_detector and pipeline.threshold_dbfs != controls.threshold_dbfs:
-            pipeline.threshold_dbfs = controls.threshold_dbfs
+        # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
+        # end that.
+        threshold_dbfs = controls.threshold_dbfs
+        if not self._fixed_detector and threshold_dbfs is not None and pipeline.threshold_dbfs != threshold_dbfs:
+            pipeline.threshold_dbfs = threshold_dbfs
 
     def _open(self, channels: int) -> Pipeline:
         if not self.run.calibration:

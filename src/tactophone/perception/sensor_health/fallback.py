@@ -146,6 +146,11 @@ class FallbackDetector:
         for detector in filter(None, (self._main, self._spare)):
             detector.threshold_dbfs = level_dbfs
 
+    @property
+    def follows_floor(self) -> bool:
+        """Whether the threshold follows the noise floor; not once it was given or calibrated."""
+        return self._main.follows_floor
+
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
         if block.start != self._next:
