@@ -4,6 +4,7 @@ OpenSSL works on memory buffers only, and its retransmission timer is not used b
 newest flight is retransmitted unchanged until the peer answers it: DTLS drops duplicates.
 """
 
+import codecs
 import hashlib
 import hmac
 import secrets
@@ -28,6 +29,8 @@ Address: TypeAlias = Hashable
 
 FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
 """Seconds until a flight is retransmitted: the first time (above most round-trip times), and at most after doubling."""
+
+codecs.lookup("charmap")  # pyOpenSSL uses it at the first certificate; loaded now, not during a run
 
 HANDSHAKE_TIMEOUT = 3.0
 """Seconds after which a handshake fails; the caller then begins another."""
