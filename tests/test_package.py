@@ -26,6 +26,8 @@ WORDS = {
     "loopback": ["--source", "finger", "--actuator", "none", "--duration", "1"],
     "send": ["--peer", "127.0.0.1"],
     "receive": ["--actuator", "none", "--duration", "1"],
+    "try": ["--duration", "1"],
+    "replay": ["run.mcap"],
     "feel": ["finger.wav"],
     "model": ["show", "paper"],
     "latency": ["--dummy"],

@@ -4,13 +4,15 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING
 
 from tactophone import config
 from tactophone.capture import browser_source
-from tactophone.cli._support.sources import open_source
 from tactophone.config import Settings
-from tactophone.runtime.wiring import OpenSource
 from tactophone.types import Source
+
+if TYPE_CHECKING:
+    from tactophone.runtime.wiring import OpenSource
 
 MODEL = "stylus"
 """The shipped model for one air microphone; `paper-mono` was trained on a contact microphone."""
@@ -20,12 +22,14 @@ MODEL = "stylus"
 class PageSource:
     """What opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources."""
 
-    open: OpenSource
+    open: "OpenSource"
     microphone: Connection | None
 
 
 def source_of(settings: Settings) -> PageSource:
     """Return how the source of the settings is opened."""
+    from tactophone.cli._support.sources import open_source  # needs the extra `link`
+
     if settings.capture.source != "browser":
         return PageSource(open_source, None)
     inbox, microphone = Pipe(duplex=False)
