@@ -13,7 +13,6 @@ import os
 import random
 import secrets
 import select
-import signal
 import socket
 import statistics
 import subprocess
@@ -35,7 +34,15 @@ from tactophone.devices import DummyServer
 from tactophone.errors import TactophoneError
 from tactophone.link import Identity, Peers, Session, UdpSocket
 from tactophone.link.packet import Packet, Payload, PayloadType
-from tactophone.measurement import EndlessStroke, Graph, Sides, measure_time_to_silence
+from tactophone.measurement import (
+    EndlessStroke,
+    Graph,
+    freeze_operator,
+    freeze_robot,
+    kill_operator,
+    kill_robot,
+    measure_time_to_silence,
+)
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
 from tactophone.simulation.network.hostile import (
     CERTIFICATE_FAULTS,
@@ -484,22 +491,6 @@ def inside() -> Iterator[str]:
         time.sleep(5.0)
         received = at.counters()["packets_received"] - before
         yield f"restarts {at.operator.restarts + at.robot.restarts}, {received / 5:.0f} packets/s"
-
-
-def kill_robot(sides: Sides) -> None:
-    os.kill(sides.robot.pid, signal.SIGKILL)
-
-
-def freeze_robot(sides: Sides) -> None:
-    os.kill(sides.robot.pid, signal.SIGSTOP)
-
-
-def kill_operator(sides: Sides) -> None:
-    os.kill(sides.operator.pid, signal.SIGKILL)
-
-
-def freeze_operator(sides: Sides) -> None:
-    os.kill(sides.operator.pid, signal.SIGSTOP)
 
 
 def faults(count: int) -> Iterator[str]:

@@ -6,7 +6,6 @@ docs/guide/latency.md.
 
 import argparse
 import os
-import signal
 import statistics
 import subprocess
 import sys
@@ -20,7 +19,16 @@ import psutil
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
-from tactophone.measurement import Graph, ImpulseLatency, Sides, measure, measure_time_to_silence, running_sides
+from tactophone.measurement import (
+    Graph,
+    ImpulseLatency,
+    Sides,
+    freeze_operator,
+    kill_robot,
+    measure,
+    measure_time_to_silence,
+    running_sides,
+)
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")
@@ -78,14 +86,6 @@ def busy(count: int) -> Iterator[None]:
         for other in others:
             other.kill()
             other.wait()
-
-
-def kill_robot(sides: Sides) -> None:
-    os.kill(sides.robot.pid, signal.SIGKILL)
-
-
-def freeze_operator(sides: Sides) -> None:
-    os.kill(sides.operator.pid, signal.SIGSTOP)
 
 
 def times_to_silence(stop: Callable[[Sides], None]) -> str:

@@ -1,7 +1,5 @@
 """The promises of docs/reference/safety.md that need real processes and a real sound server."""
 
-import os
-import signal
 import statistics
 import time
 from collections.abc import Callable, Iterator
@@ -13,10 +11,15 @@ from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer, JackClient
 from tactophone.measurement import (
+    ENDLESS_TONE,
     EndlessStroke,
     Graph,
     PeakRecorder,
     Sides,
+    freeze_operator,
+    freeze_robot,
+    kill_operator,
+    kill_robot,
     measure_time_to_silence,
     recording,
     running_sides,
@@ -28,26 +31,7 @@ from .live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
-ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
-"""An endless tone has no rest in which a noise floor could be measured, so the threshold is given."""
-
 SETTINGS = config.change(Settings(), ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"])
-
-
-def kill_robot(sides: Sides) -> None:
-    os.kill(sides.robot.pid, signal.SIGKILL)
-
-
-def freeze_robot(sides: Sides) -> None:
-    os.kill(sides.robot.pid, signal.SIGSTOP)
-
-
-def kill_operator(sides: Sides) -> None:
-    os.kill(sides.operator.pid, signal.SIGKILL)
-
-
-def freeze_operator(sides: Sides) -> None:
-    os.kill(sides.operator.pid, signal.SIGSTOP)
 
 
 def stop_operator(sides: Sides) -> None:

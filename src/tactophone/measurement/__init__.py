@@ -1,11 +1,22 @@
 """Measurements of the running system: impulse latency, time to silence after a failure, decision delay."""
 
 from tactophone.measurement.decision_delay import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
-from tactophone.measurement.failsafe_timing import EndlessStroke, PeakRecorder, measure_time_to_silence, recording
+from tactophone.measurement.failsafe_timing import (
+    ENDLESS_TONE,
+    EndlessStroke,
+    PeakRecorder,
+    freeze_operator,
+    freeze_robot,
+    kill_operator,
+    kill_robot,
+    measure_time_to_silence,
+    recording,
+)
 from tactophone.measurement.impulse_latency import ImpulseLatency
 from tactophone.measurement.latency import Graph, Sides, measure, running_sides
 
 __all__ = [
+    "ENDLESS_TONE",
     "MAX_DECISION_DELAY",
     "DecisionDelays",
     "EndlessStroke",
@@ -13,6 +24,10 @@ __all__ = [
     "ImpulseLatency",
     "PeakRecorder",
     "Sides",
+    "freeze_operator",
+    "freeze_robot",
+    "kill_operator",
+    "kill_robot",
     "measure",
     "measure_decisions",
     "measure_time_to_silence",

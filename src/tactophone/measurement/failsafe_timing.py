@@ -6,13 +6,15 @@ the time is measured until the vibration has fallen to -60 dB.
 
 import itertools
 import math
+import os
+import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
-from tactophone.config import Settings
+from tactophone.config import Settings, change
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulse_latency import PEAK, TONE
@@ -32,6 +34,10 @@ AFTERMATH = 0.6
 """Seconds recorded after the failure."""
 
 _LONGEST = 60.0
+
+
+ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
+"""Settings for an endless tone: it has no rest in which a noise floor could be measured, so the threshold is given."""
 
 
 class EndlessStroke(AlwaysOpen):
@@ -80,6 +86,26 @@ class PeakRecorder:
         return float(rows[loud[-1] + 1, 0] - moment)
 
 
+def kill_robot(sides: Sides) -> None:
+    """Kill the robot's process."""
+    os.kill(sides.robot.pid, signal.SIGKILL)
+
+
+def freeze_robot(sides: Sides) -> None:
+    """Stop the robot's process, as a debugger would."""
+    os.kill(sides.robot.pid, signal.SIGSTOP)
+
+
+def kill_operator(sides: Sides) -> None:
+    """Kill the operator's process."""
+    os.kill(sides.operator.pid, signal.SIGKILL)
+
+
+def freeze_operator(sides: Sides) -> None:
+    """Stop the operator's process, as a debugger would."""
+    os.kill(sides.operator.pid, signal.SIGSTOP)
+
+
 def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Sides], None]) -> float:
     """Start a stroke, stop something, and return the seconds until silence.
 
@@ -94,6 +120,7 @@ def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Si
         When there is no vibration to begin with.
     """
     recorder = PeakRecorder()
+    settings = change(settings, ENDLESS_TONE)
     with running_sides(settings, graph, open_source=EndlessStroke) as sides, recording(recorder, graph, sides):
         time.sleep(STROKE)
         _await_vibration(recorder)  # again: on a busy machine it may have faded for a moment
