@@ -265,7 +265,7 @@ def _checked(declared: "dataclasses.Field[Any]", value: Any, found: str) -> Any:
     kind = type(declared.default)
     if kind is float and type(value) is int:
         # A whole number of more than 308 digits has no float; infinity is then refused by the range.
-        value = float(value) if abs(value) < sys.float_info.max else math.copysign(math.inf, value)
+        value = float(value) if abs(value) < sys.float_info.max else math.inf if value > 0 else -math.inf
     if type(value) is not kind:
         raise ConfigError(f"{found}, but it is a {_KINDS[kind]}")
     choices = declared.metadata.get("choices", ())

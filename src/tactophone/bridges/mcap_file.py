@@ -64,7 +64,7 @@ def read_log(path: Path) -> Iterator[LogEntry]:
 
 
 def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
-    from mcap.exceptions import EndOfFile, McapError
+    from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
     from mcap.records import Channel, DataEnd, Header, Message, Metadata
     from mcap.stream_reader import StreamReader
 
@@ -74,7 +74,7 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
     channels: dict[int, str] = {}
     complete, missed, found = False, 0, False
     try:
-        for record in StreamReader(file, record_size_limit=None).records:
+        for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
             match record:
                 case Header(profile=profile):
                     _check_profile(path, profile)
@@ -89,9 +89,9 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
                 case DataEnd():
                     complete = True
                     break
-    except EndOfFile:
-        pass  # its writer was killed
-    except (McapError, struct.error, ValueError, EOFError, OverflowError) as error:
+    except (EndOfFile, RecordLengthLimitExceeded):
+        pass  # its writer was killed, or a changed byte made a record longer than the file
+    except (McapError, struct.error, ValueError, EOFError, OverflowError, MemoryError) as error:
         if not found:
             raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
     except Exception as error:

@@ -36,7 +36,7 @@ PROBE_TIMEOUT = 5.0
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
 
-_HOP = re.compile(r"\d{1,9}(/\d{1,9}|\.\d{1,9})?")
+_HOP = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 _GRAPH, _FUNCTION, _NODE, _OPERATOR = 7, 25, 1, 4
 """Field numbers of ONNX's ModelProto, GraphProto and NodeProto."""
@@ -130,7 +130,7 @@ def _whole(entries: Mapping[str, Any], name: str, low: int, high: int) -> int:
 def _hop(value: Any, *, longest: int) -> Fraction:
     # Checked as text first: the fraction of 1e99999999 would take all memory.
     text = value if isinstance(value, str) else str(value) if type(value) is int else ""
-    if not _HOP.fullmatch(text) or text.endswith("/0"):
+    if not _HOP.fullmatch(text):
         raise ValueError("hop must be a fraction of samples, such as 64/3")
     hop = Fraction(text)
     if not 1 <= hop <= longest:

@@ -120,7 +120,10 @@ class ModelCard:
         ValueError, KeyError, TypeError
             If the text is not a card of this format.
         """
-        entries = check_entries(json.loads(text))
+        try:
+            entries = check_entries(json.loads(text))
+        except (RecursionError, OverflowError) as error:
+            raise ValueError(f"nested too deep, or a number too large ({error})") from None
         if (version := entries.pop("format")) != FORMAT_VERSION:
             raise ValueError(f"format {version}, but this version reads format {FORMAT_VERSION}")
         if (classes := entries.pop("classes")) != list(CLASSES):
@@ -184,7 +187,7 @@ def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
         raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
     try:
         return ModelCard.from_json(text)
-    except (ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
+    except (ValueError, KeyError, TypeError) as error:
         raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); export it again") from None
 
 
