@@ -151,7 +151,7 @@ def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_en
 
 def calls(tree: ast.AST) -> Iterator[str]:
     """Methods called, as ``object.method``, such as ``self._endpoint.receive``."""
-    for node in ast.pipeline(tree):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             yield ast.unparse(node.func)
 

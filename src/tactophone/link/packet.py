@@ -38,6 +38,7 @@ class PayloadType(enum.IntEnum):
     MULTIOPUS = 99
     PREDICTION = 100
     RED = 101
+    HAPTICS = 102
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +216,6 @@ def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
 
 def _kind(number: int) -> PayloadType:
     """Return the payload type; RED within RED is refused like an unknown type."""
-    if PayloadType.L16_MONO <= number < PayloadType.RED:
+    if PayloadType.L16_MONO <= number <= PayloadType.HAPTICS and number != PayloadType.RED:
         return PayloadType(number)
-    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.RED} are known")
+    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAPTICS} are known")

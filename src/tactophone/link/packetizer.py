@@ -126,10 +126,14 @@ class Packetizer:
         padding = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
         return list(self._cut(padding, self._next))
 
-    def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
-        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
+    def wrap(self, kind: PayloadType, position: int, content: bytes, *, marker: bool | None = None) -> Packet:
+        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream.
+
+        ``marker`` replaces the stream's own rule, which marks the first packet and those after gaps in the sound.
+        """
         payload = Payload(kind, (self._offset + position) % (1 << 32), content)
-        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), self._marker)
+        marked = self._marker if marker is None else marker
+        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), marked)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
         return packet

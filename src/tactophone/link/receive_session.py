@@ -10,7 +10,8 @@ from tactophone.link.delay_estimator import MinDelayFilter
 from tactophone.link.depacketizer import STALENESS, DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
-from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType, TimestampUnwrapper, parse_packet
+from tactophone.link.haptic_payload import read_haptics
+from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
 from tactophone.link.prediction_payload import read_prediction
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
@@ -26,6 +27,8 @@ _STREAM_COUNTERS = (
     "packets_received", "packets_late", "packets_duplicated", "packets_reordered", "packets_recovered",
     "packets_concealed", "packets_skipped", "packets_broken", "samples_received", "samples_concealed",
 )  # fmt: skip
+
+_PREDICTIONS = {PayloadType.PREDICTION: read_prediction, PayloadType.HAPTICS: read_haptics}
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +172,7 @@ class ReceiveSession:
             elif event.report:
                 self._handle_report(event.packet, now)
             elif (packet := self._parse(event.packet)) is not None:
-                if packet.payload.kind == PayloadType.PREDICTION:
+                if packet.payload.kind in _PREDICTIONS:
                     received += self._handle_prediction(packet, now)
                 else:
                     packets.append(packet)
@@ -191,7 +194,7 @@ class ReceiveSession:
         if not self._depacketizer.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
             return []
         try:
-            return self._predictions.push(payload.timestamp, payload.content, now=now)
+            return self._predictions.push(payload, now=now)
         except PacketError:
             self._past["packets_broken"] += 1
             return []
@@ -238,9 +241,9 @@ class _PredictionStream:
         """The RTP timestamp at time 0."""
         return self._timestamps.origin
 
-    def push(self, timestamp: int, content: bytes, *, now: float) -> list[PredictionReceived]:
-        samples = self._timestamps.position(timestamp)
-        prediction = read_prediction(content, end=samples / CLOCK_RATE)
+    def push(self, payload: Payload, *, now: float) -> list[PredictionReceived]:
+        samples = self._timestamps.position(payload.timestamp)
+        prediction = _PREDICTIONS[payload.kind](payload.content, end=samples / CLOCK_RATE)
         if samples <= self._newest:
             return []
         self._newest = samples

@@ -8,6 +8,7 @@ from tactophone.errors import PacketError
 from tactophone.link.codec import NARROW_BAND, Codec
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
+from tactophone.link.haptic_payload import is_silent, write_haptics
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.prediction_payload import write_prediction
@@ -30,6 +31,8 @@ class SendSession:
         Of redundancy.
     follow
         Whether the bandwidth follows the operator's requests.
+    haptics
+        Whether predictions are sent in the payload of RFC 9993 instead of this project's own.
 
     Attributes
     ----------
@@ -42,9 +45,16 @@ class SendSession:
     """
 
     def __init__(
-        self, session: Session, codec: Codec, *, rule: RedundancyRule | None = None, follow: bool = False
+        self,
+        session: Session,
+        codec: Codec,
+        *,
+        rule: RedundancyRule | None = None,
+        follow: bool = False,
+        haptics: bool = False,
     ) -> None:
-        self.session, self.codec, self._follow = session, codec, follow
+        self.session, self.codec, self._follow, self._haptics = session, codec, follow, haptics
+        self._silent = True
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
@@ -79,7 +89,10 @@ class SendSession:
         """Send a prediction instead of sound."""
         if self._packetizer:
             end = round(prediction.end * CLOCK_RATE)
-            self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
+            if self._haptics:
+                self._send([self._haptic_packet(self._packetizer, end, write_haptics(prediction))])
+            else:
+                self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
         """Process what arrived from the network by ``now`` (s)."""
@@ -95,6 +108,11 @@ class SendSession:
     def outgoing(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
+
+    def _haptic_packet(self, packetizer: Packetizer, end: int, content: bytes) -> Packet:
+        """Mark the first packet after silence, and no other (RFC 9993, section 5.1)."""
+        before, self._silent = self._silent, is_silent(content)
+        return packetizer.wrap(PayloadType.HAPTICS, end, content, marker=before and not self._silent)
 
     def _open(self, datagram: bytes, source: Address, now: float) -> list[Event]:
         return self.session.receive(datagram, source=source, now=now)

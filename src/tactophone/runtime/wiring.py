@@ -210,7 +210,9 @@ def open_send_session(settings: Settings, channels: int) -> SendSession:
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
-    return SendSession(open_session(settings, call=True), codec, rule=rule, follow=not link.bandwidth)
+    haptics = link.prediction_payload == "rfc9993"
+    session = open_session(settings, call=True)
+    return SendSession(session, codec, rule=rule, follow=not link.bandwidth, haptics=haptics)
 
 
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
