@@ -1,3 +1,4 @@
+import signal
 import time
 from collections.abc import Callable
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone.devices import DummyServer, JackClient
+from tactophone.devices.jack import _close_notifications
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
@@ -90,3 +92,28 @@ def test_two_wirings_of_one_client_are_both_checked(jack_server: DummyServer) ->
     with pytest.raises(DeviceError, match="system:capture_7"):
         client.open()
     assert client.period == 0
+
+
+def test_a_client_leaves_a_server_that_does_not_answer(jack_server: DummyServer) -> None:
+    client = JackClient("robot", Recorder(), inputs={}, outputs={}, server=jack_server.name)
+    client.open()
+    process = jack_server._process
+    assert process is not None
+    process.send_signal(signal.SIGSTOP)
+    try:
+        client.close()
+    finally:
+        process.send_signal(signal.SIGCONT)
+    client.open()
+    assert client.fault == ""
+    client.close()
+
+
+def test_a_client_whose_notifications_are_closed_frees_the_server_and_can_join_again(jack_server: DummyServer) -> None:
+    client = JackClient("robot", Recorder(), inputs={}, outputs={"out": ""}, server=jack_server.name)
+    client.open()
+    _close_notifications("robot")
+    assert eventually(lambda: client.fault != "")
+    assert eventually(lambda: client.revive() or client.fault == "")
+    client.close()
+    assert client.losses == 1

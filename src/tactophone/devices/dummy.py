@@ -1,7 +1,9 @@
 """A private JACK server without a sound card, for measurements, demonstrations and tests."""
 
+import ctypes
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -14,6 +16,9 @@ from tactophone.types import LIVE_SAMPLE_RATE
 _ATTEMPTS = 400
 _BETWEEN_ATTEMPTS = 0.025
 """Seconds; `jack_wait` checks only once a second."""
+
+_PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
+"""Linux alone has it; looked up here, as a forked child must not load libraries."""
 
 
 class DummyServer:
@@ -71,14 +76,15 @@ class DummyServer:
             stdout=self._log,
             stderr=self._log,
             start_new_session=True,  # Ctrl-C reaches this process alone, which stops the server
+            preexec_fn=_end_with_parent,  # noqa: PLW1509 - no other thread holds a lock that the call needs
         )
         for _ in range(_ATTEMPTS):
             if self._process.poll() is not None:
-                raise DeviceError(f"jackd did not start: {self._last_line()}")
+                raise DeviceError(f"jackd did not start: {self._reason()}")
             if self._answers():
                 return
             time.sleep(_BETWEEN_ATTEMPTS)
-        self.kill()
+        self.stop()
         raise DeviceError(f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}")
 
     def stop(self) -> None:
@@ -105,10 +111,27 @@ class DummyServer:
         probe.close()
         return True
 
+    def _reason(self) -> str:
+        if "Too many servers" in self._output():
+            return (
+                "JACK's list of 8 servers is full, as killed servers stay in it; end the servers that you do not need, "
+                "or, if none runs, delete /dev/shm/jack-shm-registry"
+            )
+        return self._last_line()
+
     def _last_line(self) -> str:
-        self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
+        lines = self._output().strip().splitlines()
         return lines[-1] if lines else "it printed nothing"
+
+    def _output(self) -> str:
+        self._log.seek(0)
+        return self._log.read().decode(errors="replace")
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this process when its parent ends, however that ends (Linux: PR_SET_PDEATHSIG)."""
+    if _PRCTL is not None:
+        _PRCTL(1, signal.SIGTERM)
 
 
 def _may_be_realtime() -> bool:

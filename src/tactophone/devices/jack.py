@@ -3,10 +3,15 @@
 How JACK fails was measured (docs/guide/hardware.md) and explains this file. A process callback that raises is never
 called again, without a message: so no exception may leave it. A server that ends calls back once and leaves a client
 that returns stale values: so that client is discarded, and a new one made when the server is back. The last period of a
-client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`.
+client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`. A
+client that leaves stops reading what the server sends; where more than 0.2 MB of it waits, as after a second of xruns,
+the server waits for the client and the client for the server: so leaving has a time limit.
 """
 
 import contextlib
+import os
+import socket
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +22,9 @@ from tactophone.types import FloatArray
 
 _ABANDONED: list[Any] = []
 """Clients of dead servers: kept, because libjack's threads may still call back into them."""
+
+_LEAVING_LIMIT = 2.0
+"""Seconds to wait for the server when a client leaves; a server in order answers within milliseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,9 +123,17 @@ class JackClient:
         if self._lost:
             self._abandon()
         client, self._client = self._client, None
-        if client is not None:
-            with contextlib.suppress(_jack().JackError):
-                client.close()
+        if client is None:
+            return
+        leaving = threading.Thread(target=client.close, daemon=True)
+        leaving.start()
+        leaving.join(_LEAVING_LIMIT)
+        if leaving.is_alive():
+            _close_notifications(client.name)
+            leaving.join(_LEAVING_LIMIT)
+        if leaving.is_alive():
+            _ABANDONED.append(client)  # still inside the library: it ends with the process
+        self._lost = False
 
     def ports(self) -> list[JackPort]:
         """All ports of the graph except this client's, physical ones first."""
@@ -206,6 +222,18 @@ def _jack() -> Any:
     jack.set_error_function(_ignore)
     jack.set_info_function(_ignore)
     return jack
+
+
+def _close_notifications(name: str) -> None:
+    """Close the socket on which the server notifies a client, so that a server blocked in writing to it goes on."""
+    marker = f"jack_{name}_"
+    with open("/proc/net/unix") as table:
+        inodes = {entry[6] for entry in map(str.split, table) if len(entry) > 7 and marker in entry[7]}
+    for descriptor in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError):
+            if os.readlink(f"/proc/self/fd/{descriptor}")[8:-1] in inodes:  # "socket:[1234]"
+                with socket.socket(fileno=os.dup(int(descriptor))) as ours:
+                    ours.shutdown(socket.SHUT_RDWR)
 
 
 def _ignore(_: str) -> None:
