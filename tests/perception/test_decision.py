@@ -1,6 +1,6 @@
 import pytest
 
-from tactophone.perception.decision import Decision, DecisionRule
+from tactophone.perception.decision import FORGET_AFTER, Decision, DecisionRule
 from tactophone.types import Touch
 
 
@@ -35,6 +35,14 @@ def test_predictions_without_contact_confirm_nothing() -> None:
     for _ in range(10):
         decision.decide((0.0, 0.4, 0.6), contact=False)
     assert shares(decision, 0.6, 0.6, 0.6) == [Touch.SMOOTH, Touch.SMOOTH, Touch.ROUGH]
+
+
+@pytest.mark.parametrize(("still", "expected"), [(FORGET_AFTER - 1, Touch.ROUGH), (FORGET_AFTER, Touch.SMOOTH)])
+def test_a_stroke_that_turns_on_a_rough_surface_is_confirmed_already(still: int, expected: Touch) -> None:
+    decision = Decision(DecisionRule(confirm=3))
+    assert shares(decision, 0.9, 0.9, 0.9)[-1] is Touch.ROUGH
+    assert {decision.decide((0.0, 0.1, 0.9), contact=False)[0] for _ in range(still)} == {Touch.NONE}
+    assert shares(decision, 0.9) == [expected]
 
 
 def test_the_threshold_lies_at_half_roughness() -> None:

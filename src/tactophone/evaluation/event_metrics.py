@@ -62,7 +62,9 @@ class Delays:
 
 @functools.lru_cache(maxsize=1 << 11)
 def decided_touches(take: TakePredictions, rule: DecisionRule) -> NDArray[np.int8]:
-    """Return the touch that the decision rule reports at each update, shape ``(updates,)``."""
+    """Return what was rendered at each update, ``(updates,)``, or what the decision rule reports of the predictions."""
+    if take.touch is not None:
+        return take.touch
     decision = Decision(rule)
     updates = zip(take.probabilities.astype(float).tolist(), take.contact.tolist(), strict=True)
     return np.array([decision.decide((n, s, r), contact=contact)[0] for (n, s, r), contact in updates], np.int8)

@@ -19,7 +19,7 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, interval
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predictions import TakePredictions
-from tactophone.perception import NEVER_ABSTAIN, DecisionRule
+from tactophone.perception import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
 from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.types import Touch
 
@@ -230,11 +230,11 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     )
     share = rough_score(take.probabilities, "two-class")
     unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
-    was_rough, streak = np.zeros(len(rules), bool), np.zeros(len(rules), int)
+    was_rough, confirmed, streak = (np.zeros(len(rules), kind) for kind in (bool, bool, int))
     rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
     delay, start = np.full(len(rules), np.nan), 0.0
-    touching = False
+    touching, quiet = False, 0
     for now, contact, likely, none in zip(take.time, take.contact, share, unknown, strict=True):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no touch) and count from here.
@@ -243,7 +243,10 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
         touching = bool(contact)
         value = np.where(none >= abstain, 0.0, likely)
         streak = np.where((value >= on) & touching, streak + 1, 0)
-        is_rough = (value >= np.where(was_rough, off, on)) & (was_rough | (streak >= confirm)) & touching
+        is_rough = (value >= np.where(confirmed, off, on)) & (confirmed | (streak >= confirm)) & touching
+        # A rough touch stays confirmed through the still point of a stroke.
+        quiet = 0 if touching else quiet + 1
+        confirmed = is_rough if touching else confirmed & (quiet < FORGET_AFTER)
         bumps += is_rough & ~was_rough
         delay = np.where(is_rough & np.isnan(delay), now - start, delay)
         was_rough = is_rough

@@ -1,7 +1,7 @@
 """Runs a detector over recordings, as the live system does, and keeps its predictions."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import soundfile
@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
-from tactophone.perception import SUPPORTS_MISSING_CHANNEL, Model, WindowDetector, measure_floor
+from tactophone.perception import (
+    SUPPORTS_MISSING_CHANNEL,
+    Model,
+    TouchDetector,
+    WindowDetector,
+    measure_floor,
+    with_gate,
+)
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
 
 READ_SIZE = 1 << 16
@@ -31,12 +38,15 @@ class TakePredictions:
         float32, shape ``(updates, 3)``, in the order of :class:`tactophone.Touch`.
     contact
         Whether the contact gate was open.
+    touch
+        What was rendered, int8, if it does not follow from the other fields and the decision rule alone.
     """
 
     recording: Recording
     time: NDArray[np.float64]
     probabilities: FloatArray
     contact: NDArray[np.bool_]
+    touch: NDArray[np.int8] | None = None
 
 
 Predictor = Callable[[Recording], TakePredictions]
@@ -63,8 +73,8 @@ def streaming_predictor(open_detector: Callable[[int], Detector], *, channels: i
 def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
     """Return a predictor that runs a model as the live system does; some models do without a missing air channel.
 
-    With ``own_floor`` the contact threshold is just over each recording's own noise floor, as in `tactophone feel`;
-    otherwise it is the model's.
+    With ``own_floor`` the contact threshold is just over each recording's own noise floor and the fast contact gate
+    decides, as in `tactophone feel`; otherwise the threshold is the model's, and whole windows decide.
     """
 
     def predict(recording: Recording) -> TakePredictions:
@@ -72,13 +82,17 @@ def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
         channels = 1 if lacks_air else model.card.channels
         order = channel_order(recording, count=channels, single=model.card.microphone)
 
-        def open_window_detector(rate: int) -> WindowDetector:
-            detector = WindowDetector(model, sample_rate=rate)
-            if own_floor:
-                detector.threshold_dbfs = _floor_threshold(recording, order, model)
+        def open_gated(rate: int) -> TouchDetector:
+            detector = with_gate(WindowDetector(model, sample_rate=rate), sample_rate=rate)
+            detector.threshold_dbfs = _floor_threshold(recording, order, model)
             return detector
 
-        return as_arrays(recording, _stream(open_window_detector, recording, order))
+        if not own_floor:
+            return as_arrays(recording, _stream(lambda rate: WindowDetector(model, sample_rate=rate), recording, order))
+        predictions = _stream(open_gated, recording, order)
+        return replace(
+            as_arrays(recording, predictions), touch=np.array([update.touch for update in predictions], np.int8)
+        )
 
     return predict
 
@@ -92,7 +106,9 @@ def _floor_threshold(recording: Recording, order: tuple[int, ...], model: Model)
     return measure_floor([block], sample_rate=rate, rule=model.card.gate.rule).threshold_dbfs
 
 
-def _stream(open_detector: Callable[[int], Detector], recording: Recording, order: tuple[int, ...]) -> list[Prediction]:
+def _stream(
+    open_detector: Callable[[int], Detector | TouchDetector], recording: Recording, order: tuple[int, ...]
+) -> list[Prediction]:
     predictions: list[Prediction] = []
     try:
         with soundfile.SoundFile(recording.path) as file:

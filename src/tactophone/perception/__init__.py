@@ -1,7 +1,7 @@
 """Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
 
 from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.decision import NEVER_ABSTAIN, Decision, DecisionRule, rough_share
+from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.event_merging import EventMerger
 from tactophone.perception.events import EventDetector
@@ -38,6 +38,7 @@ from tactophone.perception.model_registry import (
     open_detector,
     shipped_models,
     tip_mismatch,
+    with_gate,
 )
 from tactophone.perception.noise_floor import SILENT_DBFS, NoiseFloor
 from tactophone.perception.recording_floor import RecordingFloor, measure_floor
@@ -67,6 +68,7 @@ __all__ = [
     "EXTRACTORS",
     "FALLBACK_MESSAGES",
     "FEATURES",
+    "FORGET_AFTER",
     "LOG_PROBABILITIES",
     "MEMORY",
     "MICROPHONES",
@@ -123,4 +125,5 @@ __all__ = [
     "texture_features",
     "tip_mismatch",
     "with_fallback",
+    "with_gate",
 ]

@@ -11,6 +11,10 @@ Probabilities = tuple[float, float, float]
 NEVER_ABSTAIN = 2.0
 """A probability that no *none* reaches."""
 
+FORGET_AFTER = 25
+"""Predictions without contact after which the next one is a new touch: a stroke that turns stands still, inaudible, for
+up to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
+
 
 @dataclass(frozen=True, slots=True)
 class DecisionRule:
@@ -23,7 +27,8 @@ class DecisionRule:
     rough_off
         Rough share under which it turns back to smooth; at most ``rough_on``.
     confirm
-        Consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough.
+        Consecutive predictions in contact that must reach ``rough_on`` before the decision turns rough. A touch that
+        was rough before the still point of a stroke, of up to `FORGET_AFTER` predictions, is confirmed already.
     abstain_from
         Probability of *none* from which a touch is unlike any in training: it is rendered as plain contact, smooth.
         :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none* is trained but not used.
@@ -54,22 +59,25 @@ class Decision:
     def reset(self) -> None:
         """Return to the initial state: not rough."""
         self._rough = False
-        self._streak = 0
+        self._streak = self._quiet = 0
 
     def decide(self, probabilities: Probabilities, *, contact: bool) -> tuple[Touch, float]:
         """Return the touch and the roughness, 0 to 1, where 0.5 is the threshold in force.
 
         Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
         """
+        if not contact:
+            # A prediction without contact is that of the average touch: it confirms nothing about the touch to come.
+            self._streak, self._quiet = 0, self._quiet + 1
+            self._rough = self._rough and self._quiet < FORGET_AFTER
+            return Touch.NONE, 0.0
+        self._quiet = 0
         unknown = probabilities[Touch.NONE] >= self._rule.abstain_from
         share = 0.0 if unknown else rough_share(probabilities)
         # Hysteresis: the threshold in force depends on the last decision.
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
-        # Without contact a prediction is that of the average touch: it confirms nothing about the touch to come.
-        self._streak = self._streak + 1 if contact and share >= self._rule.rough_on else 0
-        self._rough = contact and share >= threshold and (self._rough or self._streak >= self._rule.confirm)
-        if not contact:
-            return Touch.NONE, 0.0
+        self._streak = self._streak + 1 if share >= self._rule.rough_on else 0
+        self._rough = share >= threshold and (self._rough or self._streak >= self._rule.confirm)
         # Piecewise linear, so that the threshold lies at 0.5, and 0 and 1 stay where they are.
         roughness = 0.5 * share / threshold if share < threshold else 0.5 + 0.5 * (share - threshold) / (1 - threshold)
         if self._rough:

@@ -32,7 +32,8 @@ class TouchDetector:
 
     With a contact gate, the gate decides on contact, by a threshold that is given or follows the noise. The start of a
     touch is reported at once, as smooth (a false bump is worse than a missed one), until the window is full enough of
-    contact to be classified. The end of a touch is reported at once, though the window still contains it. Without a
+    contact to be classified. Where a window within a touch is too quiet to be classified, the last decision stands. The
+    end of a touch is reported at once, though the window still contains it. Without a
     gate, contact is that of the window, as in the paper.
 
     Parameters
@@ -112,6 +113,8 @@ class TouchDetector:
         self._newest = _NO_PREDICTION
         self._touching, self._since, self._held = self._gate is None, 0.0, False
         self._reported_until = -math.inf
+        # The last decision of this touch.
+        self._decided, self._roughness = Touch.SMOOTH, 0.0
 
     def _follow(self, block: AudioBlock) -> None:
         """Account for lost sound: detector and gate count samples received, predictions carry stream time."""
@@ -144,6 +147,7 @@ class TouchDetector:
         self._held = contact.held
         if contact.touching is not self._touching:
             self._touching, self._since = contact.touching, contact.time + self._shift
+            self._decided, self._roughness = Touch.SMOOTH, 0.0
         end = contact.time + self._shift - self.latency
         if not changed and end - self._reported_until < MAX_INTERVAL:
             return None
@@ -157,8 +161,11 @@ class TouchDetector:
         if not self._touching or prediction.faulty:
             return _overruled(prediction, Touch.NONE)
         # A held touch may have ended: it is felt faintly at most, or a rough vibration would outlast it.
-        if self._held or prediction.touch is Touch.NONE or not self._is_usable(prediction):
+        if self._held or not self._is_usable(prediction):
             return _overruled(prediction, Touch.SMOOTH)
+        if prediction.touch is Touch.NONE:
+            return _overruled(prediction, self._decided, self._roughness)
+        self._decided, self._roughness = prediction.touch, prediction.roughness
         return prediction
 
     def _is_usable(self, prediction: Prediction) -> bool:
@@ -171,8 +178,7 @@ class TouchDetector:
         return replace(prediction, start=prediction.start + self._shift, end=prediction.end + self._shift)
 
 
-def _overruled(prediction: Prediction, touch: Touch) -> Prediction:
+def _overruled(prediction: Prediction, touch: Touch, roughness: float = 0.0) -> Prediction:
     # Written out, as `replace` looks up every field by name, which costs measurable time in each update.
-    return Prediction(
-        prediction.probabilities, touch, 0.0, prediction.level_dbfs, prediction.start, prediction.end, prediction.faulty
-    )
+    end, faulty = prediction.end, prediction.faulty
+    return Prediction(prediction.probabilities, touch, roughness, prediction.level_dbfs, prediction.start, end, faulty)

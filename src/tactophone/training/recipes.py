@@ -198,9 +198,10 @@ def load(path: str) -> Callable[..., Any]:
     return cast(Callable[..., Any], getattr(importlib.import_module(module), name))
 
 
-_CONFIRMED = DecisionRule(confirm=4, abstain_from=0.5)
+_CONFIRMED = DecisionRule(rough_off=0.4, confirm=4, abstain_from=0.5)
 """*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
-quickly, and edges are still felt in time (docs/research/detector.md)."""
+quickly, and edges are still felt in time. Once confirmed it lasts until smooth is clearly likelier, or a rough touch
+would flicker and wait for 40 ms each time (docs/research/detector.md)."""
 
 _BASELINES = "tactophone.training.features.baselines"
 
@@ -215,7 +216,7 @@ _LISTED = (
     ),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=4, memory=0.25,
+        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=5, memory=0.25,
         augmentation=Augmentation(), shipped=True,
     ),
     Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),

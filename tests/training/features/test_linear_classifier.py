@@ -2,9 +2,9 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.perception import FEATURES, LOG_PROBABILITIES
+from tactophone.perception import BAND_VALUES, FEATURES, LOG_PROBABILITIES
 from tactophone.training.features.examples import Examples, even_weights, inner_folds
-from tactophone.training.features.linear_classifier import LinearClassifier, fit_classifier
+from tactophone.training.features.linear_classifier import IMPULSES, LinearClassifier, fit_classifier
 from tactophone.training.features.onnx_graph import build_classifier_graph
 
 FEATURE_COUNT = 4
@@ -80,6 +80,27 @@ def test_every_class_and_surface_weighs_the_same() -> None:
     weights = even_weights(rough, surface)
     assert weights.mean() == pytest.approx(1)
     assert [weights[surface == number].sum() for number in range(4)] == pytest.approx([2, 2, 2, 2])
+
+
+def test_an_importance_weighs_surfaces_within_a_class() -> None:
+    rough = np.array([True, True, False, False, False])
+    surface = np.array([0, 1, 2, 2, 3])
+    weights = even_weights(rough, surface, np.array([1.0, 0.25, 0.25, 0.25, 1.0]))
+    assert weights[rough].sum() == pytest.approx(weights[~rough].sum())
+    assert weights[0] / weights[1] == pytest.approx(4)
+    assert weights[surface == 3].sum() / weights[surface == 2].sum() == pytest.approx(4)
+
+
+def test_under_a_hard_tip_half_of_the_head_are_impulses() -> None:
+    rng = np.random.default_rng(0)
+    surface = np.repeat(np.arange(10), 100)
+    rough = surface % 2 == 1
+    features = rng.standard_normal((1000, 2 * BAND_VALUES)) + 2 * rough[:, None]
+    examples = Examples(features.astype(np.float32), rough, surface)
+    plain, hard = (fit_classifier(examples, channels=1, hard_tip=hard).weights[0] for hard in (False, True))
+    others = np.setdiff1d(np.arange(2 * BAND_VALUES), IMPULSES)
+    assert hard[others] == pytest.approx(plain[others] / 2)
+    assert (hard[list(IMPULSES)] > plain[list(IMPULSES)]).all()
 
 
 def test_inner_folds_split_by_surface() -> None:

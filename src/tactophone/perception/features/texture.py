@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.perception.decision import FORGET_AFTER
 from tactophone.perception.features.bands import BAND_VALUES, BandFeatures, WindowSpectrum
 from tactophone.perception.features.loudness import band_of_powers
 from tactophone.perception.model_file import ModelCard
@@ -28,10 +29,6 @@ MEMORY = 0.1
 
 PRIOR_WINDOWS = 3.0
 """Windows that the prior is worth at the start of a touch."""
-
-FORGET_AFTER = 25
-"""Windows without contact after which the next one is a new touch: a stroke that turns stands still, inaudible, for up
-to a quarter of a second; a finger that lifts stays away for longer (both on simulated strokes)."""
 
 NEWEST = 3.0
 """Windows by which the newest mean fades: two of 32 ms hardly overlap at this distance."""

@@ -27,16 +27,20 @@ class Examples:
     rough
         Whether rough, shape ``(windows,)``.
     surface
-        Number of the surface, shape ``(windows,)``.
+        Number of the surface, shape ``(windows,)``; kin have the same.
+    importance
+        Weight of each window's surface beside others, shape ``(windows,)``; none: all weigh the same.
     """
 
     features: FloatArray
     rough: NDArray[np.bool_]
     surface: NDArray[np.intp]
+    importance: Floats | None = None
 
     def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
         """Return the windows of a mask or with these numbers."""
-        return Examples(self.features[which], self.rough[which], self.surface[which])
+        importance = None if self.importance is None else self.importance[which]
+        return Examples(self.features[which], self.rough[which], self.surface[which], importance)
 
     def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
         """Return at most so many windows, evenly drawn."""
@@ -44,7 +48,7 @@ class Examples:
 
     def weights(self) -> Floats:
         """Return the weights of :func:`even_weights`."""
-        return even_weights(self.rough, self.surface)
+        return even_weights(self.rough, self.surface, self.importance)
 
     def moments(self) -> tuple[Floats, Floats]:
         """Return mean and standard deviation of each feature, missing values left out."""
@@ -56,14 +60,17 @@ class Examples:
         return np.asarray(np.nan_to_num((self.features - mean) / scale))
 
 
-def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Floats:
-    """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1."""
-    weights = np.empty(len(rough))
+def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp], importance: Floats | None = None) -> Floats:
+    """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1.
+
+    With an importance, ``(windows,)``, the surfaces of a class weigh as it says; it may differ within a surface.
+    """
+    weights = np.ones(len(rough)) if importance is None else importance.astype(np.float64)
     for label in (False, True):
-        surfaces = np.unique(surface[rough == label])
-        for number in surfaces:
+        for number in np.unique(surface[rough == label]):
             here = (surface == number) & (rough == label)
-            weights[here] = len(rough) / 2 / len(surfaces) / here.sum()
+            weights[here] /= here.sum()
+        weights[rough == label] *= len(rough) / 2 / weights[rough == label].sum()
     return weights
 
 

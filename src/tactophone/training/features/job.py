@@ -58,13 +58,18 @@ class FeatureJob:
     @property
     def identity(self) -> str:
         """Text that changes whenever the result may: key of cached results."""
-        return f"{self.name} {self.recipe.version} {self.seed} {self.evaluated_spec!r}"
+        return f"{self.name} {self.recipe.version} {self.seed} {self.tip} {self.evaluated_spec!r}"
 
     def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
         """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
         spec = self.evaluated_spec if codecs is None else self.spec
         return build_training_set(
-            spec, recordings, codecs=codecs or (), augmentation=self.recipe.augmentation, seed=self.seed
+            spec,
+            recordings,
+            codecs=codecs or (),
+            augmentation=self.recipe.augmentation,
+            seed=self.seed,
+            tip=self.tip or tip_of(recordings),
         )
 
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
@@ -93,7 +98,7 @@ class FeatureJob:
             "through": ["nothing", *through],
         }
         card = training_set.card(path.stem, rule=self.recipe.decision, training=facts)
-        settings = {**card.settings, "tip": self.tip or tip_of(dataset)}
+        settings = {**card.settings, "tip": training_set.tip}
         card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
         write_graph(path, self.build(training_set), card)
         return True

@@ -1,7 +1,7 @@
 """The classifier of the recipe ``texture``: few weights, calibrated probabilities, and *none* for unknown sound.
 
-There is one logistic regression for each set of working channels, every surface and either class weighted the same,
-regularised until its confidence on held-out surfaces equals its accuracy there (docs/research/detector.md). Sound
+There is one logistic regression for each set of working channels, every kind of surface and either class weighted the
+same, regularised until its confidence on held-out surfaces equals its accuracy there (docs/research/detector.md). Sound
 unlike the training data is detected by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance (2004); the
 threshold is what one held-out window in two hundred exceeds.
 """
@@ -13,6 +13,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from tactophone.perception import BAND_VALUES, CREST_INDEX
 from tactophone.training.features.examples import Examples, Floats, inner_folds
 from tactophone.training.features.onnx_graph import build_classifier_graph
 from tactophone.training.features.training_set import TrainingSet
@@ -23,6 +24,14 @@ STRENGTH = 0.05
 
 KNOWN_SHARE = 0.995
 """Share of held-out windows that count as known sound."""
+
+
+HARD_TIPS = ("plastic", "stylus")
+"""Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
+small hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away."""
+
+IMPULSES = (CREST_INDEX, CREST_INDEX + 1, BAND_VALUES + CREST_INDEX, BAND_VALUES + CREST_INDEX + 1)
+"""A channel's features crest and clicks: their means, then their deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +61,8 @@ class LinearClassifier:
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
     """Fit the classifier and return its graph."""
     channels = training_set.spec.channels
-    return build_classifier_graph(fit_classifier(training_set.examples, channels=channels), channels=channels)
+    classifier = fit_classifier(training_set.examples, channels=channels, hard_tip=training_set.tip in HARD_TIPS)
+    return build_classifier_graph(classifier, channels=channels)
 
 
 def channel_sets(channels: int) -> list[tuple[int, ...]]:
@@ -65,13 +75,23 @@ def channel_sets(channels: int) -> list[tuple[int, ...]]:
     return [every, *combinations(every, 1)] if channels > 1 else [every]
 
 
-def fit_classifier(examples: Examples, *, channels: int) -> LinearClassifier:
-    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes."""
+def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False) -> LinearClassifier:
+    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes.
+
+    Under a hard tip each regression is the mean of that on all features and that on the impulses alone.
+    """
     thinned = examples.thinned()
     centre, scale = thinned.moments()
     standard = Examples(np.asarray(thinned.standardised(centre, scale), np.float32), thinned.rough, thinned.surface)
     count = len(centre)
-    fitted = [_fit_regression(standard, _columns(working, channels, count)) for working in channel_sets(channels)]
+    columns = [_columns(working, channels, count) for working in channel_sets(channels)]
+    fitted = [_fit_regression(standard, each) for each in columns]
+    if hard_tip:
+        impulses = [_fit_regression(standard, each[np.isin(each % (count // channels), IMPULSES)]) for each in columns]
+        fitted = [
+            ((weights + others) / 2, (bias + other) / 2)
+            for (weights, bias), (others, other) in zip(fitted, impulses, strict=True)
+        ]
     whitening = _whitening(standard.features, channels)
     limit = float(np.quantile(_held_out_distances(standard, channels), KNOWN_SHARE))
     weights, biases = zip(*fitted, strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
+from tactophone.dataset import Recording, kin_of
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
 from tactophone.perception import BAND_VALUES, MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
@@ -24,6 +24,7 @@ from tactophone.training.features.feature_tracks import (
     extract_features,
     mean_shifts,
 )
+from tactophone.training.provenance import is_simulation
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 FALSE_CONTACTS = 0.01
@@ -38,6 +39,11 @@ FALSE_CHANGES = 0.001
 
 RIDGE = 1e-3
 """Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen directions from dominating."""
+
+SIMULATED_IMPORTANCE = 0.05
+"""Weight of a simulated surface beside a real one, where a set holds both. Simulated sound adds surfaces of which there
+is no recording, but it is not real: at the same weight it costs 0.04 of AUC on real kinds left out
+(docs/research/detector.md)."""
 
 NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp))
 
@@ -58,6 +64,8 @@ class TrainingSet:
         Windows in contact.
     height
         log10 of the surface's Ra in micrometres for each example; NaN where it is unknown.
+    tip
+        That touches; empty where it is unknown.
     """
 
     spec: FeatureSpec
@@ -66,6 +74,7 @@ class TrainingSet:
     change_metric: ChangeMetric
     examples: Examples
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    tip: str = ""
 
     def features(self, track: FeatureTrack) -> FloatArray:
         """Return the features that the live extractor returns, shape ``(windows, features)``."""
@@ -115,6 +124,7 @@ def build_training_set(
     codecs: Sequence[Codec] = (),
     augmentation: Augmentation | None = None,
     seed: int = 0,
+    tip: str = "",
 ) -> TrainingSet:
     """Extract features from labelled recordings and select the windows to train on.
 
@@ -131,6 +141,8 @@ def build_training_set(
         Each take is used in so many copies, each varied; texture features alone.
     seed
         Of the variations.
+    tip
+        That touches.
 
     Raises
     ------
@@ -161,15 +173,22 @@ def build_training_set(
     else:
         change_metric = np.zeros((spec.channels, BAND_VALUES, BAND_VALUES))
     # The features of the examples follow from the prior and the metric, so these come first.
-    unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES)
+    unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
     rng = np.random.default_rng(seed)
     features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
     sizes = [len(rows) for rows in features]
     rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
-    names = sorted({track.recording.surface for track in tracks})
-    surface = np.repeat([names.index(track.recording.surface) for track in tracks], sizes)
+    names = sorted({kin_of(track.recording) for track in tracks})
+    surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
+    importance = np.repeat(_importance([track.recording for track in tracks]), sizes)
     height = np.repeat([_log_height(track.recording) for track in tracks], sizes)
-    return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface), height=height)
+    return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface, importance), height=height)
+
+
+def _importance(recordings: Sequence[Recording]) -> NDArray[np.float64]:
+    """Return the importance of each recording's surface: 1, or less for a simulated one beside real ones."""
+    simulated = np.array(list(map(is_simulation, recordings)))
+    return np.ones(len(simulated)) if simulated.all() else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
 
 
 def _threshold_for(track: FeatureTrack, threshold_dbfs: float) -> float:

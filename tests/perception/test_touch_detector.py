@@ -1,0 +1,57 @@
+"""Contact gate and window detector together, with a detector whose predictions are given."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from tactophone.perception import ContactGate, TouchDetector
+from tactophone.types import AudioBlock, Prediction, Touch
+
+RATE, HOP = 8000, 80
+
+
+class Scripted:
+    """Predicts from a list, every 10 ms."""
+
+    name, hop, latency, bandwidth, threshold_dbfs = "scripted", 0.01, 0.0, 4000.0, -40.0
+
+    def __init__(self, touches: list[Touch], level_dbfs: float = -20.0) -> None:
+        self._touches, self._level_dbfs, self._done = touches, level_dbfs, 0
+        self.faults: Counter[str] = Counter()
+
+    def push(self, block: AudioBlock) -> list[Prediction]:
+        first, self._done = self._done, block.end // HOP
+        return [self._predict(number) for number in range(first, min(self._done, len(self._touches)))]
+
+    def _predict(self, number: int) -> Prediction:
+        touch, end = self._touches[number], (number + 1) * self.hop
+        return Prediction((0.0, 0.5, 0.5), touch, 0.8 * touch / 2, self._level_dbfs, end - 0.032, end)
+
+    def flush(self) -> list[Prediction]:
+        return []
+
+    def reset(self) -> None:
+        self._done = 0
+
+
+@pytest.mark.parametrize("decided", [Touch.SMOOTH, Touch.ROUGH])
+def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(decided: Touch) -> None:
+    touches = [Touch.NONE] * 10 + [decided] * 10 + [Touch.NONE] * 5 + [Touch.NONE] * 5
+    sound = np.zeros((len(touches) * HOP, 1), np.float32)
+    sound[10 * HOP : 25 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((15 * HOP, 1))
+    detector = TouchDetector(Scripted(touches), ContactGate(-40, sample_rate=RATE, rule="banded"), window=0.032)
+    found = detector.push(AudioBlock(sound, RATE))
+    during = [each for each in found if 0.2 < each.end <= 0.25]
+    assert {(each.touch, each.roughness) for each in during} == {(decided, 0.8 * decided / 2)}
+    assert found[-1].touch is Touch.NONE
+
+
+def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:
+    touches = [Touch.ROUGH] * 10 + [Touch.NONE] * 20
+    sound = np.zeros((len(touches) * HOP, 1), np.float32)
+    loud = 0.1 * np.random.default_rng(0).standard_normal((10 * HOP, 1))
+    sound[: 10 * HOP], sound[20 * HOP :] = loud, loud
+    detector = TouchDetector(Scripted(touches), ContactGate(-40, sample_rate=RATE, rule="banded"), window=0.032)
+    found = detector.push(AudioBlock(sound, RATE))
+    assert {each.touch for each in found if each.end > 0.21} == {Touch.SMOOTH}
