@@ -38,6 +38,7 @@ readers = {
     "joy": DataReader(domain, topic("joy/set_feedback", messages.JoyFeedback)),
     "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
     "manus": DataReader(domain, topic("manus_glove_0/vibration_cmd", messages.ManusVibrationCommand)),
+    "haptx": DataReader(domain, topic("haptx/rh/tactor_group_state", messages.TactorGroupState)),
     "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, _LATCHED)),
     "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
     "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
@@ -71,7 +72,7 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
         [sys.executable, "-c", ROBOT], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=dict(os.environ)
     )
     requests: list[str] = []
-    sinks = ("joy", "senseglove", "manus")
+    sinks = ("joy", "senseglove", "manus", "haptx")
     with RosBridge(telemetry.name, sinks=sinks, domain=DOMAIN) as bridge:
         while robot.poll() is None:
             telemetry.publish(STEP, now=time.monotonic())
@@ -80,10 +81,11 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
             time.sleep(0.02)
     output, errors = robot.communicate()
     lines = dict(line.split(" ", 1) for line in output.splitlines())
-    assert set(lines) == {"prediction", "joy", "glove", "manus", "info", "audio", "diagnostics"}, errors
+    assert set(lines) == {"prediction", "joy", "glove", "manus", "haptx", "info", "audio", "diagnostics"}, errors
     assert "type=1, id=0, intensity=0.5" in lines["joy"]
     assert "data=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0" in lines["glove"] or "49.99, 0.0" in lines["glove"]
     assert "intensities=[0.0, 0.5, 0.0, 0.0, 0.0]" in lines["manus"]
+    assert "tactor_group=['rh_ff'], inflation=[0.5]" in lines["haptx"]
     assert "sample_rate=48000" in lines["info"]
     assert "stop" in requests
     assert set(requests) == {"stop"}
@@ -98,7 +100,13 @@ def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None
     assert len(first) == 12
 
 
-@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("manus", "toe")])
+def test_a_haptx_glove_has_two_hands() -> None:
+    sink = open_sink("haptx-left", finger="pinky")
+    assert sink.topic == "haptx/lh/tactor_group_state"
+    assert sink.make(0.25, 0).tactor_group == ["lh_lf"]
+
+
+@pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("manus", "toe"), ("haptx", "toe")])
 def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
     with pytest.raises(ConfigError):
         open_sink(text, finger=finger)

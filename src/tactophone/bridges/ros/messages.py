@@ -139,6 +139,14 @@ class JoyFeedback(IdlStruct, typename=_name("sensor_msgs", "JoyFeedback")):
 
 
 @dataclass
+class TactorGroupState(IdlStruct, typename=_name("haptx_interfaces", "TactorGroupState")):
+    """Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1."""
+
+    tactor_group: types.sequence[str] = field(default_factory=list)
+    inflation: types.sequence[types.float64] = field(default_factory=list)
+
+
+@dataclass
 class ManusVibrationCommand(IdlStruct, typename=_name("manus_ros2_msgs", "ManusVibrationCommand")):
     """Intensities of a MANUS glove, thumb to pinky, 0 to 1."""
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from tactophone.bridges.ros import messages
@@ -13,6 +14,9 @@ _SENSEGLOVE_VALUES = 12
 # The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb to pinky, vibration of their
 # tips, then of two places of the palm. A Nova 2 has tips of thumb and index only.
 _SENSEGLOVE_TIPS = 5
+
+_HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
+# Names of a HaptX glove's tactor groups, in the order of FINGERS (github.com/NU-Haptics-Lab/haptx_interfaces).
 
 _RUMBLE = 1
 
@@ -40,7 +44,7 @@ def open_sink(text: str, *, finger: str) -> Sink:
     kind, _, topic = text.partition(":")
     if kind not in _SINKS:
         raise ConfigError(f"--ros-sink {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
-    if kind in ("senseglove", "manus") and finger not in FINGERS:
+    if kind not in ("joy", "float32") and finger not in FINGERS:
         raise ConfigError(f"--finger {finger}: a glove has {', '.join(FINGERS)}")
     sink = _SINKS[kind](finger)
     return Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make)
@@ -76,6 +80,14 @@ def _manus(finger: str) -> Sink:
     return Sink("manus_glove_0/vibration_cmd", messages.ManusVibrationCommand, make)
 
 
+def _haptx(hand: str, finger: str) -> Sink:
+    group = f"{hand}_{_HAPTX_FINGERS[FINGERS.index(finger)]}"
+    return Sink(
+        f"haptx/{hand}/tactor_group_state", messages.TactorGroupState,
+        lambda amplitude, beat: messages.TactorGroupState(tactor_group=[group], inflation=[amplitude]),
+    )  # fmt: skip
+
+
 def _float32(finger: str) -> Sink:
     return Sink(
         f"tactophone/{finger}/amplitude", messages.Float32,
@@ -87,5 +99,7 @@ _SINKS: dict[str, Callable[[str], Sink]] = {
     "joy": _joy,
     "senseglove": _senseglove,
     "manus": _manus,
+    "haptx": partial(_haptx, "rh"),
+    "haptx-left": partial(_haptx, "lh"),
     "float32": _float32,
 }

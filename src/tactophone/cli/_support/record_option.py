@@ -41,7 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--ros", action="store_true", help="publish to ROS 2 over DDS, in the domain of ROS_DOMAIN_ID (default: 0)")
     add(
         "--ros-sink", action="append", default=[], metavar="KIND[:TOPIC]",
-        help="drive a ROS 2 device with the vibration, after its limits: joy, senseglove, manus or float32",
+        help="drive a ROS 2 device with the vibration, after its limits: joy, senseglove, manus, haptx, haptx-left or "
+        "float32",
     )  # fmt: skip
 
 
