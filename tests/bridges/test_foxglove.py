@@ -2,6 +2,7 @@ import asyncio
 import base64
 import json
 import struct
+import subprocess
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -15,6 +16,7 @@ from tactophone.errors import ConfigError
 from tactophone.runtime import SessionRecorder
 from tactophone.telemetry import State, Telemetry
 from tests.bridges.test_osc import STEP
+from tests.node import NODE, needs_node
 
 aiohttp = pytest.importorskip("aiohttp")
 
@@ -78,6 +80,28 @@ def test_a_client_of_either_protocol_sees_predictions_and_state(
     assert found[71]["armed"] is True  # latched: it was published before the client came
     assert found[70]["amplitude"] == 0.5
     assert all(abs(stamp / 1e9 - time.time()) < 60 for _, stamp, _ in frames)
+
+
+@needs_node
+@pytest.mark.realtime
+def test_the_published_client_sees_predictions_and_state(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
+    """npm's @foxglove/ws-protocol, the client of Foxglove's own programs."""
+    bridge.read()
+    topics = ("/tactophone/prediction", "/tactophone/state")
+    url = f"ws://127.0.0.1:{bridge.port}/secret/"
+    client = subprocess.Popen(["node", NODE / "foxglove_client.cjs", url, *topics], stdout=subprocess.PIPE, text=True)
+    until = time.monotonic() + 20
+    while client.poll() is None and time.monotonic() < until:
+        telemetry.publish(STEP, now=time.monotonic())
+        bridge.read()
+        time.sleep(0.05)
+    client.kill()
+    lines = [json.loads(line) for line in client.communicate()[0].splitlines()]
+    assert [line["kind"] for line in lines] == ["serverInfo", "advertise", "message", "message"]
+    assert lines[0]["capabilities"] == []
+    found = {line["topic"]: line["data"] for line in lines[2:]}
+    assert found["/tactophone/state"]["armed"] is True
+    assert found["/tactophone/prediction"]["amplitude"] == 0.5
 
 
 def test_nothing_that_a_viewer_sends_reaches_the_run(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -17,6 +18,7 @@ from selenium.webdriver.common.keys import Keys
 from tactophone.dashboard import Page
 from tactophone.game import GameSettings, serve_game
 from tactophone.types import Touch
+from tests.accessibility import needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, stroke, text, wait
 from tests.dashboard.running import Run
 
@@ -143,3 +145,39 @@ def test_leaving_the_page_lifts_the_finger(browser: webdriver.Chrome, box: Page,
     browser.get("about:blank")
     wait(browser, lambda: led[0].touch is Touch.NONE)
     ActionBuilder(browser).clear_actions()
+
+
+def finish(browser: webdriver.Chrome) -> None:
+    """Stroke a rough stone, mark two by keys, and lift the curtain."""
+    stroke(browser, 1)
+    browser.find_element(By.ID, "stage").send_keys("2", "5", Keys.TAB)
+    browser.execute_script("document.querySelector('#done').focus()")
+    ActionChains(browser).send_keys(Keys.ENTER).perform()
+    wait(browser, lambda: text(browser, "verdict") == "Both are right.")
+
+
+@needs_axe
+def test_axe_finds_nothing_serious_on_any_screen(browser: webdriver.Chrome, box: Page) -> None:
+    browser.get(box.url)
+    wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled())
+    faults = {"door": serious_faults(browser)}
+    begin(browser, box, trainer=True)
+    stroke(browser, 1, lift=False)
+    faults["play"] = serious_faults(browser)
+    finish(browser)
+    faults["reveal"] = serious_faults(browser)
+    assert faults == {"door": [], "play": [], "reveal": []}
+
+
+def test_tab_reaches_every_control_of_every_screen(browser: webdriver.Chrome, box: Page) -> None:
+    browser.get(box.url)
+    wait(browser, lambda: browser.find_element(By.ID, "begin").is_enabled())
+    screens = [reached_by_tab(browser)]
+    browser.execute_script("document.querySelector('#begin').focus()")
+    ActionChains(browser).send_keys(Keys.ENTER).perform()
+    screens.append(reached_by_tab(browser))
+    finish(browser)
+    screens.append(reached_by_tab(browser))
+    assert [len(reached) for _, reached in screens] == [count for count, _ in screens]
+    assert [name for _, reached in screens for name, seen in reached.items() if not seen] == []
+    assert outside(browser) <= 0

@@ -1,0 +1,78 @@
+"""A page by axe-core, in the widths of a phone, a tablet and a laptop, light and dark; and by the Tab key alone."""
+
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.keys import Keys
+
+from tests.browser import resize
+from tests.node import NODE
+
+AXE = NODE / "node_modules" / "axe-core" / "axe.min.js"
+
+needs_axe = pytest.mark.skipif(not AXE.is_file(), reason="needs axe-core: npm install --prefix tests/node")
+
+SIZES = (390, 768, 1280)
+
+_RUN = """
+const done = arguments[0];
+axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => done(violations
+  .filter(({ impact }) => ["serious", "critical"].includes(impact))
+  .map(({ id, nodes }) => [id, nodes.map(({ html, failureSummary }) => [html.slice(0, 80), failureSummary])])), String);
+"""
+
+
+def serious_faults(browser: webdriver.Chrome, axe: Path = AXE) -> list[str]:
+    """Return the faults of the open page, in every size and theme; leaves it at a laptop's size, light."""
+    found = []
+    source = axe.read_text(encoding="utf-8")
+    for theme in ("dark", "light"):
+        preferred = [{"name": "prefers-color-scheme", "value": theme}]
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": preferred})
+        for width in SIZES:
+            resize(browser, width, 900)
+            browser.execute_script(source)
+            faults = browser.execute_async_script(_RUN)
+            found += [f"{theme}, {width} px: {fault}" for fault in faults]
+    return found
+
+
+def outside(browser: webdriver.Chrome) -> int:
+    """Return by how many pixels the page is wider than its window."""
+    script = "return document.documentElement.scrollWidth - innerWidth"
+    return int(browser.execute_script(script))
+
+
+_CONTROLS = """
+return [...document.querySelectorAll("a[href], button, input, select, [tabindex='0']")]
+  .filter((node) => !node.disabled && node.checkVisibility({ visibilityProperty: true }))
+  .filter((node) => node.type !== "radio" || node.checked).length;
+"""
+_FOCUSED = """
+const node = document.activeElement;
+if (node === document.body) return null;
+const { outlineStyle, outlineWidth, boxShadow } = getComputedStyle(node);
+const seen = (outlineStyle !== "none" && parseFloat(outlineWidth) >= 1) || boxShadow !== "none";
+return [[...document.querySelectorAll("*")].indexOf(node) + " " + node.outerHTML.slice(0, 80), seen];
+"""
+
+
+def reached_by_tab(browser: webdriver.Chrome) -> tuple[int, dict[str, bool]]:
+    """Return the number of controls that can be used, and those that the Tab key reaches, with whether one sees it.
+
+    Of a group of radio buttons, Tab reaches the chosen one, and the arrow keys the others.
+    """
+    # Tab goes on from the element that had the focus last; so the page itself has it first.
+    browser.execute_script(
+        "document.body.tabIndex = -1; document.body.focus(); document.body.removeAttribute('tabindex');"
+    )
+    reached: dict[str, bool] = {}
+    for _ in range(60):
+        ActionChains(browser).send_keys(Keys.TAB).perform()
+        focused = browser.execute_script(_FOCUSED)
+        if focused is None or focused[0] in reached:
+            break
+        reached[focused[0]] = focused[1]
+    return int(browser.execute_script(_CONTROLS)), reached
