@@ -9,9 +9,10 @@ import pytest
 from scipy.signal import lfilter
 
 from tactophone import config
+from tactophone.cli import main
 from tactophone.cli._support.measure_actuator import as_toml, measure
 from tactophone.config import Settings
-from tactophone.devices import SweepRecorder, fit, sweep
+from tactophone.devices import DummyServer, JackClient, SweepRecorder, fit, sweep
 from tactophone.errors import ConfigError, DeviceError
 from tactophone.types import FloatArray
 
@@ -73,3 +74,31 @@ def test_the_sweep_stays_below_its_amplitude_and_is_played_to_its_end() -> None:
 def test_an_amplitude_over_the_default_ceiling_is_refused(amplitude: float, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="at most the default ceiling"):
         measure(argparse.Namespace(amplitude=amplitude, out=tmp_path / "x.toml"), Settings())
+
+
+@pytest.mark.realtime
+def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
+    """JACK's dummy server, with a resonator between the actuator's port and the microphone's."""
+    omega, quality = 2 * math.pi * 150.0 / RATE, 4.0
+    alpha = math.sin(omega) / (2 * quality)
+    state = np.zeros(2)
+
+    def resonate(inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+        coefficients = [alpha, 0, -alpha], [1 + alpha, -2 * math.cos(omega), 1 - alpha]
+        outputs[0][:], state[:] = lfilter(*coefficients, inputs[0], zi=state)
+
+    with DummyServer(512) as server:
+        resonator = JackClient("resonator", resonate, inputs={"in": ""}, outputs={"out": ""}, server=server.name)
+        resonator.open()
+        try:
+            command = [
+                "devices", "measure", "--jack-server", server.name, "--out", str(tmp_path / "actuator.toml"),
+                "--actuator", "jack", "--actuator-port", "resonator:in",
+                "--source", "jack", "--contact", "resonator:out",
+            ]  # fmt: skip
+            assert main(command) == 0
+        finally:
+            resonator.close()
+    actuator = config.read(tmp_path / "actuator.toml").actuator
+    assert actuator.resonance == pytest.approx(150.0, rel=0.03)
+    assert actuator.lowest < 150 < actuator.highest

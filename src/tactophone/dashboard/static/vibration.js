@@ -1,9 +1,10 @@
 // Runs in the audio thread: plays the received vibration at the loudspeaker's own clock.
 
-const LEAST = 0.01 * sampleRate; // samples buffered at first: two messages of 4 ms, and what the audio thread takes at once
+const LEAST = 0.01 * sampleRate; // samples buffered on average at first: two messages of 4 ms, and what the audio thread takes at once
 const GREATEST = 0.04 * sampleRate; // on a connection that stalls
 const GROWTH = 0.005 * sampleRate; // after each underrun while something vibrates
-const CALM = 0.0001; // share of the growth that is taken back per sample played
+const LOOK = 2 * sampleRate; // samples between two looks at how much of the buffer was never used
+const SPARE = 0.003 * sampleRate; // samples that must have been left in the fullest need; half of the rest is given back
 const MOST = 0.15 * sampleRate; // a longer buffer is stale and is skipped
 const HURRY = 0.02; // greatest change of speed, a ninth of the just-noticeable difference of a vibration's frequency
 const SILENCE = 0.1 * sampleRate; // samples of silence after which a vibration counts as a new one
@@ -15,6 +16,9 @@ class Vibration extends AudioWorkletProcessor {
   #read = 0;
   #waiting = true;
   #target = LEAST;
+  #lowest = Infinity; // samples buffered, since the last look
+  #played = 0; // samples, since the last look
+  #soundEnd = 0; // index after the last sample written that is not 0
   #silent = SILENCE;
 
   constructor() {
@@ -30,7 +34,7 @@ class Vibration extends AudioWorkletProcessor {
       if (this.#silent < SILENCE) this.#target = Math.min(GREATEST, this.#target + GROWTH);
       return true;
     }
-    this.#target = Math.max(LEAST, this.#target - CALM * out.length);
+    this.#look(buffered, out.length);
     const speed = 1 + HURRY * Math.max(-1, Math.min(1, (buffered - this.#target) / this.#target));
     for (let k = 0; k < out.length; k++) {
       const whole = Math.floor(this.#read);
@@ -40,6 +44,16 @@ class Vibration extends AudioWorkletProcessor {
     }
     this.#detectOnset(out);
     return true;
+  }
+
+  /** Every `LOOK`, give back half of what was left of the buffer even when messages came latest. */
+  #look(buffered, count) {
+    this.#lowest = Math.min(this.#lowest, buffered);
+    this.#played += count;
+    if (this.#played < LOOK) return;
+    this.#target = Math.max(LEAST, this.#target - Math.max(0, this.#lowest - SPARE) / 2);
+    this.#lowest = Infinity;
+    this.#played = 0;
   }
 
   #at(index) {
@@ -53,8 +67,21 @@ class Vibration extends AudioWorkletProcessor {
       this.#silent = SILENCE;
       return;
     }
-    for (const sample of samples.subarray(-CAPACITY / 2)) this.#ring[this.#written++ % CAPACITY] = sample;
+    this.#dropSilence(samples.length);
+    for (const sample of samples.subarray(-CAPACITY / 2)) {
+      this.#ring[this.#written++ % CAPACITY] = sample;
+      if (sample !== 0) this.#soundEnd = this.#written;
+    }
     if (this.#written - this.#read > MOST) this.#read = this.#written - this.#target;
+  }
+
+  /**
+   * Before a message of `count` samples: of what is buffered, if it is silence alone, keep no more than bridges the wait
+   * for the message after it. So a vibration begins at once, however much had piled up before.
+   */
+  #dropSilence(count) {
+    const kept = Math.max(0, this.#target - count / 2);
+    if (this.#soundEnd <= this.#read && this.#written - this.#read > kept) this.#read = this.#written - kept;
   }
 
   /** Post the time at which sound starts after silence. */
