@@ -4,7 +4,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,6 +14,7 @@ import numpy as np
 
 from tactophone import config
 from tactophone.config import Settings
+from tactophone.errors import TactophoneError
 from tactophone.link import Identity, Peers
 from tactophone.runtime import Operator, ProcessInfo, Robot
 from tactophone.telemetry import Snapshot, Watcher
@@ -117,6 +118,16 @@ def eventually(condition: Callable[[], bool], *, timeout: float = 5.0) -> bool:
             return True
         time.sleep(0.01)
     return False
+
+
+def writer_of(name: str) -> int:
+    """Return the process that writes a run's telemetry; 0 while there is none.
+
+    Whoever starts a run removes the memory of dead processes, so that of a process just killed may be gone.
+    """
+    with suppress(TactophoneError):
+        return Watcher(name).pid
+    return 0
 
 
 def free_port() -> int:

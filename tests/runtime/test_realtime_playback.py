@@ -75,3 +75,21 @@ def test_a_recording_that_cannot_be_skipped_in_time_goes_on_at_later_times() -> 
     found = [(clock.now, block) for block in paced(slow(), skip=True, clock=clock, sleep=clock.sleep)]
     assert len(found) > 150
     assert max(now - block.end / block.sample_rate for now, block in found) < LONGEST_DELAY + 0.013
+
+
+def test_interruptions_while_missed_sound_is_skipped_do_not_move_the_times() -> None:
+    """A busy machine interrupts the reading itself: what follows must still lie where its labels are."""
+    clock = Clock()
+
+    def interrupted() -> Iterator[AudioBlock]:
+        for index, block in enumerate(blocks(600)):
+            clock.now += 0.2 if index in (20, 25, 30) else 0.0001
+            yield block
+
+    found = []
+    for block in paced(interrupted(), skip=True, clock=clock, sleep=clock.sleep):
+        found.append((clock.now, block))
+        clock.now += 0.7 if len(found) == 12 else 0.0
+    assert [block.start % 480 for _, block in found] == [0] * len(found)
+    assert max(now - block.end / block.sample_rate for now, block in found) < LONGEST_DELAY + 1e-6
+    assert len(found) > 450

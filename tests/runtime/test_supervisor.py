@@ -12,6 +12,8 @@ from tactophone.errors import DeviceError, TactophoneError
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor
 from tactophone.telemetry import State, Telemetry, Watcher
 
+from .live_system import writer_of
+
 pytestmark = pytest.mark.realtime
 
 
@@ -60,7 +62,7 @@ def test_a_stalled_process_is_killed_and_replaced(name: str) -> None:
     with Supervisor(live_and_stall, Settings(), name=name) as supervisor:
         first = supervisor.pid
         assert eventually(lambda: supervisor.restarts == 1)
-        assert eventually(lambda: Watcher(name).pid not in (0, first))
+        assert eventually(lambda: writer_of(name) not in (0, first))
         assert eventually(lambda: Watcher(name).snapshot().counters["process_restarts"] == 1)
         assert supervisor.running
         last = supervisor.pid
@@ -113,13 +115,13 @@ def start_never(settings: Settings, info: ProcessInfo) -> None:
 
 
 def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.runtime.start_progress.START_TIMEOUT", 1.5)
     with Supervisor(start_slowly, Settings(), name=name) as supervisor:
         assert supervisor.running
 
 
 def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.runtime.start_progress.START_TIMEOUT", 1.5)
     with (
         pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
         Supervisor(start_never, Settings(), name=name),

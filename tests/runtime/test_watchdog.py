@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from tactophone.runtime.watchdog import CHECK_INTERVAL, StallTimeouts, Watchdog
+from tactophone.runtime.watchdog import CHECK_INTERVAL, StallTimeouts, Verdict, Watchdog
 from tactophone.telemetry import Pulse
 
 
 def first_kill(
     pulses: list[Pulse], *, every: float = CHECK_INTERVAL, timeouts: StallTimeouts | None = None
 ) -> float | None:
-    """Time of the check at which the watchdog kills the process."""
+    """Time of the check at which the watchdog silences or kills the process."""
     watchdog = Watchdog(timeouts or StallTimeouts())
     for index, pulse in enumerate(pulses):
-        if watchdog.check(pulse, now=index * every):
+        if watchdog.check(pulse, now=index * every) is not Verdict.ALIVE:
             return index * every
     return None
 
@@ -49,7 +49,37 @@ def test_checks_that_were_late_themselves_do_not_count() -> None:
     watchdog = Watchdog(StallTimeouts())
     stalled = Pulse(callbacks=3, amplitude=0.5, beat=1.0)
     kills = [watchdog.check(stalled, now=time) for time in np.cumsum([0.0, 0.005, 0.2, 0.005])]
-    assert not any(kills)
+    assert kills == [Verdict.ALIVE] * 4
+
+
+def verdicts(pulses: list[Pulse]) -> dict[Verdict, list[float]]:
+    """Times of the checks at which something was found."""
+    watchdog, found = Watchdog(StallTimeouts()), {Verdict.LATE: [], Verdict.STALLED: [], Verdict.ALIVE: []}
+    for index, pulse in enumerate(pulses):
+        found[watchdog.check(pulse, now=index * CHECK_INTERVAL)].append(index * CHECK_INTERVAL)
+    return found
+
+
+def test_a_process_that_is_late_is_reported_once_and_that_it_stalled_two_seconds_later() -> None:
+    found = verdicts([Pulse(7, 0.5, beat=1.0)] * 500)
+    assert found[Verdict.LATE] == [pytest.approx(0.055)]
+    assert found[Verdict.STALLED][0] == pytest.approx(2.0, abs=0.01)
+
+
+def test_a_process_that_goes_on_can_be_late_again() -> None:
+    late, going = [Pulse(7, 0.5, beat=1.0)] * 100, [Pulse(8 + n, 0.5, beat=2.0 + n) for n in range(20)]
+    found = verdicts(late + going + [going[-1]] * 100)
+    assert len(found[Verdict.LATE]) == 2
+    assert not found[Verdict.STALLED]
+
+
+def test_a_process_whose_device_was_lost_is_neither_late_nor_stalled_while_its_housekeeping_goes_on() -> None:
+    lost = [Pulse(7, 0.5, beat=1.0)] * 60 + [Pulse(7, 0.0, beat=n) for n in range(2000)]
+    assert not verdicts(lost)[Verdict.STALLED]
+
+
+def test_a_process_that_could_not_be_silenced_has_stalled() -> None:
+    assert verdicts([Pulse(7, 0.5, beat=n) for n in range(500)])[Verdict.STALLED][0] == pytest.approx(2.0, abs=0.01)
 
 
 @pytest.mark.parametrize("samples", [64, 128, 256, 512, 1024])

@@ -9,6 +9,7 @@ from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.gamepad import GamepadDevice, motor_levels
 from tactophone.devices.jack import JackClient, JackPort
+from tactophone.devices.jack_sockets import disconnect_from_jack
 from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
 from tactophone.devices.stream import StreamDevice
 from tactophone.devices.survey import SurveyedDevice, survey
@@ -28,6 +29,7 @@ __all__ = [
     "StreamDevice",
     "SurveyedDevice",
     "SweepRecorder",
+    "disconnect_from_jack",
     "fit",
     "motor_levels",
     "open_at_rate",

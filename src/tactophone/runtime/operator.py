@@ -106,7 +106,7 @@ class Operator:
         self._session.bandwidth = round(self._endpoint.pipeline.bandwidth)
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
-        self._submitted = self._rendered = 0
+        self._submitted = self._rendered = self._losses = 0
         self._roughness = 0.0
         self._received_at = time.monotonic()
         self._budgeted_at = 0.0
@@ -146,10 +146,20 @@ class Operator:
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         self._telemetry.count("requests_refused", len(self._requests.apply(self._telemetry.requests(now))))
-        self._actuator.device.revive()
+        self._revive()
         self._update_counts()
         self._update_budget(now)
         self._telemetry.update(self._state(now), now=now)
+
+    def _revive(self) -> None:
+        """Reconnect a lost device; what it rendered last is not taken up again."""
+        device = self._actuator.device
+        if device.losses != self._losses:
+            self._losses = device.losses
+            self._renderer.reset()
+            # The watchdog counts as late only what vibrates.
+            self._telemetry.gauge("output_amplitude", 0.0)
+        device.revive()
 
     def _update_counts(self) -> None:
         """Copy the counts of session, device, renderer and pipeline into telemetry."""

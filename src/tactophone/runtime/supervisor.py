@@ -17,13 +17,14 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
-from pathlib import Path
 from typing import Self, TypeAlias
 
 from tactophone.config import Settings
+from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.runtime.realtime_priority import prioritize_thread
-from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Watchdog
+from tactophone.runtime.start_progress import StartProgress
+from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
 from tactophone.telemetry import Watcher, remove_leftovers, remove_memory
 
 RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
@@ -32,12 +33,6 @@ RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
 
 SHORT_LIFE = 10.0
 """Seconds under which the next process will most likely end for the same reason."""
-
-START_TIMEOUT = 20.0
-"""Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
-
-LONGEST_START = 300.0
-"""Seconds that a start may take in all; compiling the simulation on a busy machine takes one minute."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
@@ -146,7 +141,7 @@ class Supervisor:
 
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
-        start = _Start(self.pid, now=time.monotonic())
+        start = StartProgress(self.pid, now=time.monotonic())
         while start.goes_on(time.monotonic()):
             for error, text in self._read_messages():
                 if error:
@@ -209,11 +204,23 @@ class Supervisor:
                 return self._reason(process.exitcode or 0)
             if watcher is None:
                 watcher = self._watcher()
-            elif self._settings.process.watchdog and watchdog.check(watcher.pulse(), now=time.monotonic()):
+            elif self._settings.process.watchdog and not self._tolerates(watchdog, watcher):
                 process.kill()
                 process.join()
                 return "the watchdog found it stalled"
         return ""
+
+    def _tolerates(self, watchdog: Watchdog, watcher: Watcher) -> bool:
+        """Check the pulse once; a process that is late at vibrating is silenced from outside, if it can be."""
+        match watchdog.check(watcher.pulse(), now=time.monotonic()):
+            case Verdict.LATE:
+                if self._settings.output.actuator != "jack" or not disconnect_from_jack(self.pid):
+                    return False
+                # It stays, and goes on by itself once it can: it joins the JACK server again and waits for fresh sound.
+                self._report(f"! {self.name} was late and is silent until it goes on")
+            case Verdict.STALLED:
+                return False
+        return True
 
     def _reason(self, exitcode: int) -> str:
         """Return why the process ended, empty for an orderly end."""
@@ -240,48 +247,6 @@ class Supervisor:
             process.kill()
             process.join()
         remove_memory(self.name)
-
-
-class _Start:
-    """How far a process has come with its start; times in s."""
-
-    def __init__(self, pid: int, *, now: float) -> None:
-        self.doing, self.failure = "importing", "it ended"
-        self._pid = pid
-        self._began = self._progressed = self._shown = now
-        self._used = 0
-
-    def note(self, doing: str, *, now: float) -> None:
-        """Take what the process does next."""
-        self.doing, self._progressed = doing, now
-
-    def goes_on(self, now: float) -> bool:
-        """Whether to wait longer."""
-        if (used := _processor_time(self._pid)) != self._used:
-            self._used, self._progressed = used, now
-        if now - self._progressed > START_TIMEOUT:
-            self.failure = f"no progress within {START_TIMEOUT:g} s"
-        elif now - self._began > LONGEST_START:
-            self.failure = f"not done within {LONGEST_START:g} s"
-        else:
-            return True
-        return False
-
-    def slow_line(self, now: float) -> str:
-        """Return what a slow start is at, every five seconds."""
-        if now - self._shown < 5.0:
-            return ""
-        self._shown = now
-        return f"starting for {now - self._began:.0f} s, now {self.doing}"
-
-
-def _processor_time(pid: int) -> int:
-    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its messages count as progress)."""
-    try:
-        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-        return int(fields[11]) + int(fields[12])
-    except (OSError, IndexError, ValueError):
-        return 0
 
 
 def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:

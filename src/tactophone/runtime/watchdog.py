@@ -1,14 +1,15 @@
 """Detects from outside that a process has stalled.
 
 JACK repeats the last period of a stalled client for ever (measured), which vibrates without end. Nothing inside a
-stalled process can help; a process that is *killed* is silent within two periods.
+stalled process can help; a process that is *disconnected* from the server or *killed* is silent within some periods.
 
-While the last period was silent, a stall does no harm and the timeout is long; while it vibrated, it is short. Only
-checks that were themselves on time count: if the whole machine stood still, so did the watchdog, and the client may be
-late for the same reason.
+While the last period was silent, a stall does no harm and the timeout is long. While it vibrated, the process is late
+after a short one, and to be silenced; stalled it is after the long one. Only checks that were themselves on time count:
+if the whole machine stood still, so did the watchdog, and the client may be late for the same reason.
 """
 
 from dataclasses import dataclass
+from enum import Enum
 
 from tactophone.telemetry import Pulse
 
@@ -16,7 +17,7 @@ CHECK_INTERVAL = 0.005
 """Seconds between two checks."""
 
 SILENT_TIMEOUT = 2.0
-"""Seconds without any sign of life, while silent, after which a process counts as stalled."""
+"""Seconds without any sign of life after which a process counts as stalled."""
 
 
 LATE_PERIODS = 8
@@ -36,14 +37,21 @@ class StallTimeouts:
     silent: float = SILENT_TIMEOUT
 
 
+class Verdict(Enum):
+    """What a check found: nothing, a process that is late while it vibrates, or one that has stalled."""
+
+    ALIVE, LATE, STALLED = range(3)
+
+
 class Watchdog:
-    """Decides from pulses whether a process has stalled; it has no clock and no process of its own.
+    """Decides from pulses whether a process is late or has stalled; it has no clock and no process of its own.
 
     Examples
     --------
     >>> watchdog = Watchdog(StallTimeouts(vibrating=0.035))
-    >>> [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(9)].index(True)
-    8
+    >>> found = [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(500)]
+    >>> found.index(Verdict.LATE), found.index(Verdict.STALLED)
+    (8, 401)
     """
 
     def __init__(self, timeouts: StallTimeouts) -> None:
@@ -52,9 +60,10 @@ class Watchdog:
         self._callbacks = -1
         self._beat = 0.0
         self._without_callback = self._without_beat = 0.0
+        self._reported = False
 
-    def check(self, pulse: Pulse, *, now: float) -> bool:
-        """Compare a pulse with the one before; true when the process should be killed."""
+    def check(self, pulse: Pulse, *, now: float) -> Verdict:
+        """Compare a pulse with the one before. `Verdict.LATE` comes once, until the process goes on."""
         # A late check counts as two intervals at most: the time beyond was lost to the machine, not to the process.
         passed = 0.0 if self._last is None else min(now - self._last, 2 * CHECK_INTERVAL)
         self._last = now
@@ -62,9 +71,12 @@ class Watchdog:
         self._without_callback = 0.0 if moved else self._without_callback + passed
         self._without_beat = 0.0 if pulse.beat != self._beat else self._without_beat + passed
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
-        vibrating = (
-            max(self._timeouts.vibrating, LATE_PERIODS * pulse.period) if pulse.period > 0 else self._timeouts.vibrating
-        )
-        if pulse.amplitude > 0.0 and self._without_callback > vibrating:
-            return True
-        return self._without_beat > self._timeouts.silent
+        self._reported &= not moved
+        if self._without_beat > self._timeouts.silent:
+            return Verdict.STALLED
+        if pulse.amplitude > 0.0 and not self._reported:
+            late = max(self._timeouts.vibrating, LATE_PERIODS * max(0.0, pulse.period))
+            self._reported = self._without_callback > late
+            return Verdict.LATE if self._reported else Verdict.ALIVE
+        silenced_in_vain = pulse.amplitude > 0.0 and self._without_callback > self._timeouts.silent
+        return Verdict.STALLED if silenced_in_vain else Verdict.ALIVE
