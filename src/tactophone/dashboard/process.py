@@ -97,6 +97,7 @@ def watch(
     address: str | None = None,
     *,
     microphone: Connection | None = None,
+    recorder: Connection | None = None,
     certificate: tuple[Path, Path] | None = None,
     names: tuple[str, ...] = (),
 ) -> Page:
@@ -107,8 +108,10 @@ def watch(
     microphone
         Takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end); without it, no
         page can.
+    recorder
+        Keeps logs of the run when a page on this machine asks for one; without it, no page can.
     """
-    return Page(partial(_dashboard, name, microphone), address, certificate=certificate, names=names)
+    return Page(partial(_dashboard, name, microphone, recorder), address, certificate=certificate, names=names)
 
 
 def network_address() -> str:
@@ -131,10 +134,10 @@ def network_address() -> str:
     return address
 
 
-def _dashboard(name: str, microphone: Connection | None) -> "web.Application":
+def _dashboard(name: str, microphone: Connection | None, recorder: Connection | None) -> "web.Application":
     from tactophone.dashboard.server import dashboard
 
-    return dashboard(name, microphone)
+    return dashboard(name, microphone, recorder)
 
 
 def _listen_everywhere(address: str) -> list[socket.socket]:

@@ -1,6 +1,7 @@
 """Requests of a viewer, parsed from the page's JSON; the run alone decides whether to grant them."""
 
 import json
+from dataclasses import dataclass
 from typing import Any
 
 from tactophone.telemetry import Request, State
@@ -12,7 +13,14 @@ MAX_NAME_BYTES = 64
 """Of a profile's name: the size of the mailbox."""
 
 
-def parse_request(text: str, state: State, *, local: bool = True) -> Request | str:
+@dataclass(frozen=True, slots=True)
+class RecordRequest:
+    """Begin a log of the run, or end it: for whoever keeps logs, not for the run."""
+
+    begin: bool
+
+
+def parse_request(text: str, state: State, *, local: bool = True) -> Request | RecordRequest | str:
     """Parse a request; returns a text with the reason when it must be refused.
 
     Parameters
@@ -40,6 +48,8 @@ def parse_request(text: str, state: State, *, local: bool = True) -> Request | s
         return reason
     if action in _WITHOUT_VALUE:
         return Request(action)
+    if action == "record":
+        return RecordRequest(value is True)
     if action in (*_LEVELS, "threshold_dbfs"):
         return _number(action, value, state)
     if action == "profile":

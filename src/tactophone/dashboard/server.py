@@ -20,7 +20,8 @@ from tactophone.dashboard.admission import FLOOD_RATE, MAX_MESSAGE_BYTES, FloodG
 from tactophone.dashboard.feed import Feed, WatchedRun
 from tactophone.dashboard.fingertip import Fingertips
 from tactophone.dashboard.listen import PageMicrophone
-from tactophone.dashboard.requests import parse_request
+from tactophone.dashboard.recorder import Recorder
+from tactophone.dashboard.requests import RecordRequest, parse_request
 from tactophone.dashboard.security import HEADERS, AccessControl
 from tactophone.telemetry import State
 
@@ -41,10 +42,14 @@ STATIC = files("tactophone.dashboard") / "static"
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 RUN = web.AppKey("run", WatchedRun)
 VIEWS: web.AppKey[set[web.WebSocketResponse]] = web.AppKey("views", set)
+RECORDER = web.AppKey("recorder", Recorder)
 
 
-def dashboard(name: str, microphone: Connection | None = None) -> web.Application:
-    """Build the operator's page for the run of that name; ``microphone`` takes the sound of a page that listens."""
+def dashboard(name: str, microphone: Connection | None = None, recorder: Connection | None = None) -> web.Application:
+    """Build the operator's page for the run of that name.
+
+    ``microphone`` takes the sound of a page that listens; ``recorder`` keeps logs, as `Recorder` asks for them.
+    """
     app = web.Application()
     app[RUN], app[VIEWS] = WatchedRun(name), set()
     app.router.add_get("/", page(STATIC / "index.html"))
@@ -53,6 +58,9 @@ def dashboard(name: str, microphone: Connection | None = None) -> web.Applicatio
     app.router.add_get("/feel", Fingertips(app[RUN]).connect)
     if microphone is not None:
         app.router.add_get("/listen", PageMicrophone(microphone).connect)
+    if recorder is not None:
+        app[RECORDER] = Recorder(recorder, app[VIEWS])
+        app.on_startup.append(app[RECORDER].follow)
     return app
 
 
@@ -118,10 +126,13 @@ async def _live(request: web.Request) -> web.StreamResponse:
         return web.Response()
     views.add(view)
     credit = asyncio.Semaphore(CREDIT)
+    recorder = request.app.get(RECORDER)
     try:
+        if recorder is not None:
+            await view.send_str(json.dumps(recorder.status))
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(_send(view, Feed(run), credit))
-            await _receive(view, run, credit, local=is_local(request))
+            await _receive(view, run, recorder, credit, local=is_local(request))
             sending.cancel()
     finally:
         views.discard(view)
@@ -144,7 +155,9 @@ def is_local(request: web.Request) -> bool:
     return bool(peer and own and peer[0] == own[0])
 
 
-async def _receive(view: web.WebSocketResponse, run: WatchedRun, credit: asyncio.Semaphore, *, local: bool) -> None:
+async def _receive(
+    view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool
+) -> None:
     gate, snapshot = FloodGate(FLOOD_RATE), None
     async for message in view:
         if gate.overflows():
@@ -159,5 +172,8 @@ async def _receive(view: web.WebSocketResponse, run: WatchedRun, credit: asyncio
         request = parse_request(message.data, snapshot.state if snapshot else State(), local=local)
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
+        elif isinstance(request, RecordRequest):
+            if recorder is not None:
+                recorder.ask(request.begin)
         else:
             run.ask(request)

@@ -43,14 +43,22 @@ def add_address(group: "argparse._ActionsContainer") -> None:
 
 
 @contextmanager
-def shown(args: argparse.Namespace, name: str, *, microphone: Connection | None = None) -> Iterator[None]:
-    """Serve the page of a run by its name within the context, if ``--dashboard`` or ``--lan`` is set."""
+def shown(
+    args: argparse.Namespace, name: str, *, microphone: Connection | None = None, live: bool = True
+) -> Iterator[None]:
+    """Serve the page of a run by its name within the context, if ``--dashboard`` or ``--lan`` is set.
+
+    A page on this machine may record a ``live`` run, to a file in the current folder.
+    """
     if not (args.dashboard or args.lan):
         yield
         return
-    from tactophone.dashboard import watch  # for this option alone: it imports a web server's libraries
+    # For this option alone: they import a web server's libraries, and processes.
+    from tactophone.cli._support.page_recorder import PageRecorder
+    from tactophone.dashboard import watch
 
-    with watch(name, microphone=microphone, **place(args)) as page:
+    recorder = PageRecorder(name, Path(), report=terminal.note)
+    with recorder, watch(name, microphone=microphone, recorder=recorder.page if live else None, **place(args)) as page:
         announce(page)
         yield
 

@@ -31,7 +31,7 @@ def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) 
     """Play takes on the page, if ``--dashboard`` was set, over and over until interrupted."""
     if not (args.dashboard or args.lan) or not takes:
         return
-    with Telemetry(name) as telemetry, dashboard_options.shown(args, name):
+    with Telemetry(name) as telemetry, dashboard_options.shown(args, name, live=False):
         terminal.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
             play(take, telemetry)

@@ -5,6 +5,7 @@ import { Controls } from "./controls.js";
 import { dbfs, percent, put, showFaults, showLatency, showLink, formatNumber } from "./figures.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
+import { Record } from "./record.js";
 import { Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
@@ -191,8 +192,12 @@ function frame(time) {
 
 const feed = new Feed("live", {
   onMessage,
-  onAnswer: ({ refused }) => controls.refuse(refused),
+  onAnswer: (answer) => {
+    if ("recording" in answer) record.show(answer.recording);
+    if (answer.refused) controls.refuse(answer.refused);
+  },
   onLost: (why) => { alive = false; showLife(why); },
 });
 const controls = new Controls((request) => feed.send(request));
+const record = new Record((request) => feed.send(request));
 requestAnimationFrame(frame);

@@ -76,6 +76,6 @@ function showLife(text, alive) {
 
 const feed = new Feed("live", {
   onMessage: show,
-  onAnswer: ({ refused }) => put($("floor"), `Refused: ${refused}.`),
+  onAnswer: ({ refused }) => refused && put($("floor"), `Refused: ${refused}.`),
   onLost: (why) => showLife(why, false),
 });
