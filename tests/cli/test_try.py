@@ -1,6 +1,7 @@
 """A real sound into the microphone of a page, through encryption and detector, to what is felt: ``tactophone try``."""
 
 import contextlib
+import os
 import signal
 import subprocess
 import sys
@@ -15,11 +16,13 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone import open_pipeline
+from tactophone.devices import DummyServer, JackClient
 from tactophone.errors import TactophoneError
 from tactophone.perception import Resampler
 from tactophone.telemetry import Watcher
 from tactophone.types import AudioBlock, FloatArray
 from tests.browser import start_chromium, text, wait
+from tests.runtime.live_system import eventually
 
 pytestmark = pytest.mark.realtime
 
@@ -128,3 +131,32 @@ def test_what_is_felt_equals_what_feel_gives_for_the_file(
     assert np.median([abs(item.roughness - row["roughness"]) for item, row in pairs]) < 0.01
     assert np.median([abs(item.level_dbfs - row["level_dbfs"]) for item, row in pairs]) < 0.1
     listener.get("about:blank")
+
+
+def test_this_machines_microphone_is_a_source_through_portaudio() -> None:
+    """`--source microphone`: noise into the one input that PortAudio has on a JACK server of the test's own."""
+    pytest.importorskip("sounddevice")
+    rng, name = np.random.default_rng(1), "test-microphone"
+    command = (sys.executable, "-m", "tactophone", "loopback", "--source", "microphone", "--device", "system",
+               "--actuator", "none", "--name", name)  # fmt: skip
+    with DummyServer(128) as server:
+
+        def play(inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
+            outputs[0][:] = 0.1 * rng.standard_normal(len(outputs[0]))
+
+        player = JackClient("player", play, inputs={}, outputs={"out": ""}, server=server.name)
+        player.open()
+        environment = {**os.environ, "JACK_DEFAULT_SERVER": server.name, "JACK_NO_START_SERVER": "1"}
+        with subprocess.Popen(
+            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        ) as process:
+            try:
+                assert eventually(lambda: "PortAudio:in_0" in [port.name for port in player.ports()], timeout=30)
+                player._client.connect("player:out", "PortAudio:in_0")
+                operator = watch(name)
+                assert eventually(lambda: np.abs(operator.snapshot().sound).max(initial=0.0) > 0.1, timeout=30)
+                assert operator.snapshot().state.detector == "stylus"
+            finally:
+                process.send_signal(signal.SIGINT)
+                process.wait(20)
+                player.close()

@@ -3,17 +3,20 @@
 import asyncio
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
 import aiohttp
 import numpy as np
 import pytest
+from selenium.webdriver.common.by import By
 
 from tactophone.dashboard import Page, watch
 from tactophone.dashboard.admission import FLOOD, OTHER_VERSION, TAKEN, TOO_MANY
 from tactophone.dashboard.fingertip import FINGERTIPS
 from tactophone.dashboard.server import VIEWERS
+from tests.browser import start_chromium, text, wait
 from tests.dashboard.running import Run
 
 pytestmark = pytest.mark.realtime
@@ -131,3 +134,29 @@ def test_a_page_that_floods_with_requests_is_closed_and_the_run_goes_on(page: Pa
 
     assert asyncio.run(flood())[0] == FLOOD
     assert run.state.armed
+
+
+@pytest.mark.parametrize(
+    ("flags", "setting", "words"),
+    [
+        (("--use-fake-device-for-media-stream",), "denied", "refused the microphone"),
+        ((), "granted", "has no microphone"),
+    ],
+)
+def test_a_refused_or_missing_microphone_is_said_with_what_to_do(
+    page: Page, run: Run, flags: tuple[str, ...], setting: str, words: str
+) -> None:
+    run.state = replace(run.state, source="browser")
+    browser = start_chromium(*flags)
+    try:
+        permission = {"permission": {"name": "microphone"}, "setting": setting}
+        browser.execute_cdp_cmd("Browser.setPermission", permission)
+        browser.get(f"{page.url}try")
+        wait(browser, lambda: text(browser, "life") == "live")
+        button = browser.find_element(By.ID, "listen")
+        button.click()
+        wait(browser, lambda: words in text(browser, "listen-state"))
+        assert "try again" in text(browser, "listen-state")
+        assert (button.text, button.get_attribute("aria-pressed")) == ("Use this microphone", "false")
+    finally:
+        browser.quit()
