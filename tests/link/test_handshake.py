@@ -1,11 +1,13 @@
 """One handshake alone; whole sessions are in test_session."""
 
+import time
+from collections.abc import Iterator
 from itertools import product
 
 import pytest
 
 from tactophone.link import Peers
-from tactophone.link.dtls_record import hello_random, is_hello
+from tactophone.link.dtls_record import changes_cipher, hello_random, is_hello
 from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
@@ -73,3 +75,57 @@ def test_a_hello_is_recognised_and_keeps_its_random() -> None:
     assert hello_random(hello) == hello_random(repeated)
     assert not is_hello(hello[:40])
     assert not is_hello(b"\x80" + hello[1:])
+
+
+def steps_of_a_call(sent: list[bytes]) -> Iterator[tuple[Handshake, Handshake | None]]:
+    """Carry one flight at a time, and note each datagram; time stands still for the handshakes, not for OpenSSL."""
+    calling = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"}))
+    answering = Handshakes(OPERATOR, Peers({ROBOT.fingerprint: "robot"}))
+    robot, operator = calling.call(now=0.0), None
+    for _ in range(10):
+        yield robot, operator
+        for datagram in robot.outgoing():
+            sent.append(datagram)
+            if operator is not None:
+                operator.receive(datagram, now=0.0)
+                continue
+            operator, replies = answering.answer(datagram, source="robot", now=0.0)
+            yield robot, operator
+            for reply in replies:
+                robot.receive(reply, now=0.0)
+        yield robot, operator
+        for datagram in operator.outgoing() if operator else ():
+            sent.append(datagram)
+            robot.receive(datagram, now=0.0)
+
+
+def test_a_stall_of_a_second_at_any_moment_neither_ends_a_handshake_nor_repeats_a_flight() -> None:
+    """OpenSSL's own timer reads the wall clock; what it repeated made an answerer take the caller for a new one."""
+    calls = []
+    for stalled_at in range(8):
+        sent: list[bytes] = []
+        call = steps_of_a_call(sent)
+        for _ in range(stalled_at + 1):
+            ends = next(call)
+        calls.append((call, sent, ends))
+    time.sleep(1.1)
+    for call, sent, ends in calls:
+        robot, operator = [ends, *call][-1]
+        assert robot.agreement is not None
+        assert operator is not None
+        assert operator.agreement is not None
+        assert len(sent) == 5  # two hellos and three more flights; the cookie's is not counted
+        assert sum(map(changes_cipher, sent)) == 1
+
+
+def test_a_finished_handshake_ends_even_where_each_flight_is_repeated() -> None:
+    """Over a long path both ends retransmit their last flights; they must not answer each other for ever."""
+    robot, operator = run_handshake(set())
+    assert operator is not None
+    last = robot._newest_flight
+    for _ in range(3):
+        for datagram in last:
+            operator.receive(datagram, now=10.0)
+        for datagram in operator.outgoing():
+            robot.receive(datagram, now=10.0)
+        assert robot.outgoing() == []

@@ -1,13 +1,14 @@
 """The UDP socket."""
 
 import socket
+import sys
 from collections.abc import Iterator
 
 import pytest
 
 from tactophone.errors import DeviceError
 from tactophone.link import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
-from tactophone.link.udp import MAX_FOREIGN
+from tactophone.link.udp import CLOSED_READS, MAX_FOREIGN, MAX_PEER_HANDSHAKES
 
 
 @pytest.fixture
@@ -131,6 +132,23 @@ def test_the_kernel_drops_what_belongs_to_no_stream_of_the_peer_whoever_sent_it(
         assert sorted(passed) == sorted(
             (datagram, sender.address) for sender in (peer, stranger) for datagram in (SOUND, REPORT, HANDSHAKE)
         )
+
+
+def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(pair: tuple[UdpSocket, UdpSocket]) -> None:
+    """Anybody can forge the address: a few handshakes are taken, then none for a while, and then again some."""
+    operator, peer = pair
+    operator.follow((peer.address, frozenset({SSRC})))
+    peer.send([(HANDSHAKE, operator.address)] * 200 + [(SOUND, operator.address)] * 20)
+    passed = [datagram for datagram, _ in everything(operator)]
+    assert passed.count(SOUND) == 20
+    assert passed.count(HANDSHAKE) <= MAX_PEER_HANDSHAKES
+    if sys.platform == "linux":
+        peer.send([(HANDSHAKE, operator.address)] * 2000 + [(SOUND, operator.address)])
+        assert [datagram for datagram, _ in everything(operator)] == [SOUND]
+    for _ in range(CLOSED_READS):
+        operator.receive(0)
+    peer.send([(HANDSHAKE, operator.address)] * 3)
+    assert [datagram for datagram, _ in everything(operator)] == [HANDSHAKE] * 3
 
 
 def test_without_a_session_everything_passes_again(pair: tuple[UdpSocket, UdpSocket]) -> None:

@@ -8,7 +8,7 @@ _RECORD_HEADER = 13
 _HELLO_RANDOM = slice(27, 59)
 """Position of a ClientHello's random, after the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
 
-_ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 21, 22, 1, 2
+_CHANGE_CIPHER, _ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 20, 21, 22, 1, 2
 
 _CERTIFICATE_ALERTS = range(42, 50)
 """Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown authority, denied (RFC 5246)."""
@@ -44,6 +44,43 @@ def refuses_certificate(alert: bytes) -> bool:
     return len(alert) >= _RECORD_HEADER + 2 and alert[13] == _FATAL and alert[14] in _CERTIFICATE_ALERTS
 
 
+class NewRecords:
+    """Removes from OpenSSL's output the messages that it has written before.
+
+    OpenSSL has a retransmission timer that reads the wall clock and cannot be turned off from here. When a datagram
+    comes more than a second after the newest flight, it writes that flight again, *before* the next one: an answerer
+    takes the two together for a new call, and a caller that is done for a flight that was lost.
+    """
+
+    def __init__(self) -> None:
+        self._messages, self._changed_cipher = 0, False
+
+    def of(self, written: bytes) -> bytes:
+        """Return the records that are new."""
+        records = list(_records(written))
+        fresh = b"".join(record for record in records if self._is_new(record))
+        numbers = [_message_number(record) for record in records if _is_plain_message(record)]
+        self._messages = max([self._messages, *(number + 1 for number in numbers)])
+        self._changed_cipher |= any(record[0] == _CHANGE_CIPHER for record in records)
+        return fresh
+
+    def _is_new(self, record: bytes) -> bool:
+        if _is_plain_message(record):
+            return _message_number(record) >= self._messages
+        # Only one flight of each end holds these: the cipher's change, and the encrypted message after it.
+        return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self._changed_cipher
+
+    @property
+    def changed_cipher(self) -> bool:
+        """Whether this end has sent its last message, under the new keys."""
+        return self._changed_cipher
+
+
+def changes_cipher(datagram: bytes) -> bool:
+    """Whether a datagram begins with the last flight of an answerer."""
+    return datagram[:1] == bytes([_CHANGE_CIPHER])
+
+
 def split_flight(written: bytes) -> Iterator[bytes]:
     """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
     datagram = b""
@@ -54,6 +91,15 @@ def split_flight(written: bytes) -> Iterator[bytes]:
         datagram += record
     if datagram:
         yield datagram
+
+
+def _is_plain_message(record: bytes) -> bool:
+    return record[0] == _HANDSHAKE and not is_encrypted(record)
+
+
+def _message_number(record: bytes) -> int:
+    """Return the number of the handshake message in a record (RFC 6347 section 4.2.2)."""
+    return int.from_bytes(record[17:19])
 
 
 def _records(written: bytes) -> Iterator[bytes]:

@@ -1,7 +1,7 @@
 """One DTLS handshake as values (RFC 6347, RFC 5764): datagrams in, datagrams out, session secrets at its end.
 
-OpenSSL works on memory buffers only, and its retransmission timer is not used because it reads a clock. Instead the
-newest flight is retransmitted unchanged until the peer answers it: DTLS drops duplicates.
+OpenSSL works on memory buffers only. The newest flight is retransmitted unchanged until the peer answers it: DTLS drops
+duplicates. OpenSSL's own retransmissions depend on the wall clock, and are removed (`dtls_record.NewRecords`).
 """
 
 import codecs
@@ -15,6 +15,8 @@ from typing import TypeAlias
 from OpenSSL import SSL, crypto
 
 from tactophone.link.dtls_record import (
+    NewRecords,
+    changes_cipher,
     hello_random,
     is_encrypted,
     is_plain_alert,
@@ -91,7 +93,7 @@ class Handshakes:
         try:
             connection.DTLSv1_listen()
         except SSL.Error:
-            return None, _flight(connection)
+            return None, list(split_flight(_written(connection)))
         handshake = Handshake(connection, self._peers, calls=False, now=now)
         handshake.step(now)
         return handshake, []
@@ -147,6 +149,7 @@ class Handshake:
         self.continues = b""
         self._retransmit_after = FIRST_RETRANSMISSION
         self._received = 0
+        self._new_records = NewRecords()
         self._newest_flight: list[bytes] = []
         self._outgoing: list[bytes] = []
 
@@ -158,10 +161,12 @@ class Handshake:
             # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7).
             self.refused |= self.agreement is None and refuses_certificate(datagram)
         elif self.agreement is not None:
-            # OpenSSL gets no more of it: it would store what nobody reads. If the peer still retransmits its last
-            # flight, this side's was lost.
-            if not is_encrypted(datagram):
+            # OpenSSL gets no more of it: it would store what nobody reads. If the caller still retransmits its last
+            # flight, the answer was lost. A caller that is done answers nothing, or the two would go on for ever.
+            if not self._calls and not is_encrypted(datagram):
                 self._retransmit(now)
+        elif self._calls and changes_cipher(datagram) and not self._new_records.changed_cipher:
+            pass  # late, of the handshake before: OpenSSL would end this one
         elif self._received < MAX_FLIGHT_DATAGRAMS:
             self._received += 1
             self._connection.bio_write(datagram)
@@ -191,7 +196,7 @@ class Handshake:
             pass
         except SSL.Error as error:
             self.failure = _reason(error)
-        if flight := _flight(self._connection):
+        if flight := list(split_flight(self._new_records.of(_written(self._connection)))):
             self._newest_flight, self._retransmit_after, self._sent = flight, FIRST_RETRANSMISSION, now
             self._outgoing += flight
 
@@ -232,12 +237,12 @@ def call_label(fingerprint: str) -> bytes:
     return hashlib.sha256(b"tactophone call " + fingerprint.encode()).hexdigest()[:32].encode()
 
 
-def _flight(connection: SSL.Connection) -> list[bytes]:
-    """Return what OpenSSL has written, as datagrams."""
+def _written(connection: SSL.Connection) -> bytes:
+    """Return what OpenSSL has written."""
     try:
-        return list(split_flight(connection.bio_read(1 << 16)))
+        return bytes(connection.bio_read(1 << 16))
     except SSL.WantReadError:
-        return []
+        return b""
 
 
 def _reason(error: SSL.Error) -> str:

@@ -36,9 +36,16 @@ class _Program(ctypes.Structure):
     _fields_ = [("length", ctypes.c_ushort), ("instructions", ctypes.POINTER(_Instruction))]
 
 
-def set_filter(target: socket.socket, streams: Collection[int]) -> None:
+def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: bool = True) -> None:
     """Let only DTLS and the SSRCs ``streams`` pass to a UDP socket; without any, everything passes.
 
+    Parameters
+    ----------
+    handshakes
+        Whether DTLS passes; where not, it is dropped too.
+
+    Notes
+    -----
     Where the system has no such filter, everything passes too: the session refuses the same datagrams, only later.
     """
     if sys.platform != "linux":
@@ -47,23 +54,24 @@ def set_filter(target: socket.socket, streams: Collection[int]) -> None:
         if not streams:
             target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
             return
-        program = list(_program(sorted(streams)))
+        program = list(_program(sorted(streams), handshakes=handshakes))
         instructions = (_Instruction * len(program))(*(_Instruction(*each) for each in program))
         # The kernel copies both structures during the call.
         target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, bytes(_Program(len(program), instructions)))
 
 
-def _program(streams: Collection[int]) -> Iterator[Instruction]:
+def _program(streams: Collection[int], *, handshakes: bool) -> Iterator[Instruction]:
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
     rtp, compare, dtls = 11, 12, 13 + len(streams)
     drop, accept = dtls + 2, dtls + 3
+    handshake = dtls if handshakes else drop
 
     def skip(index: int, target: int) -> int:
         return target - index - 1
 
     yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
-    yield (_JUMP_AT_LEAST, 0, skip(2, dtls), 64)
+    yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
     yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)

@@ -22,6 +22,13 @@ _QUEUE = 1 << 20
 MAX_FOREIGN = 16
 """Maximum datagrams of one read from others than the connected peer: 3,200 a second where a read waits 5 ms."""
 
+MAX_PEER_HANDSHAKES = 64
+"""Maximum DTLS datagrams of one read from the address of the connected peer, which anybody can forge: a handshake and
+its retransmissions during a stall of seconds are fewer. The rest is dropped, and what follows for a while too."""
+
+CLOSED_READS = 200
+"""Reads for which the kernel then drops DTLS from that address: about a second, as a packet comes every 5 ms."""
+
 _ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
 _MAPPED = "::ffff:"
 
@@ -73,6 +80,7 @@ class UdpSocket:
         self._followed: tuple[Endpoint, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
         self._left: list[tuple[bytes, Endpoint]] = []
+        self._closed_reads, self._closed = 0, False
 
     def __enter__(self) -> Self:
         return self
@@ -96,6 +104,7 @@ class UdpSocket:
         before, self._followed = self._followed, remote
         if remote is None or before is None or before[0] != remote[0]:
             self._connect(remote[0] if remote else None)
+        self._closed_reads, self._closed = 0, False
         for each in filter(None, (self._socket, self._peer_socket)):
             set_filter(each, remote[1] if remote else ())
 
@@ -106,7 +115,7 @@ class UdpSocket:
             select.select([waited], [], [], timeout)
         datagrams, self._left = self._left, []
         if self._peer_socket:
-            datagrams += _read(self._peer_socket, _MOST_AT_ONCE)
+            datagrams += self._without_flood(_read(self._peer_socket, _MOST_AT_ONCE))
         return datagrams + _read(self._socket, first)
 
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
@@ -123,6 +132,25 @@ class UdpSocket:
         """Free the port."""
         self._connect(None)
         self._socket.close()
+
+    def _without_flood(self, datagrams: list[tuple[bytes, Endpoint]]) -> list[tuple[bytes, Endpoint]]:
+        """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
+        if self._closed_reads:
+            self._closed_reads -= 1
+            self._accept_handshakes(not self._closed_reads)
+        if len(datagrams) <= MAX_PEER_HANDSHAKES:
+            return datagrams
+        handshakes = [each for each in datagrams if _is_handshake(each[0])]
+        if len(handshakes) <= MAX_PEER_HANDSHAKES:
+            return datagrams
+        self._closed_reads = CLOSED_READS
+        self._accept_handshakes(False)
+        return [each for each in datagrams if not _is_handshake(each[0])] + handshakes[:MAX_FOREIGN]
+
+    def _accept_handshakes(self, accepted: bool) -> None:
+        if accepted == self._closed and self._peer_socket and self._followed:
+            self._closed = not accepted
+            set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
 
     def _connect(self, peer: Endpoint | None) -> None:
         """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""
@@ -217,6 +245,11 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
             continue
         datagrams.append((datagram, _endpoint(origin)))
     return datagrams
+
+
+def _is_handshake(datagram: bytes) -> bool:
+    """Whether a datagram is of DTLS (RFC 7983)."""
+    return bool(datagram) and 20 <= datagram[0] < 64
 
 
 def _endpoint(address: tuple[Any, ...]) -> Endpoint:
