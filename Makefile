@@ -54,10 +54,12 @@ package: $(READY)
 realtime: $(READY)
 	$(BIN)/python -m pytest -m realtime --reruns 2 --reruns-delay 1 -rR tests
 
-# Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py).
+# Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
+# same examples of the property tests in every run.
 FUZZ_SECONDS ?= 600
-fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS
+fuzz: $(READY)  ## every parser of outside bytes, for FUZZ_SECONDS; then the property tests with new examples
 	$(BIN)/python -m tests.fuzz --seconds $(FUZZ_SECONDS)
+	HYPOTHESIS_PROFILE=random $(PYTEST) -n 2 -m hypothesis
 
 coverage: $(READY)
 	$(PYTEST) -m 'not package' --cov=tactophone --cov-report=term:skip-covered
