@@ -175,8 +175,16 @@ class Process:
 
 
 @dataclass(frozen=True, slots=True)
+class Finger:
+    """One finger of a hand: its name, and the settings that are its own, by dotted name (`tactophone.hand_file`)."""
+
+    name: str
+    settings: tuple[tuple[str, Any], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
-    """Everything that can be set; one TOML table per field.
+    """Everything that can be set; one TOML table per field, but for the fingers.
 
     Examples
     --------
@@ -191,6 +199,8 @@ class Settings:
     output: Output = Output()
     actuator: Actuator = Actuator()
     process: Process = Process()
+    fingers: tuple[Finger, ...] = ()
+    """Of a hand, in the order of the link's channels; none: the one finger that the tables above describe."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,13 +216,11 @@ class Entry:
 
 def entries() -> Iterator[Entry]:
     """Return all settings in the order of the file."""
-    for section in dataclasses.fields(Settings):
-        for entry in dataclasses.fields(type(getattr(Settings(), section.name))):
+    for section in _section_names():
+        for entry in dataclasses.fields(type(getattr(Settings(), section))):
             meta = entry.metadata
             words = f"{meta['words']}{_range(meta.get('span', _ANY), meta.get('unit', ''))}"
-            yield Entry(
-                f"{section.name}.{entry.name}", entry.default, words, meta.get("unit", ""), meta.get("choices", ())
-            )
+            yield Entry(f"{section}.{entry.name}", entry.default, words, meta.get("unit", ""), meta.get("choices", ()))
 
 
 def read(path: Path, settings: Settings | None = None) -> Settings:
@@ -306,4 +314,8 @@ def _nearest(name: str, known: Iterable[str]) -> str:
 
 
 def _sections() -> str:
-    return ", ".join(section.name for section in dataclasses.fields(Settings))
+    return ", ".join(_section_names())
+
+
+def _section_names() -> list[str]:
+    return [section.name for section in dataclasses.fields(Settings) if section.name != "fingers"]

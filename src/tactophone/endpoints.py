@@ -9,7 +9,7 @@ The live system, the simulations, the tests and the benchmarks all run these two
 (`tests/test_endpoints.py` checks it).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -26,11 +26,11 @@ from tactophone.link import (
     SendSession,
 )
 from tactophone.perception import AnyTouchDetector
-from tactophone.pipeline import Pipeline
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep
+from tactophone.pipeline import Hand, Pipeline, split_fingers
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Prediction
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
-"""What the session received, and the step that it led to: none for a connection made or lost."""
+"""What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost."""
 
 
 class RobotEndpoint:
@@ -41,21 +41,47 @@ class RobotEndpoint:
     session
         Whoever owns the socket also passes what arrives to the session, polls it and fetches its datagrams.
     detector
-        Makes the predictions here, for links too narrow for sound; ``None`` sends the sound.
+        Makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None`` sends the
+        sound.
+    channels
+        Of the sound of each finger of a hand (`tactophone.pipeline.Hand`); empty without one.
     """
 
-    def __init__(self, session: SendSession, detector: AnyTouchDetector | None = None) -> None:
-        self.session, self.detector = session, detector
+    def __init__(
+        self,
+        session: SendSession,
+        detector: AnyTouchDetector | Sequence[AnyTouchDetector] | None = None,
+        *,
+        channels: Sequence[int] = (),
+    ) -> None:
+        self.session, self._channels = session, channels
+        self.detectors = list(detector) if isinstance(detector, Sequence) else [detector] if detector else []
 
-    def push(self, block: AudioBlock) -> PipelineStep:
-        """Send a block, or the predictions that it completes; returns the step with those predictions."""
-        if self.detector is None:
+    def push(self, block: AudioBlock) -> list[PipelineStep]:
+        """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
+        blocks = split_fingers(block, self._channels) if self._channels else [block]
+        if not self.detectors:
             self.session.push(block)
-            return PipelineStep(block, (), ())
-        predictions = tuple(self.detector.push(block))
-        for prediction in predictions:
-            self.session.send_prediction(prediction)
-        return PipelineStep(block, predictions, ())
+            return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
+        found = [tuple(detector.push(part)) for detector, part in zip(self.detectors, blocks, strict=True)]
+        if self._channels:
+            self._send_hand(found)
+        else:
+            for prediction in found[0]:
+                self.session.send_prediction(prediction)
+        return [
+            PipelineStep(part, predictions, (), finger)
+            for finger, (part, predictions) in enumerate(zip(blocks, found, strict=True))
+        ]
+
+    def _send_hand(self, found: list[tuple[Prediction, ...]]) -> None:
+        """Send predictions whose windows end together in one packet, oldest first."""
+        by_end: dict[float, dict[int, Prediction]] = {}
+        for finger, predictions in enumerate(found):
+            for prediction in predictions:
+                by_end.setdefault(prediction.end, {})[finger] = prediction
+        for _, together in sorted(by_end.items()):
+            self.session.send_hand(together, fingers=len(found))
 
 
 class OperatorEndpoint:
@@ -69,10 +95,10 @@ class OperatorEndpoint:
     session
         Opens the datagrams and puts the sound in order.
     pipeline
-        For sound of ``channels`` channels.
+        For sound of ``channels`` channels; or the pipelines of a hand, whose robot must have as many fingers.
     reopen
         Returns the pipeline for another number of channels, when a robot with other microphones connects; raises
-        `ModelError` where the model cannot do with so many.
+        `ModelError` where the model cannot do with so many. Not for a hand.
 
     Attributes
     ----------
@@ -83,14 +109,20 @@ class OperatorEndpoint:
     def __init__(
         self,
         session: ReceiveSession,
-        pipeline: Pipeline,
+        pipeline: Pipeline | Hand,
         *,
         channels: int = 2,
         reopen: Callable[[int], Pipeline] | None = None,
     ) -> None:
-        self.session, self.pipeline = session, pipeline
+        self.session = session
+        self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
         self._channels, self._reopen = channels, reopen
         self.refusal = ""
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The pipeline of the first finger, or the only one."""
+        return self.hand.pipelines[0]
 
     @property
     def peer(self) -> str | None:
@@ -114,28 +146,44 @@ class OperatorEndpoint:
         return self.session.outgoing()
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
-        return ((event, self._step(event)) for event in events)
+        for event in events:
+            steps = self._steps_of(event)
+            yield from ((event, step) for step in steps) if steps is not None else ((event, None),)
 
-    def _step(self, event: ReceiveEvent) -> PipelineStep | None:
+    def _steps_of(self, event: ReceiveEvent) -> Iterable[PipelineStep] | None:
         match event:
             case DecodedAudio(block, stale):
-                if not self._match_channels(block.channels):
+                if not self._has_fingers(max(1, block.channels // 2)) or not self._match_channels(block.channels):
                     return None
-                step = self.pipeline.push(block)
-                return PipelineStep(block, (), ()) if stale else step
-            case PredictionReceived(prediction, stale):
-                commands = () if stale else (self.pipeline.command_for(prediction),)
+                steps = self.hand.push(block)
+                return (PipelineStep(step.block, (), (), step.finger) for step in steps) if stale else steps
+            case PredictionReceived(prediction, stale, finger, fingers):
+                if not self._has_fingers(fingers):
+                    return None
+                commands = () if stale else (self.hand.pipelines[finger].command_for(prediction),)
                 # The sound stayed on the robot: an empty block at the end of the window stands for it.
                 end = round(prediction.end * LIVE_SAMPLE_RATE)
                 block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
-                return PipelineStep(block, (prediction,), commands)
+                return [PipelineStep(block, (prediction,), commands, finger)]
             case Connected():
-                self.pipeline.reset()
+                self.hand.reset()
+                self.refusal = ""
         return None
+
+    def _has_fingers(self, fingers: int) -> bool:
+        """Whether this end has as many fingers as the robot; if not, `refusal` says so."""
+        if fingers == self.hand.fingers:
+            return True
+        own = self.hand.fingers
+        self.refusal = (
+            f"the robot has {fingers} finger{'s' * (fingers > 1)}, this operator {own}: "
+            "give both ends the same --fingers"
+        )
+        return False
 
     def _match_channels(self, channels: int) -> bool:
         """Change to the pipeline for so many channels; false if there is none."""
-        if channels == self._channels or self._reopen is None:
+        if self.hand.fingers > 1 or channels == self._channels or self._reopen is None:
             self.refusal = ""
             return True
         try:
@@ -143,8 +191,9 @@ class OperatorEndpoint:
         except ModelError as error:
             self.refusal = str(error)
             return False
-        before, self.pipeline, self._channels = self.pipeline, following, channels
+        before, self._channels = self.pipeline, channels
         # A ceiling lowered or a profile chosen during the run holds for the next robot too.
-        self.pipeline.limits, self.pipeline.profile = before.limits, before.profile
+        following.limits, following.profile = before.limits, before.profile
+        self.hand = Hand([following])
         self.refusal = ""
         return True

@@ -9,7 +9,10 @@
 """
 
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from tactophone.haptics import Limits, open_profile, peak_amplitude
 from tactophone.perception import AnyTouchDetector, EventDetector, EventMerger, default_model, open_detector
@@ -121,6 +124,79 @@ class Pipeline:
 
     def _step(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
         return PipelineStep(block, tuple(predictions), tuple(map(self.command_for, predictions)))
+
+
+class Hand:
+    """The pipelines of all fingers of a robot: the sound of all goes in, and a step of each comes out.
+
+    Every finger has its own detector, profile and limits, and computes what it would alone, bit for bit. One finger is
+    a hand too: its sound passes as it is.
+
+    Parameters
+    ----------
+    pipelines
+        One for each finger, in the order of the channels.
+    channels
+        Of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has as silence.
+        By default 2 each; the sound of a single finger has whatever its pipeline takes.
+
+    Examples
+    --------
+    >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
+    >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
+    >>> [(step.finger, step.block.channels) for step in hand.push(sound)]
+    [(0, 2), (1, 2), (2, 2)]
+    """
+
+    def __init__(self, pipelines: Sequence[Pipeline], *, channels: Sequence[int] = ()) -> None:
+        self.pipelines = list(pipelines)
+        self._channels = list(channels) or [2] * len(self.pipelines)
+
+    @property
+    def fingers(self) -> int:
+        """Number of fingers."""
+        return len(self.pipelines)
+
+    def fits(self, channels: int) -> bool:
+        """Whether sound of so many channels is that of as many fingers."""
+        return channels == 2 * self.fingers or (self.fingers == 1 and channels == 1)
+
+    def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        """Process a block of sound of all fingers; each step is computed when the iterator comes to it."""
+        for finger, (part, pipeline) in enumerate(zip(self.split(block), self.pipelines, strict=True)):
+            step = pipeline.push(part)
+            yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
+
+    def split(self, block: AudioBlock) -> list[AudioBlock]:
+        """Return the sound of each finger; raises `ValueError` for sound of another number of them."""
+        if self.fingers == 1:
+            return [block]
+        return split_fingers(block, self._channels)
+
+    def reset(self) -> None:
+        """Return to the initial state; fault counts stay."""
+        for pipeline in self.pipelines:
+            pipeline.reset()
+
+
+def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:
+    """Return the sound of each finger of a hand, of which each has the given number of channels, 1 or 2.
+
+    Raises
+    ------
+    ValueError
+        If the block has not two channels for each.
+    """
+    if block.channels != 2 * len(channels):
+        raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
+    # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.
+    return [
+        AudioBlock(
+            np.ascontiguousarray(block.samples[:, 2 * finger : 2 * finger + count]),
+            block.sample_rate, block.start, block.concealed,
+        )
+        for finger, count in enumerate(channels)
+    ]  # fmt: skip
 
 
 def open_pipeline(

@@ -174,12 +174,14 @@ class HapticCommand:
 class PipelineStep:
     """What a block of sound led to: its predictions, and the commands made from them.
 
-    There is one command for each prediction, or none at all when they came too late to be rendered.
+    There is one command for each prediction, or none at all when they came too late to be rendered. Of a hand, each
+    finger has a step of its own, with its own sound.
     """
 
     block: AudioBlock
     predictions: tuple[Prediction, ...]
     commands: tuple[HapticCommand, ...]
+    finger: int = 0
 
     @property
     def command(self) -> HapticCommand | None:
@@ -200,7 +202,7 @@ class Source(Protocol):
 
     @property
     def channels(self) -> int:
-        """1 or 2; channel 0 is contact."""
+        """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in turn."""
 
     def __enter__(self) -> Self: ...
 

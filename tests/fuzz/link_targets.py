@@ -22,7 +22,7 @@ from tactophone.link import (
 from tactophone.link.codec import open_decoder
 from tactophone.link.haptic_payload import read_haptics, write_haptics
 from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
-from tactophone.link.prediction_payload import read_prediction
+from tactophone.link.prediction_payload import read_hand, read_prediction, write_hand
 from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
 from tactophone.link.session_log import read_event, write_event
@@ -70,16 +70,23 @@ def predictions() -> tuple[Sequence[bytes], Run]:
     return [bytes(16), bytes(range(16))], lambda data: read_prediction(data, end=1.0)
 
 
+def hand_predictions() -> tuple[Sequence[bytes], Run]:
+    touch = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.75, -20.5, 1.0, 1.256)
+    hand = write_hand({0: touch, 4: touch}, fingers=5)
+    return [hand, hand[:17]], lambda data: read_hand(data, end=1.0)
+
+
 def logged_events() -> tuple[Sequence[bytes], Run]:
     events = (Connected("robot", 1, 2), Renewed(3, 4), Disconnected("hung up"), PacketReceived(_SOUND, report=False))
     return [write_event(event) for event in events], read_event
 
 
 def opus() -> tuple[Sequence[bytes], Run]:
-    decoders = [open_decoder(kind) for kind in (PayloadType.OPUS, PayloadType.MULTIOPUS)]
+    kinds = (PayloadType.OPUS, PayloadType.MULTIOPUS, PayloadType.MULTIOPUS_HAND_3)
+    decoders = [open_decoder(kind) for kind in kinds]
 
     def run(data: bytes) -> None:
-        decoders[len(data) % 2].decode(data)
+        decoders[len(data) % len(decoders)].decode(data)
 
     return [bytes([0xE0]) + bytes(59), bytes([0xF8]) + bytes(99)], run
 
@@ -266,6 +273,7 @@ TARGETS = {
     "packets": Target(packets, (PacketError,)),
     "reports": Target(reports, (PacketError,)),
     "predictions": Target(predictions, (PacketError,)),
+    "hand_predictions": Target(hand_predictions, (PacketError,)),
     "haptics": Target(haptics, (PacketError,)),
     "logged_events": Target(logged_events, (PacketError,)),
     "opus": Target(opus, (PacketError,)),

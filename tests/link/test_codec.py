@@ -1,12 +1,15 @@
 """Quality, latency and errors of each codec."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.codec import OPUS_SIZES, Codec, open_decoder, open_encoder
-from tactophone.link.packet import PayloadType
+from tactophone.link.packet import SOUND_FORMATS, PayloadType
 from tactophone.types import FloatArray
+from tests.sounds import noise
 
 CODECS = [
     *(Codec("opus", channels=channels, packet_size=size) for size in OPUS_SIZES for channels in (1, 2)),
@@ -122,3 +125,36 @@ def test_wider_sound_needs_a_wider_band() -> None:
 def test_a_prediction_is_not_sound() -> None:
     with pytest.raises(PacketError, match="PREDICTION is not sound"):
         open_decoder(PayloadType.PREDICTION)
+
+
+@pytest.mark.parametrize("fingers", [2, 5, 10])
+@pytest.mark.parametrize("name", ["pcm16", "opus"])
+def test_each_finger_of_a_hand_is_coded_as_alone(name: Literal["pcm16", "opus"], fingers: int) -> None:
+    codec, one = (Codec(name, channels=2 * n, packet_size=24 if name == "pcm16" else 120) for n in (fingers, 1))
+    sound = noise(duration=0.05, channels=2 * fingers)
+    decoded = round_trip(codec, sound)
+    for finger in range(fingers):
+        part = np.ascontiguousarray(sound[:, 2 * finger : 2 * finger + 2])
+        assert np.array_equal(decoded[:, 2 * finger : 2 * finger + 2], round_trip(one, part))
+    assert SOUND_FORMATS[codec.kind] == (name, 2 * fingers)
+
+
+@pytest.mark.parametrize("content", [b"", bytes(7), b"\x01" * 8])
+def test_a_payload_that_is_no_hand_is_refused(content: bytes) -> None:
+    with pytest.raises(PacketError):
+        open_decoder(PayloadType.MULTIOPUS_HAND_5).decode(content)
+
+
+@pytest.mark.parametrize(
+    ("name", "fingers", "packet_size", "message"),
+    [
+        ("pcm16", 5, 240, "1 to 60 of 10 channels fit one.*--packet-duration 0.00125"),
+        ("opus", 10, 960, "choose shorter packets"),
+        ("opus", 11, 120, "of up to 10 fingers"),
+    ],
+)
+def test_a_hand_that_does_not_fit_a_datagram_is_refused(
+    name: str, fingers: int, packet_size: int, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=message):
+        Codec(name, channels=2 * fingers, packet_size=packet_size)  # type: ignore[arg-type]

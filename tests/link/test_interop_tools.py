@@ -11,7 +11,7 @@ import pytest
 
 from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.packet import PayloadType
-from tactophone.link.prediction_payload import write_prediction
+from tactophone.link.prediction_payload import write_hand, write_prediction
 from tactophone.link.srtp import KEY_SIZE, SALT_SIZE, Secrets, SrtpCrypto
 from tactophone.types import FloatArray, Prediction, Touch
 from tests.link.test_interop import (
@@ -41,13 +41,15 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
         bytes(packetizer.wrap(PayloadType.PREDICTION, round(each.end * RATE), write_prediction(each)))
         for each in PREDICTIONS
     ]
+    hand = write_hand(dict(enumerate(PREDICTIONS)), fingers=5)
+    sent.append(bytes(packetizer.wrap(PayloadType.HAND_PREDICTION, 0, hand)))
     write_capture(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
     done = subprocess.run(
-        ["tshark", "-X", f"lua_script:{LUA}", "-r", str(tmp_path / "a.pcap"), "-T", "json",
+        ["tshark", "-X", f"lua_script:{LUA}", "-r", str(tmp_path / "a.pcap"), "-T", "json", "--no-duplicate-keys",
          "-d", f"udp.port=={PORT},rtp"],
         capture_output=True, check=True, timeout=120,
     )  # fmt: skip
-    first, second, cut = (packet["_source"]["layers"] for packet in json.loads(done.stdout))
+    first, second, together, cut = (packet["_source"]["layers"] for packet in json.loads(done.stdout))
     found = first["tactophone"]
     assert found["tactophone.touch"] == "2"
     assert float(found["tactophone.rough"]) == pytest.approx(0.7, abs=1e-4)
@@ -55,8 +57,11 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
     assert float(found["tactophone.window"]) == pytest.approx(0.256)
     assert float(second["tactophone"]["tactophone.level_dbfs"]) == -math.inf
     assert second["tactophone"]["tactophone.faulty"] in ("1", "True")
+    assert together["tactophone"]["tactophone.fingers"] == ["5", "5"]
+    assert together["tactophone"]["tactophone.finger"] == ["0", "1"]
+    assert together["tactophone"]["tactophone.touch"] == ["2", "0"]
     assert "not 16 bytes" in json.dumps(cut)
-    assert len(LUA.read_text().splitlines()) <= 60
+    assert len(LUA.read_text().splitlines()) <= 70
 
 
 def decrypted_by_gstreamer(folder: Path, datagrams: list[bytes], caps: str) -> FloatArray:

@@ -10,9 +10,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tactophone.errors import PacketError
+from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
 
 CLOCK_RATE = 48_000
 """Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus, and all payloads use it."""
+
+PAYLOAD_SPACE = MAX_DATAGRAM - OVERHEAD - 13
+"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and the last header of RFC 2198."""
 
 _VERSION = 2
 _HEADER = struct.Struct("!BBHII")
@@ -30,7 +34,11 @@ MAX_EARLIER_SIZE = (1 << 10) - 1
 
 
 class PayloadType(enum.IntEnum):
-    """RTP payload types, in the dynamic range of RFC 3551; the table is fixed, so nothing is negotiated."""
+    """RTP payload types, in the dynamic range of RFC 3551; the table is fixed, so nothing is negotiated.
+
+    Sound of a hand has a type for each number of fingers, with contact and air of each finger in turn: whoever receives
+    one packet knows the hand.
+    """
 
     L16_MONO = 96
     L16_STEREO = 97
@@ -39,6 +47,39 @@ class PayloadType(enum.IntEnum):
     PREDICTION = 100
     RED = 101
     HAPTICS = 102
+    L16_HAND_2 = 103
+    L16_HAND_3 = 104
+    L16_HAND_4 = 105
+    L16_HAND_5 = 106
+    L16_HAND_6 = 107
+    L16_HAND_7 = 108
+    L16_HAND_8 = 109
+    L16_HAND_9 = 110
+    L16_HAND_10 = 111
+    MULTIOPUS_HAND_2 = 112
+    MULTIOPUS_HAND_3 = 113
+    MULTIOPUS_HAND_4 = 114
+    MULTIOPUS_HAND_5 = 115
+    MULTIOPUS_HAND_6 = 116
+    MULTIOPUS_HAND_7 = 117
+    MULTIOPUS_HAND_8 = 118
+    MULTIOPUS_HAND_9 = 119
+    MULTIOPUS_HAND_10 = 120
+    HAND_PREDICTION = 121
+
+
+MOST_FINGERS = 10
+"""Fingers in the sound of one packet."""
+
+SOUND_FORMATS: dict[PayloadType, tuple[str, int]] = {
+    PayloadType.L16_MONO: ("pcm16", 1),
+    PayloadType.L16_STEREO: ("pcm16", 2),
+    PayloadType.OPUS: ("opus", 1),
+    PayloadType.MULTIOPUS: ("opus", 2),
+    **{PayloadType(101 + fingers): ("pcm16", 2 * fingers) for fingers in range(2, MOST_FINGERS + 1)},
+    **{PayloadType(110 + fingers): ("opus", 2 * fingers) for fingers in range(2, MOST_FINGERS + 1)},
+}
+"""Codec and channels of each payload type of sound: a hand of N fingers has 2 N."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +257,6 @@ def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
 
 def _kind(number: int) -> PayloadType:
     """Return the payload type; RED within RED is refused like an unknown type."""
-    if PayloadType.L16_MONO <= number <= PayloadType.HAPTICS and number != PayloadType.RED:
+    if PayloadType.L16_MONO <= number <= PayloadType.HAND_PREDICTION and number != PayloadType.RED:
         return PayloadType(number)
-    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAPTICS} are known")
+    raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known")

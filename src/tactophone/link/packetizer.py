@@ -8,13 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.link.codec import Codec, open_encoder
-from tactophone.link.packet import CLOCK_RATE, MAX_EARLIER_OFFSET, MAX_EARLIER_SIZE, Packet, Payload, PayloadType
+from tactophone.link.packet import (
+    CLOCK_RATE,
+    MAX_EARLIER_OFFSET,
+    MAX_EARLIER_SIZE,
+    PAYLOAD_SPACE,
+    Packet,
+    Payload,
+    PayloadType,
+)
 from tactophone.link.rtcp import SenderReport
-from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
 from tactophone.types import AudioBlock
-
-_PAYLOAD_SPACE = MAX_DATAGRAM - OVERHEAD - 13
-"""Bytes for payloads in a packet: without the SRTP tag, the RTP header and the last header of RFC 2198."""
 
 _EARLIER_HEADER = 4
 
@@ -168,7 +172,7 @@ class Packetizer:
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
         """Return the newest past payloads that fit, oldest first."""
         chosen: list[Payload] = []
-        space = _PAYLOAD_SPACE - len(payload.content)
+        space = PAYLOAD_SPACE - len(payload.content)
         for past in list(reversed(self._past))[: self._redundancy.depth]:
             space -= _EARLIER_HEADER + len(past.content)
             behind = (payload.timestamp - past.timestamp) % (1 << 32)

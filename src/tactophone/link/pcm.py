@@ -3,11 +3,21 @@
 import numpy as np
 
 from tactophone.errors import PacketError
-from tactophone.link.packet import PayloadType
+from tactophone.link.packet import PAYLOAD_SPACE, PayloadType
 from tactophone.types import FloatArray
 
 MAX_PCM_SAMPLES = 240
 """Maximum samples of a packet: two channels fit an unfragmented datagram of 1280 bytes, with 300 bytes to spare."""
+
+
+def most_pcm_samples(channels: int) -> int:
+    """Return the greatest number of samples of so many channels in one datagram.
+
+    >>> most_pcm_samples(2), most_pcm_samples(10)
+    (240, 60)
+    """
+    return min(MAX_PCM_SAMPLES, PAYLOAD_SPACE // (2 * channels))
+
 
 _FULL_SCALE = 32_768.0
 

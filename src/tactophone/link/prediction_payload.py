@@ -10,14 +10,18 @@ bytes        field                  encoding
 10-11        level                  hundredths of dBFS; the lowest number is -inf
 12-15        length of the window   samples at 48 kHz; it ends at the timestamp
 ===========  =====================  ==============================================
+
+Predictions of a hand whose windows end together share a payload: for each, a byte with the number of fingers (upper
+four bits) and the finger, counted from 0, and then these 16.
 """
 
 import math
 import struct
+from collections.abc import Mapping
 from dataclasses import replace
 
 from tactophone.errors import PacketError
-from tactophone.link.packet import CLOCK_RATE
+from tactophone.link.packet import CLOCK_RATE, MOST_FINGERS
 from tactophone.types import Prediction, Touch
 
 _LAYOUT = struct.Struct("!BBHHHHhI")
@@ -60,6 +64,38 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
         end=end,
         faulty=bool(faulty),
     )
+
+
+def write_hand(predictions: Mapping[int, Prediction], *, fingers: int) -> bytes:
+    """Encode predictions by finger, of windows that end together.
+
+    >>> silence = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -60.0, 0.0, 0.256)
+    >>> write_hand({1: silence}, fingers=5).hex(" ")[:8]
+    '51 00 00'
+    """
+    return b"".join(
+        bytes([fingers << 4 | finger]) + write_prediction(prediction) for finger, prediction in predictions.items()
+    )
+
+
+def read_hand(content: bytes, *, end: float) -> tuple[dict[int, Prediction], int]:
+    """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
+
+    Raises
+    ------
+    PacketError
+        When the bytes are not predictions of one hand, each of another finger.
+    """
+    size = 1 + _LAYOUT.size
+    records = [content[start : start + size] for start in range(0, len(content), size)]
+    predictions = {record[0] & 15: read_prediction(record[1:], end=end) for record in records}
+    counts = {record[0] >> 4 for record in records}
+    if len(counts) != 1 or len(predictions) != len(records):
+        raise PacketError(f"{len(records)} predictions of a hand, but of hands with {sorted(counts)} fingers, or twice")
+    fingers = counts.pop()
+    if not 2 <= fingers <= MOST_FINGERS or max(predictions) >= fingers:
+        raise PacketError(f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}")
+    return predictions, fingers
 
 
 def _to_16_bits(share: float) -> int:

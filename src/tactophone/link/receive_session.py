@@ -13,7 +13,7 @@ from tactophone.link.handshake import Address
 from tactophone.link.haptic_payload import read_haptics
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
-from tactophone.link.prediction_payload import read_prediction
+from tactophone.link.prediction_payload import read_hand, read_prediction
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.link.send_session import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Session
@@ -33,10 +33,12 @@ _PREDICTIONS = {PayloadType.PREDICTION: read_prediction, PayloadType.HAPTICS: re
 
 @dataclass(frozen=True, slots=True)
 class PredictionReceived:
-    """A prediction made on the robot, and whether it is too old to be rendered."""
+    """A prediction made on the robot, whether it is too old to be rendered, and of which finger of how many."""
 
     prediction: Prediction
     stale: bool = False
+    finger: int = 0
+    fingers: int = 1
 
 
 ReceiveEvent: TypeAlias = DecodedAudio | PredictionReceived | Connected | Disconnected
@@ -117,7 +119,7 @@ class ReceiveSession:
         return self._handle(events, now)
 
     def pull(self, size: int, *, now: float) -> FloatArray:
-        """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that render the sound itself.
+        """Return the samples due at ``now``, shape ``(size, 2)``, for profiles that render the sound of one finger.
 
         May be called from the actuator's thread; all other methods belong to the network thread.
         """
@@ -172,7 +174,7 @@ class ReceiveSession:
             elif event.report:
                 self._handle_report(event.packet, now)
             elif (packet := self._parse(event.packet)) is not None:
-                if packet.payload.kind in _PREDICTIONS:
+                if packet.payload.kind in _PREDICTIONS or packet.payload.kind == PayloadType.HAND_PREDICTION:
                     received += self._handle_prediction(packet, now)
                 else:
                     packets.append(packet)
@@ -224,17 +226,17 @@ def _ignore(now: float, events: list[Event], polled: bool) -> None:
 
 
 class _PredictionStream:
-    """Orders predictions by the end of their windows; one older than the newest is dropped."""
+    """Orders predictions by the end of their windows; one older than the newest of its finger is dropped."""
 
     def __init__(self) -> None:
         self._timestamps = TimestampUnwrapper()
-        self._newest = -1
+        self._newest: dict[int, int] = {}
         self._delay = MinDelayFilter()
 
     @property
     def begun(self) -> bool:
         """Whether any prediction was received."""
-        return self._newest >= 0
+        return bool(self._newest)
 
     @property
     def origin(self) -> int:
@@ -243,13 +245,19 @@ class _PredictionStream:
 
     def push(self, payload: Payload, *, now: float) -> list[PredictionReceived]:
         samples = self._timestamps.position(payload.timestamp)
-        prediction = _PREDICTIONS[payload.kind](payload.content, end=samples / CLOCK_RATE)
-        if samples <= self._newest:
+        end, fingers = samples / CLOCK_RATE, 1
+        if payload.kind == PayloadType.HAND_PREDICTION:
+            found, fingers = read_hand(payload.content, end=end)
+        else:
+            found = {0: _PREDICTIONS[payload.kind](payload.content, end=end)}
+        fresh = {finger: each for finger, each in found.items() if samples > self._newest.get(finger, -1)}
+        if not fresh:
             return []
-        self._newest = samples
-        transit = now - prediction.end
+        self._newest |= dict.fromkeys(fresh, samples)
+        transit = now - end
         self._delay.push(transit, now=now)
-        return [PredictionReceived(prediction, stale=transit - self._delay.minimum > STALENESS)]
+        stale = transit - self._delay.minimum > STALENESS
+        return [PredictionReceived(prediction, stale, finger, fingers) for finger, prediction in fresh.items()]
 
 
 class _Meter:

@@ -1,7 +1,7 @@
 """The robot's end of the link: session, stream and reports together, without socket or clock."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
@@ -11,7 +11,7 @@ from tactophone.link.handshake import Address
 from tactophone.link.haptic_payload import is_silent, write_haptics
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
-from tactophone.link.prediction_payload import write_prediction
+from tactophone.link.prediction_payload import write_hand, write_prediction
 from tactophone.link.rtcp import ReceiverReport, ReceiverRequest, parse_report, round_trip
 from tactophone.link.session import Session
 from tactophone.types import AudioBlock, Prediction
@@ -93,6 +93,13 @@ class SendSession:
                 self._send([self._haptic_packet(self._packetizer, end, write_haptics(prediction))])
             else:
                 self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
+
+    def send_hand(self, predictions: Mapping[int, Prediction], *, fingers: int) -> None:
+        """Send predictions by finger, of windows that end together, instead of a hand's sound."""
+        if self._packetizer:
+            end = round(next(iter(predictions.values())).end * CLOCK_RATE)
+            content = write_hand(predictions, fingers=fingers)
+            self._send([self._packetizer.wrap(PayloadType.HAND_PREDICTION, end, content)])
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
         """Process what arrived from the network by ``now`` (s)."""

@@ -166,7 +166,7 @@ class Robot:
             role="robot",
             muted_because="",
             source=capture.source,
-            detector=self._endpoint.detector.detector.name if self._endpoint.detector else "",
+            detector=self._endpoint.detectors[0].detector.name if self._endpoint.detectors else "",
             channels=self._source.channels,
         )
 
@@ -210,13 +210,13 @@ class Robot:
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
         with self._lock:
-            step = self._endpoint.push(block)
+            step = self._endpoint.push(block)[0]
             send_outgoing(self._session, self._socket)
             origin = self._session.origin
         now = time.monotonic()
         # A prediction is marked with the end of its window, the only time of it that the operator knows.
         end = round(step.predictions[-1].end * LIVE_SAMPLE_RATE) if step.predictions else block.end
-        if origin is not None and (step.predictions or self._endpoint.detector is None):
+        if origin is not None and (step.predictions or not self._endpoint.detectors):
             self._telemetry.mark(_CAPTURED, (origin + end) % (1 << 32), now=captured)
             self._telemetry.mark(_SENT, (origin + end) % (1 << 32), now=now)
         truth = self._source.truth_now() if isinstance(self._source, LabelledSource) else -1

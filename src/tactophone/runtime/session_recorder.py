@@ -6,12 +6,13 @@ import math
 import platform
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import tactophone
 from tactophone.config import Settings
+from tactophone.hand_file import each_finger
 from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, Telemetry, write_record
@@ -32,7 +33,7 @@ class SessionRecorder:
 
     def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
         self._telemetry = telemetry
-        self._controls: Controls | None = None
+        self._controls: dict[int, Controls] = {}
         self._write(describe_run(settings, role=role))
 
     def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
@@ -40,9 +41,9 @@ class SessionRecorder:
         self._write(EventBatch(now, tuple(map(write_event, events)), polled))
 
     def controls(self, controls: Controls, *, step: int = 0) -> None:
-        """Log the controls if they have changed, and the step of the last arrival during which they did."""
-        if controls != self._controls:
-            self._controls = controls
+        """Log a finger's controls if they have changed, and the step of the last arrival during which they did."""
+        if controls != self._controls.get(controls.finger):
+            self._controls[controls.finger] = controls
             self._write(Controls(**{**asdict(controls), "step": step}))
 
     def _write(self, record: Record) -> None:
@@ -52,14 +53,14 @@ class SessionRecorder:
 
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
-    chosen = settings.detector.model
-    models = [chosen] if chosen else [default_model(2, settings.capture.tip)]
-    calibration = settings.detector.calibration
+    fingers = each_finger(settings)
+    models = {own.detector.model or default_model(2, own.capture.tip): "" for own in fingers}
+    tables = asdict(replace(settings, fingers=()))
+    del tables["fingers"]
     return RunStart(
         role=role,
         settings={
-            section: {name: _without_nan(value) for name, value in table.items()}
-            for section, table in asdict(settings).items()
+            section: {name: _without_nan(value) for name, value in table.items()} for section, table in tables.items()
         },
         models={name: hashlib.sha256(model_path(name).read_bytes()).hexdigest() for name in models},
         versions={
@@ -67,9 +68,22 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             "python": platform.python_version(),
             **{package: _version(package) for package in _PACKAGES},
         },
-        calibration=Path(calibration).expanduser().read_text() if calibration else "",
+        calibration=_calibration(settings),
         epoch=time.time() - time.monotonic(),
+        fingers=[
+            {
+                "name": finger.name,
+                "settings": {name: _without_nan(value) for name, value in finger.settings},
+                "calibration": _calibration(own),
+            }
+            for finger, own in zip(settings.fingers, fingers, strict=False)
+        ],
     )
+
+
+def _calibration(settings: Settings) -> str:
+    path = settings.detector.calibration
+    return Path(path).expanduser().read_text() if path else ""
 
 
 def _without_nan(value: Any) -> Any:

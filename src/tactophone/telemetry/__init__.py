@@ -8,7 +8,17 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.memory import MARK, PREDICTION, STEP, is_alive, remove_leftovers, remove_memory
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
-from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, Request, State
+from tactophone.telemetry.registry import (
+    COUNTERS,
+    GAUGES,
+    MARKS,
+    STAGES,
+    Action,
+    Fault,
+    FingerState,
+    Request,
+    State,
+)
 from tactophone.telemetry.session_log import Controls, EventBatch, Record, RunStart, read_records, write_record
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
@@ -25,6 +35,7 @@ __all__ = [
     "Controls",
     "EventBatch",
     "Fault",
+    "FingerState",
     "PredictionLog",
     "Pulse",
     "Record",

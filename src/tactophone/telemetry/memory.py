@@ -16,6 +16,7 @@ rarely see a torn row of a ring buffer; nothing that controls vibration is read 
 """
 
 import contextlib
+import functools
 import os
 import struct
 import sys
@@ -102,47 +103,68 @@ LEFT_AFTER = 60.0
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
 
-_LAYOUT = np.dtype(
-    [
-        ("fingerprint", "u8"),
-        ("pid", "u8"),
-        ("beat", "f8"),
-        ("step_count", "u8"),
-        ("prediction_count", "u8"),
-        ("sound_count", "u8"),
-        ("vibration_count", "u8"),
-        ("log_count", "u8"),
-        ("state_count", "u8"),
-        ("mark_counts", "u8", len(MARKS)),
-        ("counters", "u8", len(COUNTERS)),
-        ("gauges", "f8", len(GAUGES)),
-        ("requests", _REQUEST, len(ACTIONS)),
-        ("states", _TEXT, 2),
-        ("steps", STEP, STEP_CAPACITY),
-        ("predictions", PREDICTION, PREDICTION_CAPACITY),
-        ("sound", "f4", (SOUND_CAPACITY, 2)),
-        ("vibration", "f4", SOUND_CAPACITY),
-        ("log", "u1", LOG_CAPACITY),
-        ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
-    ],
-    align=True,
-)
+_MOST_FINGERS = 10
+_HEAD_SIZE = 32
+"""Bytes of the first four fields, which lie at the same place in every layout."""
 
-_FINGERPRINT = zlib.crc32(repr((_LAYOUT, tuple(COUNTERS), tuple(GAUGES), MARKS, ACTIONS)).encode())
+
+@functools.cache
+def _layout(fingers: int) -> np.dtype[np.void]:
+    """Return the layout for so many fingers: rings and their counts are for each, requests for all and for each."""
+    return np.dtype(
+        [
+            ("fingerprint", "u8"),
+            ("pid", "u8"),
+            ("beat", "f8"),
+            ("fingers", "u8"),
+            ("step_count", "u8", fingers),
+            ("prediction_count", "u8", fingers),
+            ("sound_count", "u8", fingers),
+            ("vibration_count", "u8", fingers),
+            ("log_count", "u8"),
+            ("state_count", "u8"),
+            ("mark_counts", "u8", len(MARKS)),
+            ("counters", "u8", len(COUNTERS)),
+            ("gauges", "f8", len(GAUGES)),
+            ("requests", _REQUEST, (len(ACTIONS), 1 + fingers)),
+            ("states", _TEXT, 2),
+            ("steps", STEP, (fingers, STEP_CAPACITY)),
+            ("predictions", PREDICTION, (fingers, PREDICTION_CAPACITY)),
+            ("sound", "f4", (fingers, SOUND_CAPACITY, 2)),
+            ("vibration", "f4", (fingers, SOUND_CAPACITY)),
+            ("log", "u1", LOG_CAPACITY),
+            ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
+        ],
+        align=True,
+    )
+
+
+@functools.cache
+def _fingerprint(fingers: int) -> int:
+    names = (tuple(COUNTERS), tuple(GAUGES), MARKS, ACTIONS)
+    return zlib.crc32(repr((_layout(fingers), *names)).encode())
 
 
 class Memory:
-    """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``."""
+    """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
 
-    def __init__(self, name: str, *, create: bool) -> None:
+    Attributes
+    ----------
+    fingers
+        As many as the run was created with; a reader finds the number in the memory.
+    """
+
+    def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")
-        with _created(draft, self._path) if create else _opened(self._path) as file:
+        with _created(draft, self._path, fingers) if create else _opened(self._path) as file:
             self._inode = os.fstat(file.fileno()).st_ino
-            whole: NDArray[np.void] = np.memmap(file, _LAYOUT, mode="r+", shape=(1,))
+            self.fingers = fingers if create else _fingers_of(file)
+            layout = _layout(self.fingers)
+            whole: NDArray[np.void] = np.memmap(file, layout, mode="r+", shape=(1,))
         # The views are made once: making one costs as much as a write through it.
-        self._views = {name: np.asarray(whole[name]).reshape(_LAYOUT[name].shape) for name in _LAYOUT.names or ()}
+        self._views = {name: np.asarray(whole[name]).reshape(layout[name].shape) for name in layout.names or ()}
         if create:
             self["gauges"][:] = np.nan
             self.sign()
@@ -154,7 +176,8 @@ class Memory:
     def sign(self) -> None:
         """Write by what readers know the memory; also again, as somebody may have overwritten it."""
         self["pid"][...] = os.getpid()
-        self["fingerprint"][...] = _FINGERPRINT
+        self["fingers"][...] = self.fingers
+        self["fingerprint"][...] = _fingerprint(self.fingers)
 
     @property
     def writer_alive(self) -> bool:
@@ -208,7 +231,7 @@ def _is_leftover(path: Path) -> bool:
     return not abs(time.monotonic() - beat) < LEFT_AFTER
 
 
-def _created(draft: Path, path: Path) -> BinaryIO:
+def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     """Make the file under a name that no reader looks for, until it is complete."""
     if path.exists():
         pid = _left_by(path)
@@ -218,11 +241,11 @@ def _created(draft: Path, path: Path) -> BinaryIO:
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
-        _allocate(file)
+        _allocate(file, _layout(fingers).itemsize)
     except OSError as error:
         file.close()
         draft.unlink()
-        needed = _LAYOUT.itemsize / 1e6
+        needed = _layout(fingers).itemsize / 1e6
         raise TactophoneError(
             f"no room for {needed:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
         ) from None
@@ -241,11 +264,11 @@ def _publish(draft: Path, path: Path) -> None:
         draft.unlink(missing_ok=True)
 
 
-def _allocate(file: BinaryIO) -> None:
+def _allocate(file: BinaryIO, size: int) -> None:
     """Give the file its size, and its pages now: a page that is missing later would end the process by a signal."""
-    file.truncate(_LAYOUT.itemsize)
+    file.truncate(size)
     if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, _LAYOUT.itemsize)
+        os.posix_fallocate(file.fileno(), 0, size)
 
 
 def _left_by(path: Path) -> int:
@@ -266,13 +289,20 @@ def _opened(path: Path) -> BinaryIO:
             "or name another with --name"
         ) from None
     whole = os.fstat(file.fileno())
-    if whole.st_size != _LAYOUT.itemsize or int.from_bytes(file.read(8), sys.byteorder) != _FINGERPRINT:
+    fingers = _fingers_of(file)
+    fits = 1 <= fingers <= _MOST_FINGERS and whole.st_size == _layout(fingers).itemsize
+    if not fits or int.from_bytes(file.read(8), sys.byteorder) != _fingerprint(fingers):
         file.close()
         raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
     if whole.st_uid not in (0, os.getuid()):
         file.close()
         raise TactophoneError(f"{path} belongs to another user: remove it, or choose another --name")
     return file
+
+
+def _fingers_of(file: BinaryIO) -> int:
+    """Return the number of fingers that a file states, without moving its position."""
+    return int.from_bytes(os.pread(file.fileno(), _HEAD_SIZE, 0)[24:], sys.byteorder)
 
 
 def _run(path: Path) -> str:

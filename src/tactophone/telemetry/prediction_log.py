@@ -6,7 +6,7 @@
 import csv
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Self
@@ -24,6 +24,9 @@ COLUMNS = (
     "level_dbfs", "roughness", "frequency", "amplitude",
 )  # fmt: skip
 """Of the CSV file, and the keys of each entry of the JSON file."""
+
+FINGER = "finger"
+"""Column before the others in the log of a hand: the finger's name."""
 
 _DIGITS = 6
 
@@ -56,16 +59,18 @@ class TimelineWriter:
         The CSV file.
     json_path
         A JSON file with the same entries as a list; none if ``None``.
+    fingers
+        Names of a hand's fingers; the first column of each line is then ``finger``.
     """
 
-    def __init__(self, path: Path, *, json_path: Path | None = None) -> None:
-        self._path, self._json_path = path, json_path
+    def __init__(self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()) -> None:
+        self._path, self._json_path, self.fingers = path, json_path, fingers
         self._resources = ExitStack()
         self._separator = "[\n"
 
     def __enter__(self) -> Self:
         self._file = self._resources.enter_context(self._path.open("w", newline=""))
-        self._csv = csv.DictWriter(self._file, COLUMNS)
+        self._csv = csv.DictWriter(self._file, (FINGER, *COLUMNS) if self.fingers else COLUMNS)
         self._csv.writeheader()
         self._json = self._resources.enter_context(self._json_path.open("w")) if self._json_path else None
         return self
@@ -78,11 +83,11 @@ class TimelineWriter:
     def write(self, step: PipelineStep) -> None:
         """Add the predictions of one step."""
         for prediction, command in zip(step.predictions, step.commands, strict=True):
-            self.write_row(prediction, command)
+            self.write_row(prediction, command, finger=step.finger)
 
-    def write_row(self, prediction: Prediction, command: HapticCommand) -> None:
+    def write_row(self, prediction: Prediction, command: HapticCommand, *, finger: int = 0) -> None:
         """Add one prediction and its command."""
-        entries = row(prediction, command)
+        entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
         self._csv.writerow(entries)
         if self._json:
             # JSON has no infinities: a level of -inf dBFS is written as null.
@@ -127,8 +132,9 @@ class PredictionLog(RunFollower):
         super().__init__(name)
         self.missed = 0
         self._path, self._report = path, report
-        self._writer = TimelineWriter(path)
-        self._count = 0
+        names = [finger.name for finger in self.watcher.state().fingers]
+        self._writer = TimelineWriter(path, fingers=names)
+        self._counts = [0] * self.watcher.fingers
 
     def __enter__(self) -> Self:
         try:
@@ -145,17 +151,18 @@ class PredictionLog(RunFollower):
         """Write the predictions made since the last read."""
         # Asked before reading: whatever a dead process wrote is then in the rows read here.
         dead = not self.watcher.writer_alive
-        rows, count = self.watcher.predictions(self._count)
-        self._report_gap(count - self._count - len(rows), rows)
-        for entry in rows:
-            self._writer.write_row(*_from_row(entry))
-        self._count = count
+        for finger in range(self.watcher.fingers):
+            rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
+            self._report_gap(count - self._counts[finger] - len(rows), rows)
+            for entry in rows:
+                self._writer.write_row(*_from_row(entry), finger=finger)
+            self._counts[finger] = count
         self._writer.flush()
         if dead:
             with suppress(TactophoneError):  # no new process yet
                 successor = Watcher(self.watcher.name)
                 if successor.pid != self.watcher.pid:
-                    self.watcher, self._count = successor, 0
+                    self.watcher, self._counts = successor, [0] * successor.fingers
 
     def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
         if missed > 0:
@@ -173,8 +180,13 @@ def _from_row(entry: Any) -> tuple[Prediction, HapticCommand]:
     return prediction, HapticCommand(float(entry["amplitude"]), float(entry["frequency"]), float(entry["time"]))
 
 
-def read_timeline(path: Path) -> dict[str, NDArray[Any]]:
+def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     """Read a CSV timeline back, as one array for each column; ``touch`` as numbers of `Touch`.
+
+    Parameters
+    ----------
+    finger
+        Of a hand: only the lines of the finger of this name.
 
     Raises
     ------
@@ -183,7 +195,7 @@ def read_timeline(path: Path) -> dict[str, NDArray[Any]]:
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            lines = list(csv.DictReader(file))
+            lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
         columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name != "touch"}
         return columns | {"touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8)}
     except (KeyError, ValueError, TypeError, csv.Error) as error:

@@ -5,7 +5,7 @@ a reader knows the whole list beforehand.
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal, Self, TypeAlias, get_args
 
 from tactophone.types import LIVE_SAMPLE_RATE
@@ -82,12 +82,15 @@ class Request:
         ``profile`` takes the profile's name in ``text``.
     time
         When the request was made, on the system-wide monotonic clock, in seconds.
+    finger
+        Counted from 0; -1 is all of them.
     """
 
     action: Action
     value: float = 0.0
     text: str = ""
     time: float = 0.0
+    finger: int = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +103,27 @@ class Fault:
 
 
 @dataclass(frozen=True, slots=True)
+class FingerState:
+    """What may differ from finger to finger of a hand; the fields are those of `State`."""
+
+    name: str
+    armed: bool = False
+    muted_because: str = ""
+    ceiling: float = 0.0
+    local_ceiling: float = 0.0
+    output_level: float = 1.0
+    profile: str = ""
+    detector: str = ""
+    threshold_dbfs: float = float("-inf")
+    noise_floor_dbfs: float = float("-inf")
+
+
+@dataclass(frozen=True, slots=True)
 class State:
-    """The settings of the running endpoint and whether it may vibrate; amplitudes are 0-1 of full drive."""
+    """The settings of the running endpoint and whether it may vibrate; amplitudes are 0-1 of full drive.
+
+    Of a hand, these are the settings of its first finger, and ``fingers`` has those of each; it is armed if any is.
+    """
 
     role: str = ""
     armed: bool = False
@@ -120,6 +142,15 @@ class State:
     sample_rate: int = LIVE_SAMPLE_RATE
     channels: int = 2
     faults: tuple[Fault, ...] = field(default=())
+    fingers: tuple[FingerState, ...] = ()
+
+    def of_finger(self, finger: int) -> "State":
+        """Return the state as if there were this finger alone."""
+        if not self.fingers:
+            return self
+        own = asdict(self.fingers[finger])
+        del own["name"]
+        return replace(self, **own)
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
@@ -131,6 +162,7 @@ class State:
         entries = json.loads(text)
         entries["profiles"] = tuple(entries["profiles"])
         entries["faults"] = tuple(Fault(**fault) for fault in entries["faults"])
+        entries["fingers"] = tuple(FingerState(**finger) for finger in entries["fingers"])
         return cls(**entries)
 
     def __bytes__(self) -> bytes:

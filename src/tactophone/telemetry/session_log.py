@@ -40,6 +40,8 @@ class RunStart:
         Text of the calibration file; empty if there is none.
     epoch
         Seconds since 1970 at 0 of the monotonic clock, on which all other times are.
+    fingers
+        Of a hand: name, settings of its own by dotted name, and text of the calibration file of each.
     """
 
     role: str
@@ -48,6 +50,7 @@ class RunStart:
     versions: dict[str, str] = field(default_factory=dict)
     calibration: str = ""
     epoch: float = 0.0
+    fingers: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,8 @@ class Controls:
         Ceiling of the pipeline, to which a profile is scaled.
     threshold_dbfs
         Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself.
+    finger
+        Of a hand: whose controls these are.
     """
 
     armed: bool
@@ -94,6 +99,7 @@ class Controls:
     profile: str
     threshold_dbfs: float | None
     step: int = 0
+    finger: int = 0
 
 
 Record: TypeAlias = RunStart | EventBatch | Controls

@@ -87,11 +87,16 @@ class Watcher:
         self.name = name
         self._memory = Memory(name, create=False)
 
-    def snapshot(self, since: Snapshot | None = None) -> Snapshot:
-        """Copy the current values; of sound, vibration and steps only what is newer than ``since``."""
-        steps, step_end = self._ring("step", since.step_end if since else 0)
-        sound, sound_end = self._ring("sound", since.sound_end if since else 0)
-        vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0)
+    @property
+    def fingers(self) -> int:
+        """Number of fingers of the run."""
+        return self._memory.fingers
+
+    def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
+        """Copy the current values; of a finger's sound, vibration and steps only what is newer than ``since``."""
+        steps, step_end = self._ring("step", since.step_end if since else 0, finger)
+        sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
+        vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
         age = time.monotonic() - float(self._memory["beat"])
         return Snapshot(
             state=self._state(),
@@ -117,12 +122,12 @@ class Watcher:
         """Whether the writing process exists."""
         return self._memory.writer_alive
 
-    def predictions(self, since: int = 0) -> tuple[NDArray[np.void], int]:
-        """Copy the predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
+    def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
+        """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
 
         Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
         """
-        return self._ring("prediction", since)
+        return self._ring("prediction", since, finger)
 
     def log(self, since: int = 0) -> tuple[bytes, int]:
         """Copy the session log after its first ``since`` bytes, and return its total length.
@@ -149,9 +154,9 @@ class Watcher:
             int(counters[_CALLBACKS]), float(gauges[_AMPLITUDE]), float(self._memory["beat"]), float(gauges[_PERIOD])
         )
 
-    def newest_step(self) -> NDArray[np.void] | None:
-        """Copy the newest step; ``None`` before the first."""
-        steps, end = self._ring("step", max(0, int(self._memory["step_count"]) - 1))
+    def newest_step(self, *, finger: int = 0) -> NDArray[np.void] | None:
+        """Copy a finger's newest step; ``None`` before the first."""
+        steps, end = self._ring("step", max(0, int(self._memory["step_count"][finger]) - 1), finger)
         return steps[-1:] if end and len(steps) else None
 
     def gauge(self, name: str) -> float:
@@ -163,9 +168,12 @@ class Watcher:
         index = MARKS.index(name)
         return _newest(self._memory["marks"][index], self._memory["mark_counts"][index : index + 1], slack=1)[0]
 
-    def ask(self, action: Action, value: float = 0.0, *, text: str = "") -> None:
-        """Put a request into the mailbox, in place of an older one of the same action; `State` shows the outcome."""
-        slot = self._memory["requests"][ACTIONS.index(action)]
+    def ask(self, action: Action, value: float = 0.0, *, text: str = "", finger: int = -1) -> None:
+        """Put a request for all fingers, or one, into the mailbox; `State` shows the outcome.
+
+        It replaces an older one of the same action for the same finger.
+        """
+        slot = self._memory["requests"][ACTIONS.index(action), 1 + finger]
         encoded = np.frombuffer(text.encode(), np.uint8)
         if len(encoded) > len(slot["text"]):
             raise ValueError(f"{action}: {text!r} is longer than {len(slot['text'])} bytes")
@@ -173,11 +181,11 @@ class Watcher:
         slot["size"], slot["value"], slot["time"] = len(encoded), value, time.monotonic()
         slot["count"] += np.uint64(1)
 
-    def _ring(self, name: str, since: int) -> tuple[NDArray[Any], int]:
+    def _ring(self, name: str, since: int, finger: int) -> tuple[NDArray[Any], int]:
         by_row = name in ("step", "prediction")
-        rows = self._memory[f"{name}s" if by_row else name]
+        rows = self._memory[f"{name}s" if by_row else name][finger]
         slack = 1 if by_row else layout.LARGEST_WRITE
-        return _newest(rows, self._memory[f"{name}_count"], slack=slack, since=since)
+        return _newest(rows, self._memory[f"{name}_count"][finger : finger + 1], slack=slack, since=since)
 
     def _state(self) -> State:
         while turn := int(self._memory["state_count"]):

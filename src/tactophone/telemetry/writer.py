@@ -37,6 +37,8 @@ class Telemetry:
     ----------
     name
         Name of the run, by which a `Watcher` finds it.
+    fingers
+        How many fingers have steps, sound and vibration.
 
     Examples
     --------
@@ -46,15 +48,16 @@ class Telemetry:
     3
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, fingers: int = 1) -> None:
         self.name = name
-        self._memory = Memory(name, create=True)
+        self._memory = Memory(name, create=True, fingers=fingers)
         self._counters, self._totals = self._memory["counters"], np.zeros(len(COUNTERS), np.uint64)
-        self._counts = dict.fromkeys(("step", "prediction", "sound", "vibration", "state"), 0)
+        self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
+        self._state_count = 0
         self._mark_counts = [0] * len(MARKS)
         self._gauges = self._memory["gauges"]
-        self._memory["steps"][-1] = _NO_PREDICTION  # the row before the first
-        self._seen = np.zeros(len(ACTIONS), np.uint64)
+        self._memory["steps"][:, -1] = _NO_PREDICTION  # the row before the first
+        self._seen = np.zeros(self._memory["requests"].shape, np.uint64)
         self.state = State()
 
     def __enter__(self) -> Self:
@@ -78,7 +81,7 @@ class Telemetry:
         self._gauges[_GAUGE[name]] = value
 
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
-        """Write one pipeline step: its sound, its predictions and its commands.
+        """Write one pipeline step of a finger: its sound, its predictions and its commands.
 
         Parameters
         ----------
@@ -87,24 +90,25 @@ class Telemetry:
         truth
             The known `Touch` at this time, where the sound is simulated or labelled.
         """
-        self._append("sound", _stereo(step.block.samples))
-        ring, index = self._memory["steps"], self._counts["step"]
+        finger = step.finger
+        self._append("sound", _stereo(step.block.samples), finger)
+        ring, index = self._memory["steps"][finger], self._counts["step"][finger]
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         ring[index % layout.STEP_CAPACITY] = ring[index % layout.STEP_CAPACITY - 1]
         row = ring[index % layout.STEP_CAPACITY]
         _fill(row, step)
-        row["sound_end"], row["vibration_end"] = self._counts["sound"], self._counts["vibration"]
+        row["sound_end"], row["vibration_end"] = self._counts["sound"][finger], self._counts["vibration"][finger]
         row["truth"] = truth
-        self._advance("step", 1)
+        self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
-            self._log(prediction, step.commands[k] if step.commands else None)
+            self._log(prediction, step.commands[k] if step.commands else None, finger)
         self.count("steps")
         self.count("predictions", len(step.predictions))
         self._memory["beat"][...] = now
 
-    def rendered(self, waveform: FloatArray) -> None:
-        """Write the waveform just rendered for the actuator, shape ``(samples,)``; safe in an audio callback."""
-        self._append("vibration", waveform)
+    def rendered(self, waveform: FloatArray, *, finger: int = 0) -> None:
+        """Write the waveform just rendered for an actuator, shape ``(samples,)``; safe in an audio callback."""
+        self._append("vibration", waveform, finger)
 
     def log(self, record: bytes) -> None:
         """Append a record of at most ``LARGEST_RECORD`` bytes to the session log; for one thread, or under a lock."""
@@ -128,16 +132,17 @@ class Telemetry:
         """Publish a state; the same one again counts as a heartbeat."""
         self._memory["beat"][...] = now
         self._memory.sign()
-        if state == self.state and int(self._memory["state_count"]) == self._counts["state"] > 0:
+        if state == self.state and int(self._memory["state_count"]) == self._state_count > 0:
             return
         self.state = state
         text = bytes(state)
         if len(text) > layout.STATE_SIZE:
             raise ValueError(f"the state takes {len(text)} bytes of {layout.STATE_SIZE}: shorten the faults' texts")
-        slot = self._memory["states"][(self._counts["state"] + 1) % 2]
+        slot = self._memory["states"][(self._state_count + 1) % 2]
         slot["text"][: len(text)] = np.frombuffer(text, np.uint8)
         slot["size"] = len(text)
-        self._advance("state", 1)
+        self._state_count += 1
+        self._memory["state_count"][...] = self._state_count
 
     def requests(self, now: float | None = None) -> list[Request]:
         """Empty the mailbox: return the requests since the last call, oldest first.
@@ -149,9 +154,13 @@ class Telemetry:
             in memory that was overwritten.
         """
         slots = self._memory["requests"]
-        new = np.flatnonzero(slots["count"] != self._seen)
+        new = np.argwhere(slots["count"] != self._seen)
         self._seen[:] = slots["count"]
-        found = [request for index in new if (request := _request(int(index), slots[index])) is not None]
+        found = [
+            request
+            for action, place in new.tolist()
+            if (request := _request(action, slots[action, place], finger=place - 1)) is not None
+        ]
         recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
         return sorted(recent, key=lambda request: request.time)
 
@@ -159,8 +168,8 @@ class Telemetry:
         """End this run's telemetry and free its name."""
         self._memory.unlink()
 
-    def _log(self, prediction: Prediction, command: HapticCommand | None) -> None:
-        ring, count = self._memory["predictions"], self._counts["prediction"]
+    def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int) -> None:
+        ring, count = self._memory["predictions"][finger], self._counts["prediction"][finger]
         time, amplitude, frequency = (
             (command.time, command.amplitude, command.frequency) if command else (prediction.end, math.nan, math.nan)
         )
@@ -168,23 +177,23 @@ class Telemetry:
             time, prediction.start, prediction.end, prediction.probabilities, prediction.roughness,
             prediction.level_dbfs, amplitude, frequency, prediction.touch,
         )  # fmt: skip
-        self._advance("prediction", 1)
+        self._advance("prediction", 1, finger)
 
-    def _append(self, name: str, samples: FloatArray) -> None:
-        ring = self._memory[name]
+    def _append(self, name: str, samples: FloatArray, finger: int) -> None:
+        ring = self._memory[name][finger]
         for start in range(0, len(samples), layout.LARGEST_WRITE):
             part = samples[start : start + layout.LARGEST_WRITE]
             # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
-            at = self._counts[name] % layout.SOUND_CAPACITY
+            at = self._counts[name][finger] % layout.SOUND_CAPACITY
             head = min(len(part), layout.SOUND_CAPACITY - at)
             ring[at : at + head] = part[:head]
             ring[: len(part) - head] = part[head:]
-            self._advance(name, len(part))
+            self._advance(name, len(part), finger)
 
-    def _advance(self, name: str, n: int) -> None:
-        """Count rows of a ring, or states, that have been written."""
-        self._counts[name] += n
-        self._memory[f"{name}_count"][...] = self._counts[name]
+    def _advance(self, name: str, n: int, finger: int) -> None:
+        """Count rows of a ring that have been written."""
+        self._counts[name][finger] += n
+        self._memory[f"{name}_count"][finger] = self._counts[name][finger]
 
 
 def _stereo(samples: FloatArray) -> FloatArray:
@@ -202,8 +211,8 @@ def _fill(row: NDArray[np.void], step: PipelineStep) -> None:
         row["amplitude"], row["frequency"] = step.command.amplitude, step.command.frequency
 
 
-def _request(index: int, slot: NDArray[np.void]) -> Request | None:
+def _request(index: int, slot: NDArray[np.void], *, finger: int) -> Request | None:
     with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text; the request is then dropped
         text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
-        return Request(ACTIONS[index], value=float(slot["value"]), text=text, time=float(slot["time"]))
+        return Request(ACTIONS[index], float(slot["value"]), text, float(slot["time"]), finger)
     return None
