@@ -46,6 +46,8 @@ class World:
         self.decoded: list[tuple[float, DecodedAudio]] = []
         self.connections = 0
         self.began: float | None = None
+        self.pulling, self.next_pull = False, 0.0
+        self.queues: list[tuple[float, float]] = []
 
     def stalled(self, part: str) -> bool:
         return any(start <= self.now < end for start, end in self.stalls.get(part, ()))
@@ -70,6 +72,17 @@ class World:
             self.connections += sum(isinstance(event, Connected) for event in events)
             self.decoded += [(self.now, event) for event in events if isinstance(event, DecodedAudio)]
             self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.outgoing()]
+            if self.pulling and self.now >= self.next_pull:
+                self.pull()
+
+    def pull(self) -> None:
+        """Render a block, and note the seconds of sound that then wait; a device that was late leaves blocks out."""
+        self.next_pull = max(self.next_pull + BLOCK / LIVE_SAMPLE_RATE, self.now)
+        self.operator.pull(BLOCK, now=self.now)
+        playout = self.operator.playout
+        if playout is not None and playout._position is not None:
+            newest = max((waiting.end for waiting in playout._waiting.values()), default=playout._position)
+            self.queues.append((self.now, (newest - playout._position) / LIVE_SAMPLE_RATE))
 
     def run(self, duration: float) -> None:
         while self.robot.peer is None or self.operator.peer is None:
@@ -180,3 +193,14 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Pat
             os.kill(pid, signal.SIGCONT)
             # The machine may be late for reasons of its own: what counts is that no second passes in staleness.
             assert last_stale(watcher, seconds=1.2) < RECOVERY + 0.1, duration
+
+
+@pytest.mark.parametrize("part", ["robot", "link", "operator"])
+@pytest.mark.parametrize("duration", [0.02, 0.05, 0.08, 0.2, 0.5, 2.0])
+def test_the_clocked_playout_holds_no_old_sound_after_a_stall(part: str, duration: float) -> None:
+    """The sound that a profile renders itself is queued; what has waited in it for longer than 60 ms is old."""
+    end = 1.5 + duration
+    world = World({part: ((1.5, end),)})
+    world.pulling = True
+    world.run(end + 1.0)
+    assert max(queue for now, queue in world.queues if now > end + RECOVERY) < STALENESS

@@ -36,8 +36,9 @@ DEAD_BAND = 0.002
 JUMP = 0.04
 """Seconds of error above which the position is set anew: slewing would take more than two seconds."""
 
-MIN_ALLOWANCE, MAX_ALLOWANCE = 0.002, 0.08
-"""Seconds allowed for jitter; a packet later than the maximum is a stall, which playout does not wait for."""
+MIN_ALLOWANCE, MAX_ALLOWANCE = 0.002, 0.04
+"""Seconds allowed for jitter; a packet later than the maximum is a stall, which playout does not wait for. With a
+packet and a period of 512 samples, the margin stays under the 60 ms from which sound counts as stale."""
 
 WARM_UP = 0.25
 """Seconds of measuring before the first sound."""
@@ -81,7 +82,7 @@ class PlayoutController:
         self.position = math.nan
         self._block_size = block_size
         self._packet_size = 0
-        self._first = math.inf
+        self._first, self._arrived = math.inf, -math.inf
         self._min_transit = math.inf
         self._allowance = Allowance()
         self._second = _Second()
@@ -109,7 +110,10 @@ class PlayoutController:
         transit = now - (start + size) / CLOCK_RATE
         self._second.push_transit(transit)
         self._min_transit = min(self._min_transit, transit)
-        self._allowance.push(transit - self._min_transit)
+        if now != self._arrived:
+            # Packets that come together waited for the same thing: the first, which waited longest, stands for all.
+            self._arrived = now
+            self._allowance.push(transit - self._min_transit)
         self._late = [*self._late, transit] if start < self.position else []
         if len(self._late) >= _PATH_CHANGED:
             # The lateness known so far was measured against the shorter path.
