@@ -1,7 +1,9 @@
-"""Makes the fingertip's pad as an STL file: a dome of silicone's outer shape with a pocket for the piezo disc.
+"""Makes two parts as STL files: the fingertip's pad, and the bracket that holds the air microphone beside it.
 
-``python hardware/fingertip.py [OUT.stl]`` prints the dimensions. The part is a solid of revolution, so that it can be
-turned, printed as a core for a mould, or printed in flexible filament. Nobody has built it yet.
+``python hardware/fingertip.py [FOLDER]`` prints the dimensions. The pad is a dome of silicone's outer shape with a
+pocket for the piezo disc: a solid of revolution, so that it can be turned, printed as a core for a mould, or printed in
+flexible filament. The bracket is printed in rigid filament: a ring around the pad's side, an arm, and a ring for the
+microphone, which overlap, as slicers join them. Nobody has built either yet.
 """
 
 import sys
@@ -16,6 +18,8 @@ SEGMENTS = 72
 """Of a full turn: 0.4 mm of arc at the outer radius, a printer's line."""
 
 ARC_POINTS = 16
+
+PAD, BRACKET = "fingertip.stl", "microphone_bracket.stl"
 
 
 @dataclass(frozen=True)
@@ -73,10 +77,63 @@ class Fingertip:
         return np.concatenate([pocket, [[self.radius, 0.0]], arc[:-1], [[0.0, self.side + self.dome]]])
 
 
+@dataclass(frozen=True)
+class Bracket:
+    """Dimensions in mm.
+
+    Parameters
+    ----------
+    distance
+        From the pad's axis to the microphone's: about 2 cm in the paper (section III).
+    pad_radius, clearance
+        Of the pad, and between it and its ring.
+    capsule_diameter
+        Of the microphone with the foam around it: a capsule of 4 to 6 mm.
+    wall, height
+        Thickness of the rings, and height of all.
+    """
+
+    distance: float = 20.0
+    pad_radius: float = 9.0
+    clearance: float = 0.2
+    capsule_diameter: float = 8.0
+    wall: float = 1.6
+    height: float = 3.0
+
+    def check(self) -> None:
+        """Raise if the rings overlap."""
+        if self.arm_length < self.wall:
+            raise ValueError(f"at {self.distance} mm the capsule's ring meets the pad's; take a longer distance")
+
+    @property
+    def arm_length(self) -> float:
+        """From ring to ring."""
+        return self.distance - self.pad_radius - self.clearance - self.capsule_diameter / 2 - 2 * self.wall
+
+    def shells(self) -> list[NDArray[np.float64]]:
+        """Return three closed surfaces: the pad's ring, the microphone's ring and the arm, which reaches into both."""
+        self.check()
+        inner = self.pad_radius + self.clearance
+        near, far = inner + self.wall / 2, self.distance - (self.capsule_diameter + self.wall) / 2
+        arm = _box([near, -2 * self.wall, 0.0], [far, 2 * self.wall, self.height])
+        microphone = self._ring(self.capsule_diameter / 2)
+        microphone[..., 0] += self.distance
+        return [self._ring(inner), microphone, arm]
+
+    def _ring(self, inner: float) -> NDArray[np.float64]:
+        outer, top = inner + self.wall, self.height
+        return revolve(np.array([[inner, 0.0], [outer, 0.0], [outer, top], [inner, top], [inner, 0.0]]))
+
+
 def triangles(part: Fingertip) -> NDArray[np.float64]:
     """Return the surface as triangles, shape ``(count, 3, 3)`` in mm, seen anticlockwise from outside."""
     part.check()
-    outline, turn = part.outline(), 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
+    return revolve(part.outline())
+
+
+def revolve(outline: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Turn a section of radius and height, anticlockwise, around the axis."""
+    turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
     around = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     faces = []
     for (inner_r, inner_z), (outer_r, outer_z) in pairwise(outline):
@@ -89,6 +146,13 @@ def triangles(part: Fingertip) -> NDArray[np.float64]:
             if inner_r > 0:
                 faces.append([a, b, c])
     return np.array(faces)
+
+
+def _box(low: list[float], high: list[float]) -> NDArray[np.float64]:
+    """Return the twelve triangles of a box."""
+    corners = np.array([[(low, high)[bit >> axis & 1][axis] for axis in range(3)] for bit in range(8)])
+    quads = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+    return np.array([[corners[a], corners[b], corners[c]] for q in quads for a, b, c in (q[:3], (q[0], *q[2:]))])
 
 
 def volume(faces: NDArray[np.float64]) -> float:
@@ -106,9 +170,12 @@ def write_stl(path: Path, faces: NDArray[np.float64]) -> None:
 
 
 if __name__ == "__main__":
-    tip = Fingertip()
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_suffix(".stl")
+    tip, bracket = Fingertip(), Bracket()
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
     surface = triangles(tip)
-    write_stl(target, surface)
+    write_stl(folder / PAD, surface)
+    write_stl(folder / BRACKET, np.concatenate(bracket.shells()))
     size = f"pad {2 * tip.radius:g} mm wide, {tip.side + tip.dome:g} mm high, pocket {2 * tip.pocket_radius:g} mm"
-    sys.stdout.write(f"{target}: {size}\ndisc {tip.layer:g} mm under the surface; {volume(surface):.0f} mm^3\n")
+    sys.stdout.write(f"{folder / PAD}: {size}\ndisc {tip.layer:g} mm under the surface; {volume(surface):.0f} mm^3\n")
+    size = f"microphone {bracket.distance:g} mm from the pad's axis, in a ring of {bracket.capsule_diameter:g} mm"
+    sys.stdout.write(f"{folder / BRACKET}: {size}\n")

@@ -101,6 +101,7 @@ class Detector:
         unit="dBFS",
         span=(-120, 0),
     )
+    events: bool = _setting(False, "detect taps, strokes and slips too; the profile events always does")
 
 
 @dataclass(frozen=True, slots=True)

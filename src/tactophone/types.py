@@ -102,6 +102,10 @@ class AudioBlock:
         return self.start + self.size
 
 
+EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
+"""Kinds of touch events; telemetry counts them from 1."""
+
+
 @dataclass(frozen=True, slots=True)
 class TouchEvent:
     """A moment of touch.
@@ -109,8 +113,9 @@ class TouchEvent:
     Parameters
     ----------
     kind
-        ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down), ``knock`` (it was in
-        the air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without), ``lift-off`` (sliding ended).
+        One of `EVENT_KINDS`: ``contact`` (something began to sound, reported at once), ``tap`` (it was a touch-down),
+        ``knock`` (it was in the air), ``stroke`` or ``slip`` (sliding began, after a touch-down or without),
+        ``lift-off`` (sliding ended).
     time
         Seconds since the stream began.
     """

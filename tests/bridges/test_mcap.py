@@ -8,6 +8,7 @@ import time
 from itertools import cycle
 from pathlib import Path
 
+import numpy as np
 import pytest
 import soundfile
 from hypothesis import given, settings
@@ -15,12 +16,14 @@ from hypothesis import strategies as st
 
 from tactophone import config
 from tactophone.bridges import LogEnd, McapLog, is_mcap, mcap_file, read_log
+from tactophone.bridges.run_reader import prediction_entries
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import Telemetry, memory
+from tactophone.telemetry import PREDICTION, Telemetry, memory
+from tactophone.types import EVENT_KINDS, TouchEvent
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
 
@@ -256,6 +259,16 @@ def test_levels_of_minus_infinity_survive() -> None:
     logged = mcap_file._prediction(entries)
     assert logged.prediction.level_dbfs == -math.inf
     assert math.isnan(logged.command.amplitude)
+    assert logged.prediction.events == ()
+
+
+def test_a_touch_event_is_read_back_and_an_unknown_one_refused() -> None:
+    row = np.zeros(1, PREDICTION)[0]
+    row["event"], row["event_time"] = 1 + EVENT_KINDS.index("slip"), 0.25
+    entries = json.loads(json.dumps(prediction_entries(row)))
+    assert mcap_file._prediction(entries).prediction.events == (TouchEvent("slip", 0.25),)
+    with pytest.raises(ValueError, match="not in tuple"):
+        mcap_file._prediction(entries | {"event": ["poke"]})
 
 
 @pytest.mark.realtime

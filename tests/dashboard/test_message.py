@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tactophone.dashboard.message import STEP_COLUMNS, envelope, pack, step_table
+from tactophone.dashboard.message import STEP_COLUMNS, envelope, event_table, pack, step_table
 from tactophone.telemetry import STEP
 
 BUCKET = 480
@@ -52,6 +52,12 @@ def test_the_level_is_the_bucket_s_rms_and_silence_is_finite() -> None:
     tone = np.sin(2 * np.pi * np.arange(BUCKET) / 48).astype(np.float32)
     levels = envelope(np.column_stack([tone, 0 * tone]), BUCKET)[0, [2, 5]]
     np.testing.assert_allclose(levels, [-3.01, -120], atol=0.01)
+
+
+def test_every_touch_event_is_sent_also_where_its_step_is_not() -> None:
+    steps = np.zeros(3, STEP)
+    steps["time"], steps["event"] = [7.0, 7.0025, 7.005], [0, 2, 0]
+    np.testing.assert_allclose(event_table(steps, origin=7.0), [[0.0025, 2]])
 
 
 def test_of_fast_steps_one_in_ten_milliseconds_is_sent_and_the_newest() -> None:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import uuid
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, memory, read_timeline
-from tactophone.telemetry.prediction_log import COLUMNS
-from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, events_of, memory, read_timeline
+from tactophone.telemetry.prediction_log import COLUMNS, row
+from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
 BLOCK = AudioBlock(np.zeros((1, 1), np.float32), 48_000)
 
@@ -62,6 +63,32 @@ def test_a_level_of_minus_infinity_is_null_in_json(tmp_path: Path) -> None:
         timeline.write(PipelineStep(BLOCK, (silent,), (HapticCommand(0.0, 120.0, 0.26),)))
     assert json.loads((tmp_path / "a.json").read_text())[0]["level_dbfs"] is None
     assert read_timeline(tmp_path / "a.csv")["level_dbfs"][0] == -math.inf
+
+
+def test_touch_events_reach_steps_predictions_and_the_log(tmp_path: Path, name: str) -> None:
+    plain = step(2)
+    tap = replace(plain.predictions[1], events=(TouchEvent("tap", 0.31),))
+    with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "live.csv") as log:
+        telemetry.publish(replace(plain, predictions=(plain.predictions[0], tap)), now=1.0)
+        telemetry.publish(plain, now=1.0)
+        log.read()
+        watcher = Watcher(name)
+        rows, _ = watcher.predictions()
+        assert [events_of(row) for row in rows] == [(), tap.events, (), ()]
+        numbers = watcher.snapshot().steps["event"].tolist()
+        assert numbers == [1 + EVENT_KINDS.index("tap"), 0]
+    columns = read_timeline(tmp_path / "live.csv")
+    assert columns["event"].tolist() == ["", "tap", "", ""]
+    assert columns["event_time"][1] == 0.31
+
+
+def test_a_timeline_from_before_the_events_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "old.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS[:-2], extrasaction="ignore")
+        writer.writeheader()
+        writer.writerow(row(step(1).predictions[0], step(1).commands[0]))
+    assert read_timeline(path)["event"].tolist() == [""]
 
 
 def test_another_csv_is_refused(tmp_path: Path) -> None:

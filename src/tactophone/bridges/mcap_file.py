@@ -15,7 +15,7 @@ from tactophone.bridges import protobuf, schemas
 from tactophone.bridges.mcap_log import FORMAT
 from tactophone.errors import DatasetError
 from tactophone.telemetry import Controls, EventBatch, RunStart
-from tactophone.types import HapticCommand, Prediction, Touch
+from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, TouchEvent
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -150,8 +150,14 @@ def _prediction(entries: dict[str, Any]) -> LoggedPrediction:
     prediction = Prediction(
         (number("none"), number("smooth"), number("rough")), Touch[entries["touch"].upper()], number("roughness"),
         number("level_dbfs", -math.inf), start=start, end=end,
+        events=tuple(_events(entries)),
     )  # fmt: skip
     return LoggedPrediction(prediction, HapticCommand(number("amplitude"), number("frequency"), time))
+
+
+def _events(entries: dict[str, Any]) -> Iterator[TouchEvent]:
+    if "event" in entries:
+        yield TouchEvent(EVENT_KINDS[EVENT_KINDS.index(entries["event"])], float(entries["event_time"]))
 
 
 def _known(kind: type, entries: dict[str, Any]) -> dict[str, Any]:

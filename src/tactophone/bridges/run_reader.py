@@ -14,7 +14,7 @@ from tactophone.bridges import protobuf, schemas
 from tactophone.bridges.schemas import Topic
 from tactophone.bridges.sound_messages import SoundMessages, read_sound_packet
 from tactophone.errors import TactophoneError
-from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, read_records
+from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, events_of, read_records
 from tactophone.types import Touch
 
 HEALTH_INTERVAL = 2.0
@@ -209,6 +209,8 @@ def prediction_entries(row: np.void) -> dict[str, Any]:
         "roughness": float(row["roughness"]), "frequency": float(row["frequency"]),
         "amplitude": float(row["amplitude"]),
     }  # fmt: skip
+    for event in events_of(row):
+        entries |= {"event": event.kind, "event_time": event.time}
     return _finite(entries)
 
 

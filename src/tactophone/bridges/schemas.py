@@ -112,7 +112,7 @@ CONTROLS = Topic(
 )  # fmt: skip
 PREDICTION = Topic(
     "/tactophone/prediction",
-    _json_schema("tactophone.Prediction", {**_NUMBERS, "touch": "string"}),
+    _json_schema("tactophone.Prediction", {**_NUMBERS, "touch": "string", "event": "string", "event_time": "number"}),
     "each prediction, and its command as limited; null where there was none",
 )
 STATE = Topic("/tactophone/state", _json_schema("tactophone.State", {"role": "string"}), "the state at each change")

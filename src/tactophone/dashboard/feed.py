@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dashboard.message import BUCKET, SCOPE_STEP, envelope, header, pack, step_table
+from tactophone.dashboard.message import BUCKET, SCOPE_STEP, envelope, event_table, header, pack, step_table
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import Request, Snapshot, Watcher
 
@@ -79,8 +79,10 @@ class Feed:
 
     def _tables(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
         first = snapshot.vibration_end - len(snapshot.vibration)
+        origin = self._origin(snapshot)
         return {
-            "steps": step_table(snapshot.steps, self._origin(snapshot)),
+            "steps": step_table(snapshot.steps, origin),
+            "events": event_table(snapshot.steps, origin),
             "sound": self._envelope(snapshot),
             "scope": snapshot.vibration[-first % SCOPE_STEP :: SCOPE_STEP],
         }

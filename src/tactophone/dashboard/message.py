@@ -80,6 +80,12 @@ def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     return np.column_stack([chosen["time"] - origin, *chosen["probabilities"].T, *columns.values()])
 
 
+def event_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
+    """Return rows of time and kind, counted from 1 in `EVENT_KINDS`, of the steps with a touch event."""
+    found = steps[steps["event"] > 0]
+    return np.column_stack([found["time"] - origin, found["event"]])
+
+
 def _finite(value: Any) -> Any:
     """Replace infinities and NaN by ``None``, as JSON has neither."""
     if isinstance(value, dict):

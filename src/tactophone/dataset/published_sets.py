@@ -1,6 +1,6 @@
-"""Readers of sets that others publish: BioTac vibration as CSV, and the Cluster Haptic Texture Database.
+"""Readers of sets that others publish: BioTac vibration as CSV, the Cluster Haptic Texture Database, and SENS3.
 
-Neither has labels rough and smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and
+None has labels rough and smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and
 ``label`` in the folder adds them; without it recordings are imported without a label.
 """
 
@@ -29,6 +29,12 @@ PAC = tuple(f"pac{number}" for number in range(1, 23))
 
 CLUSTER_NAME = re.compile(r"(?P<surface>[^_]+)_(?P<direction>[^_]+)_(?P<speed>[^_]+)_(?P<force>[^_]+)_(?P<take>[^_.]+)")
 """Surface, direction, speed, force and repetition, as the database's own description has it."""
+
+RAW_AUDIO = "raw_audio"
+"""Folder of the Cluster database with the sound before its noise was cancelled."""
+
+SLIDING = re.compile("slid|strok", re.IGNORECASE)
+"""In the name of what SENS3 recorded while a finger slid; it has taps, presses and static contact besides."""
 
 LABELS = "labels.csv"
 
@@ -65,12 +71,19 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
 
 
 def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
-    """Convert files named ``surface_direction_speed_force_repetition.wav`` or ``.flac``; see :func:`import_biotac`."""
+    """Convert files named ``surface_direction_speed_force_repetition.wav`` or ``.flac``; see :func:`import_biotac`.
+
+    Of a sound that is there before and after its noise was cancelled, the latter is taken.
+    """
     problems: list[Problem] = []
     labels = _labels(folder, problems)
     recordings = []
-    for done, path in enumerate(_files(folder, {".wav", ".flac"}), 1):
+    files = list(_files(folder, {".wav", ".flac"}))
+    cleaned = {path.stem for path in files if RAW_AUDIO not in path.parts}
+    for done, path in enumerate(files, 1):
         progress(done)
+        if RAW_AUDIO in path.parts and path.stem in cleaned:
+            continue
         match = CLUSTER_NAME.fullmatch(path.stem)
         if not match:
             problems.append(Problem(path, "name", "is not surface_direction_speed_force_repetition; left out"))
@@ -90,7 +103,33 @@ def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] =
     return _finished(folder, out, recordings, problems)
 
 
-FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType({"biotac": import_biotac, "cluster": import_cluster})
+def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
+    """Convert the sound of sliding fingers: a folder a surface, with "sliding" in the path; see :func:`import_biotac`.
+
+    The microphone was in the air beside the surface (Balasubramanian et al., SENS3, EuroHaptics 2024). The paper names
+    no files, so a path is read for what it must say: the surface and the kind of touch.
+    """
+    problems: list[Problem] = []
+    labels = _labels(folder, problems)
+    recordings = []
+    for done, path in enumerate(_files(folder, {".wav", ".flac"}), 1):
+        progress(done)
+        place = path.relative_to(folder)
+        if len(place.parts) < 2 or not SLIDING.search(str(place)):
+            reason = "is not surface/...sliding...: taps and presses have no texture; left out"
+            problems.append(Problem(path, "name", reason))
+            continue
+        target = (out / place).with_suffix(".flac")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        copy_as_flac(path, target)
+        channels = ("air",) * int(soundfile.info(target).channels)
+        recordings.append(Recording(target, place.parts[0], labels.get(place.parts[0]), channels, take=path.stem))
+    return _finished(folder, out, recordings, problems)
+
+
+FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType(
+    {"biotac": import_biotac, "cluster": import_cluster, "sens3": import_sens3}
+)
 """Importers by the name that `dataset import --format` takes."""
 
 

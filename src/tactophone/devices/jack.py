@@ -232,8 +232,8 @@ def _close_notifications(name: str) -> None:
     for descriptor in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):
             if os.readlink(f"/proc/self/fd/{descriptor}")[8:-1] in inodes:  # "socket:[1234]"
-                with socket.socket(fileno=os.dup(int(descriptor))) as ours:
-                    ours.shutdown(socket.SHUT_RDWR)
+                with socket.socket(fileno=os.dup(int(descriptor))) as copy:
+                    copy.shutdown(socket.SHUT_RDWR)
 
 
 def _ignore(_: str) -> None:

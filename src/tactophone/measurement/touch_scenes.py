@@ -1,34 +1,50 @@
-"""Simulated scenes of taps, strokes and knocks in the air, with the moment of each: truth for touch events.
+"""Simulated scenes of taps, strokes, slips and knocks in the air, with the moment of each: truth for touch events.
 
-A tap is a touch of under 0.12 s without sliding; a stroke begins where the finger lands to slide and ends in a
-lift-off. A knock in the air reaches the air microphone alone, but for the little that the finger passes on.
+A tap is a landing of the finger, whether it slides afterwards or not. Sliding that follows a landing begins with a
+stroke; sliding of a finger that rested begins with a slip; either ends in a lift-off. A knock in the air reaches the
+air microphone alone, but for the little that the finger passes on.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.simulation import SessionVariation, SimulatedFinger, find, single
 from tactophone.simulation.content.movement import Script
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.simulation.physics.session_variation import COMPETITION
+from tactophone.simulation.physics.source import Truth
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, TouchEvent
 
 KNOCK_TO_CONTACT_DB = -20.0
 """What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
 
+BOUNCE = 0.06
+"""Seconds; touches closer than this are one, and so is sliding that reverses its direction."""
+
+SLIDING_SPEED = 0.01
+"""Metres a second from which a finger slides."""
+
+SHORTEST_SLIDE = 0.05
+"""Seconds; what the finger moves while it lands is no sliding."""
+
 
 @dataclass(frozen=True, slots=True)
 class TouchScene:
-    """Sound of two microphones, shape ``(samples, 2)``, and the time in s of each tap, stroke, lift-off and knock."""
+    """Sound of two microphones, shape ``(samples, 2)``, and what happens in it, oldest first."""
 
     sound: FloatArray
-    taps: tuple[float, ...]
-    strokes: tuple[float, ...]
-    lift_offs: tuple[float, ...]
-    knocks: tuple[float, ...]
+    events: tuple[TouchEvent, ...]
+
+    def times(self, kind: str) -> NDArray[np.float64]:
+        """Return the times in s of one kind of event: tap, stroke, slip, lift-off or knock."""
+        return np.array([event.time for event in self.events if event.kind == kind])
 
 
-def touch_scene(name: str, *, seed: int, duration: float = 12.0, taps: bool = True, knocks: bool = True) -> TouchScene:
+def touch_scene(
+    name: str, *, seed: int, duration: float = 12.0, taps: bool = True, knocks: bool = True, motors: bool = False
+) -> TouchScene:
     """Render a scene on an object of the catalogue.
 
     Parameters
@@ -41,6 +57,8 @@ def touch_scene(name: str, *, seed: int, duration: float = 12.0, taps: bool = Tr
         In s.
     taps, knocks
         Whether there are any; without taps the finger only slides.
+    motors
+        Whether it takes place in the competition's noise: a hall full of people, and running motors.
     """
     rng = np.random.default_rng([0x7A9, seed])
     scene = single(find(name))
@@ -56,43 +74,52 @@ def touch_scene(name: str, *, seed: int, duration: float = 12.0, taps: bool = Tr
             script.hover(0.3, x=middle - 0.25 * placed.width)
             force = float(rng.uniform(0.5, 2.5))
             script.land(force)
+            rests = rng.random() < 0.4
             for target in (0.25, -0.2):
                 script.stroke(middle + target * placed.width, float(rng.uniform(0.3, 0.7)), force)
+                if rests:
+                    script.stroke(script.x, 0.5, force)
     script.hover(0.4)
-    finger = SimulatedFinger(scene, script.moves, session=SessionVariation.draw(seed), seed=seed)
+    session = SessionVariation.draw(seed, COMPETITION if motors else None)
+    finger = SimulatedFinger(scene, script.moves, session=session, seed=seed)
     sound = finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples.copy()
-    begins, ends = _touches(finger.truth.object_index >= 0)
-    is_tap = [end - begin < 0.12 for begin, end in zip(begins, ends, strict=True)]
-    made = _add_knocks(sound, begins, ends, rng) if knocks else ()
-    return TouchScene(
-        sound,
-        tuple(begin for begin, tap in zip(begins, is_tap, strict=True) if tap),
-        tuple(begin for begin, tap in zip(begins, is_tap, strict=True) if not tap),
-        tuple(end for end, tap in zip(ends, is_tap, strict=True) if not tap),
-        made,
-    )
+    events, gaps = _events(finger.truth)
+    if knocks:
+        events += [TouchEvent("knock", time) for time in _add_knocks(sound, gaps, rng)]
+    return TouchScene(sound, tuple(sorted(events, key=lambda event: event.time)))
 
 
-def _touches(contact: NDArray[np.bool_]) -> tuple[list[float], list[float]]:
-    """Return when touches begin and end, in s; bounces of under 60 ms are one touch."""
-    edges = np.flatnonzero(np.diff(contact, prepend=False, append=False)).reshape(-1, 2) / LIVE_SAMPLE_RATE
-    begins: list[float] = []
-    ends: list[float] = []
+def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
+    """Return the events of touch, and the gaps between touches."""
+    contact = truth.object_index >= 0
+    touches = _stretches(contact)
+    speed = np.abs(np.gradient(truth.x)) * LIVE_SAMPLE_RATE
+    events = [TouchEvent("tap", begin) for begin, _ in touches]
+    slid = -1.0
+    for begin, end in _stretches(contact & (speed > SLIDING_SPEED)):
+        if end - begin >= SHORTEST_SLIDE:
+            landed = max((time for time, _ in touches if time <= begin), default=0.0)
+            events += [TouchEvent("stroke" if slid < landed else "slip", begin), TouchEvent("lift-off", end)]
+            slid = end
+    return events, [(before[1], after[0]) for before, after in pairwise(touches)]
+
+
+def _stretches(on: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """Return begin and end of each stretch, in s; stretches closer than a bounce are one."""
+    edges = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2) / LIVE_SAMPLE_RATE
+    found: list[tuple[float, float]] = []
     for begin, end in edges:
-        if ends and begin - ends[-1] < 0.06:
-            ends[-1] = float(end)
+        if found and begin - found[-1][1] < BOUNCE:
+            found[-1] = found[-1][0], float(end)
         else:
-            begins.append(float(begin))
-            ends.append(float(end))
-    return begins, ends
+            found.append((float(begin), float(end)))
+    return found
 
 
-def _add_knocks(
-    sound: FloatArray, begins: list[float], ends: list[float], rng: np.random.Generator
-) -> tuple[float, ...]:
+def _add_knocks(sound: FloatArray, gaps: list[tuple[float, float]], rng: np.random.Generator) -> list[float]:
     """Add a knock into each second gap between touches: a decaying burst of air, and a little of it by contact."""
     knocks = []
-    for end, begin in list(zip(ends, begins[1:], strict=False))[::2]:
+    for end, begin in gaps[::2]:
         if begin - end < 0.25:
             continue
         knock = (end + begin) / 2
@@ -104,4 +131,4 @@ def _add_knocks(
         sound[place, 0] += 10 ** (KNOCK_TO_CONTACT_DB / 20) * burst
         knocks.append(knock)
     np.clip(sound, -1, 1, out=sound)
-    return tuple(knocks)
+    return knocks

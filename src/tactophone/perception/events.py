@@ -3,14 +3,17 @@
 Contact microphones separate a finger's taps by their onset (VSkin, Sun et al., CHI 2018; Acustico, Gong et al., UIST
 2020). Here an onset is a rise in 24 logarithmic bands over the loudest neighbour two steps before (SuperFlux, Böck &
 Widmer, DAFx 2013), against a threshold of median and deviation over the last half second: it looks at no later sound.
+Bands count by their excess over their own noise floor, so that the gain and the noise of a microphone do not matter.
 An onset is reported at once as *contact*, and as a *tap* when the next 25 ms are over and it was no knock in the air.
+
+What separates a touch-down from the bursts of sliding is that it comes out of rest: nearly all of its excess rises
+within two steps. Ratios to its peak say so at any loudness, and an echo that rings on afterwards does not matter.
 
 Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*, or a *slip* if no touch-down was
 detected since the last sliding ended; its end is a *lift-off*. A finger that rests sounds like one
 that has left: lift-off means that the sliding ended.
 """
 
-import math
 from collections import deque
 
 import numpy as np
@@ -24,13 +27,23 @@ STEPS_PER_SECOND = 400
 BANDS, LOWEST, HIGHEST = 24, 200.0, 12_000.0
 """Logarithmic bands, in Hz; a window of two steps resolves 200 Hz."""
 
-FLOOR = 1e-10
-"""Power a band counts at least as, -100 dB: digital silence has no finite level."""
+FLOOR = 1e-12
+"""Power a band counts at least as, -120 dB: digital silence has no finite level."""
+
+RISE, FALL = 5.0, 15.0
+"""Speeds in dB/s at which the noise floor of a band follows its level up and down: it settles where one step in four is
+quieter, and rises by 10 dB in a stroke of 2 s."""
+
+FLOOR_BIAS_DB = 2.0
+"""A band's excess counts from so far over its floor: half way to the median of noise in a band of one bin."""
+
+SETTLED = 40
+"""Steps, 0.1 s, from which the floor is first taken: its quarter that is quietest."""
 
 HISTORY = 200
 """Steps, half a second, of the adaptive threshold."""
 
-DEVIATIONS, LEAST_FLUX_DB = 6.0, 4.0
+DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
 """An onset's flux exceeds the median by so many mean absolute deviations, and by so much."""
 
 REFRACTORY = 24
@@ -39,19 +52,30 @@ REFRACTORY = 24
 CLASSIFIED_AFTER = 10
 """Steps, 25 ms, of sound that the class of an onset is taken from."""
 
-AIR_LED_DB = 27.0
-"""A knock in the air exceeds the background in the air microphone by so much more than in the contact microphone; a
-touch-down by less (10 to 21 dB, knocks 33 to 36 in simulated sound of eight objects). In dB."""
+REST_DB, LEAST_PEAK_DB = 3.0, 7.5
+"""Mean excess of steady noise, over which all shares are taken; the least peak of a tap is over its flicker."""
 
-LATE, DECAY_DB, LATE_SHARE, LONG_DECAY_DB = 6, 7.0, 0.4, 18.0
-"""A tap is over soon: from so many steps after the onset (15 ms) its mean excess is so much under its peak, and at most
-this share of it, or by the last figure under it (a loud tap rings on in a room). What goes on is sliding."""
+SHARP, ATTACK = 0.7, 2
+"""Least share of a tap's peak that rises within two steps, and most steps to its peak. With the next two rules, 98.6 %
+of the touch-downs of ten simulated objects (three tips, two rooms, motors) are taps, and 16 of 5258 other rises."""
+
+BEFORE, STEPS_BEFORE = 0.25, 6
+"""Greatest share of a tap's peak that was there before it, and the steps that are looked at, up to 5 ms before."""
+
+CONTEXT, CONTEXT_SLIDING, STEPS_OF_CONTEXT, CONTEXT_QUANTILE = 0.4, 0.15, 60, 0.8
+"""The same of the last 0.15 s, of which one step in five may be louder: taps in a row, an echo. While the finger slides
+it cannot land, so less is allowed: only what seemed to be sliding may end in a tap."""
+
+CLICK_STEPS, CLICK_SHARP, CLICK_BEFORE = 2, 0.7, 0.25
+"""A rise is reported as contact in its first or second step, if so much of it is a rise, and if the excess before is at
+most this share of it: its peak is yet to come."""
+
+AIR_LED_DB = 28.0
+"""A knock in the air exceeds the floor in the air microphone by so much more than in the contact microphone: simulated
+ones by 33 to 36 dB; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24 dB."""
 
 SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
 """Steps, 40 ms, over which the median excess of the bands begins sliding, and ends it."""
-
-AFTER_SLIDING = 40
-"""Steps, 0.1 s, from the end of sliding until an onset counts: the last bursts of a stroke are no taps."""
 
 QUIET_RATE, SLIDING_RATE = 0.01, 2e-4
 """Share by which the background follows a step's level: within 0.25 s at rest, 12 s while sliding."""
@@ -65,11 +89,9 @@ class EventDetector:
     Parameters
     ----------
     sample_rate
-        Of the sound to come, in Hz; 4 kHz or more.
+        Of the sound to come, in Hz; 2 kHz or more.
     channels
         With two, channel 1 is air and knocks in the air are rejected.
-    threshold_dbfs
-        RMS of the contact channel from which there is contact: while it has been for 32 ms, there are no taps.
 
     Examples
     --------
@@ -79,12 +101,12 @@ class EventDetector:
     ['contact', 'tap']
     """
 
-    def __init__(self, *, sample_rate: int, channels: int, threshold_dbfs: float = math.inf) -> None:
+    def __init__(self, *, sample_rate: int, channels: int) -> None:
         self._rate, self._channels = sample_rate, channels
-        self.threshold_dbfs = threshold_dbfs
         self._step = max(1, sample_rate // STEPS_PER_SECOND)
         self._window = np.hanning(2 * self._step + 2)[1:-1][:, None]
         self._edges = _band_edges(2 * self._step, sample_rate)
+        self._band_count = len(self._edges) - 1
         self.reset()
 
     @property
@@ -97,13 +119,18 @@ class EventDetector:
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
         self._count, self._origin, self._next = 0, 0, 0
         self._background: Floats | None = None
-        self._levels: deque[Floats] = deque(maxlen=3)
+        self._first_levels: list[Floats] = []
+        self._floor: Floats = np.zeros((self._band_count, self._channels))
+        # Of each step: excess of its bands in contact, and the mean over the bands of each channel.
+        self._bands: deque[Floats] = deque(maxlen=2)
+        self._means: deque[float] = deque(maxlen=HISTORY)
         self._fluxes: deque[float] = deque(maxlen=HISTORY)
-        self._powers: deque[float] = deque(maxlen=13)
         self._excess: deque[float] = deque([0.0] * SLIDING, SLIDING)
-        self._onset = -REFRACTORY
-        self._peak, self._late = np.zeros(self._channels), 0.0
-        self._sliding, self._touched_down, self._slid = False, False, -AFTER_SLIDING
+        # Of the newest rise, and of the newest that came out of rest.
+        self._onset = self._landed = -REFRACTORY
+        self._since: list[Floats] = []
+        self._before, self._sharpest = (0.0, 0.0), 0.0
+        self._sliding, self._sliding_at_onset, self._touched_down = False, False, False
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
         """Take sound; return the events that it completes, oldest first, at seconds since the stream began."""
@@ -130,57 +157,81 @@ class EventDetector:
     def _advance(self, sound: FloatArray) -> list[TouchEvent]:
         """Take a window, of which the last half is new."""
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
-        bands = np.add.reduceat(spectrum, self._edges, axis=0)[:BANDS] / np.square(len(sound))
+        bands = np.add.reduceat(spectrum, self._edges, axis=0)[: self._band_count] / np.square(len(sound))
         level = 10 * np.log10(bands + FLOOR)
-        new = sound[self._step :, CONTACT]
-        self._powers.append(float(np.vdot(new, new)) / self._step)
         if self._background is None:
             self._background = level.copy()
         events = [*self._find_onset(level), *self._follow_sliding(level)]
-        self._levels.append(level)
         self._count += 1
         return events
 
     def _find_onset(self, level: Floats) -> list[TouchEvent]:
+        if self._count < SETTLED:
+            self._first_levels.append(level)
+            if len(self._first_levels) == SETTLED:
+                self._floor = np.quantile(self._first_levels, 0.25, axis=0)
+            return []
+        self._floor += np.where(level > self._floor, RISE, -FALL) / STEPS_PER_SECOND
+        excess = 10 * np.log10(1 + 10 ** ((level - self._floor - FLOOR_BIAS_DB) / 10))
+        flux, mean = self._flux(excess[:, CONTACT]), excess.mean(axis=0)
         since = self._count - self._onset
-        events = self._classify(level, since) if since <= CLASSIFIED_AFTER else []
-        flux = self._flux(level[:, CONTACT])
-        resting = not self._sliding and self._count - self._slid >= AFTER_SLIDING
-        # The newest steps are of the onset itself.
-        before = list(self._powers)[:-3]
-        resting = resting and (not before or sum(before) / len(before) < 10 ** (self.threshold_dbfs / 10))
-        if resting and since >= REFRACTORY and len(self._fluxes) >= SLIDING and flux > self._threshold():
-            self._onset = self._count
-            self._peak, self._late = self._excess_of(level), 0.0
-            events.append(TouchEvent("contact", self._time(self._count)))
+        events = self._classify(mean, flux, since) if since <= CLASSIFIED_AFTER else []
+        settled = since >= REFRACTORY and len(self._fluxes) >= SLIDING
+        # The median of the fluxes is never under 0, so most steps need no threshold.
+        if settled and flux > LEAST_FLUX_DB and flux > self._threshold():
+            self._onset, self._since, self._sharpest = self._count, [mean], flux
+            self._before, self._sliding_at_onset = self._levels_before(), self._sliding
+        rising = self._count - self._onset < CLICK_STEPS and self._landed != self._onset
+        if rising and mean[CONTACT] > LEAST_PEAK_DB and self._is_rise(mean[CONTACT], CLICK_SHARP, CLICK_BEFORE):
+            self._landed = self._onset
+            events.append(TouchEvent("contact", self._time(self._onset)))
+        self._bands.append(excess[:, CONTACT])
+        self._means.append(float(mean[CONTACT]))
         self._fluxes.append(flux)
         return events
 
-    def _classify(self, level: Floats, since: int) -> list[TouchEvent]:
-        excess = self._excess_of(level)
-        self._peak = np.maximum(self._peak, excess)
-        if since > LATE:
-            self._late += float(excess[CONTACT]) / (CLASSIFIED_AFTER - LATE)
+    def _classify(self, mean: Floats, flux: float, since: int) -> list[TouchEvent]:
+        self._since.append(mean)
+        if since <= ATTACK:
+            self._sharpest = max(self._sharpest, flux)
         if since < CLASSIFIED_AFTER:
             return []
-        if self._channels > AIR and self._peak[AIR] - self._peak[CONTACT] > AIR_LED_DB:
-            return [TouchEvent("knock", self._time(self._onset))]
-        peak = float(self._peak[CONTACT])
-        if peak - self._late < DECAY_DB or (self._late > LATE_SHARE * peak and peak - self._late < LONG_DECAY_DB):
+        means = np.array(self._since)
+        peak = means.max(axis=0)
+        early = int(means[:, CONTACT].argmax()) <= ATTACK
+        if not early or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT], SHARP, BEFORE):
             return []
-        self._touched_down = True
+        if self._channels > AIR and peak[AIR] - peak[CONTACT] > AIR_LED_DB:
+            return [TouchEvent("knock", self._time(self._onset))]
+        self._touched_down, self._landed = True, self._onset
         # What rings after a tap is not sliding.
         self._excess.extend([0.0] * SLIDING)
         return [TouchEvent("tap", self._time(self._onset))]
 
-    def _flux(self, level: Floats) -> float:
+    def _levels_before(self) -> tuple[float, float]:
+        """Return the excess before an onset: the mean of the last steps, and what most of the last 0.15 s was under."""
+        # The newest two steps are of the onset itself.
+        means = np.array(self._means)[:-2]
+        if not len(means):
+            return 0.0, 0.0
+        context = means[-STEPS_OF_CONTEXT:]
+        return float(means[-STEPS_BEFORE:].mean()), float(np.quantile(context, CONTEXT_QUANTILE))
+
+    def _is_rise(self, peak: float, sharp: float, before: float) -> bool:
+        """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
+        height, (just_before, context) = peak - REST_DB, self._before
+        allowed = CONTEXT_SLIDING if self._sliding_at_onset else CONTEXT
+        rested = just_before - REST_DB < before * height and context - REST_DB < allowed * height
+        return rested and self._sharpest > sharp * height
+
+    def _flux(self, excess: Floats) -> float:
         """Return the mean rise of the bands, in dB, over the loudest of three neighbours two steps before."""
-        if len(self._levels) < 2:
+        if len(self._bands) < 2:
             return 0.0
-        before = self._levels[-2][:, CONTACT]
+        before = self._bands[-2]
         above, below = np.append(before[1:], before[-1]), np.insert(before[:-1], 0, before[0])
         loudest = np.maximum(before, np.maximum(above, below))
-        return float(np.maximum(level - loudest, 0.0).mean())
+        return float(np.maximum(excess - loudest, 0.0).mean())
 
     def _threshold(self) -> float:
         fluxes = np.array(self._fluxes)
@@ -197,19 +248,19 @@ class EventDetector:
         self._excess.append(float(excess))
         median = float(np.median(self._excess))
         # The sound of a tap is no background.
-        if self._count - self._onset >= REFRACTORY or self._onset < 0:
+        if self._count - self._landed >= REFRACTORY:
             rate = max(1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE)
             background = level if self._background is None else self._background
             self._background = background + rate * (level - background)
         began = self._time(max(0, self._count - SLIDING // 2))
-        settled = self._count - self._onset >= REFRACTORY
+        settled = self._count - self._landed >= REFRACTORY
         if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > HISTORY // 2:
             self._sliding = True
             kind = "stroke" if self._touched_down else "slip"
             self._touched_down = False
             return [TouchEvent(kind, began)]
         if self._sliding and median < SLIDING_OFF_DB:
-            self._sliding, self._slid = False, self._count
+            self._sliding = False
             return [TouchEvent("lift-off", began)]
         return []
 
@@ -218,10 +269,10 @@ class EventDetector:
 
 
 def _band_edges(size: int, rate: int) -> NDArray[np.intp]:
-    """Return the first bin of each band, and of what lies over them."""
+    """Return the first bin of each band, and of what lies over them; fewer bands at low rates."""
     highest = min(HIGHEST, 0.45 * rate)
     edges = np.round(np.geomspace(LOWEST, highest, BANDS + 1) * size / rate).astype(np.intp)
     # At least a bin for each band: low ones are narrower than a bin.
     for band in range(1, len(edges)):
         edges[band] = max(edges[band], edges[band - 1] + 1)
-    return np.minimum(edges, size // 2)
+    return np.unique(np.minimum(edges, size // 2))

@@ -146,7 +146,9 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         detector,
         GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
-        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels) if profile == "events" else None,
+        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels)
+        if chosen.events or profile == "events"
+        else None,
     )
 
 

@@ -7,7 +7,7 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 
 from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.memory import MARK, PREDICTION, STEP, is_alive, remove_leftovers, remove_memory
-from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
+from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, events_of, read_timeline
 from tactophone.telemetry.registry import (
     COUNTERS,
     GAUGES,
@@ -47,6 +47,7 @@ __all__ = [
     "Telemetry",
     "TimelineWriter",
     "Watcher",
+    "events_of",
     "is_alive",
     "read_records",
     "read_timeline",

@@ -70,13 +70,15 @@ STEP = np.dtype(
         ("amplitude", "f4"),
         ("frequency", "f4"),
         ("touch", "i1"),
+        ("event", "i1"),
         ("truth", "i1"),
         ("concealed", "?"),
     ],
     align=True,
 )
 """One pipeline step: stream time (s), the counts of sound and vibration at that time, the newest prediction and
-command. ``truth`` is the known `Touch`, or -1; ``probabilities`` are NaN before the first prediction."""
+command. ``event`` is this step's newest touch event, counted from 1 in `EVENT_KINDS`, or 0. ``truth`` is the known
+`Touch`, or -1; ``probabilities`` are NaN before the first prediction."""
 
 PREDICTION = np.dtype(
     [
@@ -88,11 +90,14 @@ PREDICTION = np.dtype(
         ("level_dbfs", "f8"),
         ("amplitude", "f8"),
         ("frequency", "f8"),
+        ("event_time", "f8"),
         ("touch", "i1"),
+        ("event", "i1"),
     ],
     align=True,
 )
-"""One prediction and the command computed from it; ``amplitude`` and ``frequency`` are NaN where there was none."""
+"""One prediction and the command computed from it; ``amplitude`` and ``frequency`` are NaN where there was none.
+``event`` is its touch event, counted from 1 in `EVENT_KINDS`, or 0."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
 """The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""

@@ -17,13 +17,15 @@ from numpy.typing import NDArray
 from tactophone.errors import ConfigError, DatasetError, TactophoneError
 from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.watcher import Watcher
-from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.types import EVENT_KINDS, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
 COLUMNS = (
     "time", "window_end", "none", "smooth", "rough", "touch", "contact",
-    "level_dbfs", "roughness", "frequency", "amplitude",
+    "level_dbfs", "roughness", "frequency", "amplitude", "event", "event_time",
 )  # fmt: skip
-"""Of the CSV file, and the keys of each entry of the JSON file."""
+"""Of the CSV file, and the keys of each entry of the JSON file; without a touch event the last two are empty."""
+
+_WORDS = ("touch", "event", "event_time")
 
 FINGER = "finger"
 """Column before the others in the log of a hand: the finger's name."""
@@ -36,17 +38,20 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
 
     Examples
     --------
-    >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.78, level_dbfs=-20.0, start=0.0, end=0.256)
+    >>> tap = TouchEvent("tap", 0.23)
+    >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))
     >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
-    0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5
+    0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 tap 0.23
     """
     none, smooth, rough = prediction.probabilities
     numbers = {
         "time": command.time, "window_end": prediction.end, "none": none, "smooth": smooth, "rough": rough,
         "touch": prediction.touch.name.lower(), "contact": int(prediction.touch is not Touch.NONE),
         "level_dbfs": prediction.level_dbfs, "roughness": prediction.roughness,
-        "frequency": command.frequency, "amplitude": command.amplitude,
+        "frequency": command.frequency, "amplitude": command.amplitude, "event": "", "event_time": "",
     }  # fmt: skip
+    if prediction.events:
+        numbers |= {"event": prediction.events[-1].kind, "event_time": prediction.events[-1].time}
     return {name: round(value, _DIGITS) if isinstance(value, float) else value for name, value in numbers.items()}
 
 
@@ -175,13 +180,21 @@ def _from_row(entry: Any) -> tuple[Prediction, HapticCommand]:
     none, smooth, rough = (float(share) for share in entry["probabilities"])
     prediction = Prediction(
         (none, smooth, rough), Touch(int(entry["touch"])), float(entry["roughness"]), float(entry["level_dbfs"]),
-        start=float(entry["start"]), end=float(entry["end"]),
+        start=float(entry["start"]), end=float(entry["end"]), events=events_of(entry),
     )  # fmt: skip
     return prediction, HapticCommand(float(entry["amplitude"]), float(entry["frequency"]), float(entry["time"]))
 
 
+def events_of(entry: Any) -> tuple[TouchEvent, ...]:
+    """Return the touch event of a row of telemetry's predictions, if it has one."""
+    number = int(entry["event"])
+    return (TouchEvent(EVENT_KINDS[number - 1], float(entry["event_time"])),) if number else ()
+
+
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     """Read a CSV timeline back, as one array for each column; ``touch`` as numbers of `Touch`.
+
+    ``event`` is text, empty where there is none, and then ``event_time`` is NaN; older timelines have neither column.
 
     Parameters
     ----------
@@ -196,7 +209,11 @@ def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
-        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name != "touch"}
-        return columns | {"touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8)}
+        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name not in _WORDS}
+        return columns | {
+            "touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8),
+            "event": np.array([line.get("event") or "" for line in lines], str),
+            "event_time": np.array([float(line.get("event_time") or "nan") for line in lines]),
+        }
     except (KeyError, ValueError, TypeError, csv.Error) as error:
         raise DatasetError(f"{path}: not a timeline ({error}); make one with `tactophone feel`") from error

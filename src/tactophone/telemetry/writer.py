@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tactophone.telemetry import memory as layout
 from tactophone.telemetry.memory import STEP, Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
-from tactophone.types import FloatArray, HapticCommand, PipelineStep, Prediction
+from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -175,7 +175,7 @@ class Telemetry:
         )
         ring[count % layout.PREDICTION_CAPACITY] = (
             time, prediction.start, prediction.end, prediction.probabilities, prediction.roughness,
-            prediction.level_dbfs, amplitude, frequency, prediction.touch,
+            prediction.level_dbfs, amplitude, frequency, *_event(prediction),
         )  # fmt: skip
         self._advance("prediction", 1, finger)
 
@@ -203,12 +203,22 @@ def _stereo(samples: FloatArray) -> FloatArray:
 def _fill(row: NDArray[np.void], step: PipelineStep) -> None:
     row["time"] = step.block.end / step.block.sample_rate
     row["concealed"] = step.block.concealed
+    events = [event for prediction in step.predictions for event in prediction.events]
+    row["event"] = 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
     if step.predictions:
         newest = step.predictions[-1]
         row["probabilities"], row["roughness"] = newest.probabilities, newest.roughness
         row["level_dbfs"], row["touch"] = newest.level_dbfs, newest.touch
     if step.command is not None:
         row["amplitude"], row["frequency"] = step.command.amplitude, step.command.frequency
+
+
+def _event(prediction: Prediction) -> tuple[float, int, int]:
+    """Return the time of a prediction's newest event, its touch, and the event's number."""
+    if not prediction.events:
+        return math.nan, prediction.touch, 0
+    event = prediction.events[-1]
+    return event.time, prediction.touch, 1 + EVENT_KINDS.index(event.kind)
 
 
 def _request(index: int, slot: NDArray[np.void], *, finger: int) -> Request | None:

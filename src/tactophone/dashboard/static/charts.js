@@ -82,6 +82,13 @@ export class Chart {
     ctx.restore();
   }
 
+  /** Draw a thin line over the whole height at each of these times. */
+  ticks(times, name) {
+    const { ctx, bbox } = this.#plot;
+    ctx.fillStyle = palette[name];
+    for (const time of times) ctx.fillRect(this.#plot.valToPos(time, "x", true), bbox.top, devicePixelRatio, bbox.height);
+  }
+
   /** Fill from one time to another, from one y to another. */
   block([from, to], [low, high], name) {
     const { ctx, bbox } = this.#plot;

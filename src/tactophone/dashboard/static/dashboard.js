@@ -18,10 +18,15 @@ const TOUCHES = ["no contact", "smooth", "rough"];
 // Columns of the table of steps: time, then STEP_COLUMNS of message.py.
 const [, NONE, SMOOTH, ROUGH, ROUGHNESS, LEVEL, AMPLITUDE, FREQUENCY, TOUCH, TRUTH] = Array(10).keys();
 
+// Kinds of touch events, counted from 1: EVENT_KINDS of types.py.
+const EVENTS = ["", "contact", "tap", "knock in the air", "stroke", "slip", "lift-off"];
+const CONTACT_BEGAN = 1; // reported before it is known what it was: drawn, but not named
+
 const $ = (id) => document.getElementById(id);
 const steps = new Track(10, 2200);
 const sound = new Track(7, 600);
 const scope = new Track(2, 2000);
+const events = new Track(2, 400);
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 let state = null;
 let alive = false;
@@ -106,7 +111,10 @@ const charts = [
   history("touches", [TOUCH, TRUTH], {
     lines: [line("ink"), line("ink")].map((entry) => ({ ...entry, paths: () => null })),
     y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "model" : "label"),
-    over: stripes,
+    over: (plot, columns) => {
+      stripes(plot, columns);
+      plot.ticks(events.after(now - PREDICTION_SPAN)[0], "ink");
+    },
   }),
   history("roughness", [ROUGHNESS], {
     lines: [line("rough", { fill: true })],
@@ -127,10 +135,11 @@ const charts = [
 function onMessage({ header, tables }) {
   alive = header.alive;
   if (header.waiting_for) return showLife(`waiting for “${header.waiting_for}”`);
-  if (header.origin < now - REWOUND) [steps, sound, scope].forEach((track) => track.clear());
+  if (header.origin < now - REWOUND) [steps, sound, scope, events].forEach((track) => track.clear());
   now = header.origin;
   steps.append(tables.steps, now);
   sound.append(tables.sound, now);
+  events.append(tables.events, now);
   appendScope(tables.scope);
   if (header.state) showState(header);
   showLife(alive ? "live" : header.age < 3600 ? `no heartbeat for ${formatNumber(header.age)} s` : "ended");
@@ -173,12 +182,21 @@ function showNow() {
   const touch = steps.newest(TOUCH);
   put($("decision"), Number.isNaN(touch) ? "–" : TOUCHES[touch]);
   $("decision").dataset.touch = touch;
+  showEvents();
   meters.contact.show(sound.newest(3), sound.newest(1), sound.newest(2), state?.threshold_dbfs);
   meters.air.show(sound.newest(6), sound.newest(4), sound.newest(5));
   const amplitude = steps.newest(AMPLITUDE);
   put($("amplitude"), percent(amplitude));
   put($("frequency"), amplitude > 0 ? formatNumber(steps.newest(FREQUENCY), 0, "Hz") : "–");
   $("levels").ariaLabel = `Contact ${dbfs(steps.newest(LEVEL))}, air ${dbfs(sound.newest(6))}`;
+}
+
+/** The newest three touch events, newest first; nothing on a run without any. */
+function showEvents() {
+  const [times, kinds] = events.after(now - PREDICTION_SPAN);
+  const named = Array.from(kinds, (kind, k) => [EVENTS[kind], now - times[k], kind]).filter(([, , kind]) => kind !== CONTACT_BEGAN);
+  $("events").hidden = Number.isNaN(events.newest(0));
+  put($("events"), named.slice(-3).reverse().map(([name, age]) => `${name} ${formatNumber(age, 0)} s ago`).join(", ") || "no touch event in the last 10 s");
 }
 
 let drawn = -CALM;

@@ -1,0 +1,165 @@
+"""Scores of touch events by sound. Prints the table of docs/guide/feel.md#touch-events.
+
+    python benchmarks/touch_events.py [--train] [--recordings DIR]
+
+Simulated: scenes of taps, strokes, slips and knocks in the air, on objects of the catalogue on which no constant of
+the detector was chosen (``--train``: on those on which they were), in a quiet room and in the competition's noise.
+Real, where TACTOPHONE_RECORDINGS or ``--recordings`` names them: finger taps (``tapsense``), taps of a robot's finger
+(``phac``) and a sliding stylus (``lmt``), on which no constant was chosen either.
+"""
+
+import argparse
+import csv
+import os
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.evaluation.touch_event_metrics import MISSED, class_accuracy, confusion, match_moments
+from tactophone.measurement.touch_scenes import touch_scene
+from tactophone.perception import EventDetector
+from tactophone.types import AudioBlock, TouchEvent
+
+TRAIN = ("0", "1", "2", "4", "5", "8", "9", "11", "12", "17")
+HELD_OUT = ("21", *map(str, range(23, 33)))
+KINDS = {"tap": 0.05, "knock": 0.05, "stroke": 0.15, "slip": 0.15, "lift-off": 0.15}
+"""Seconds within which an event counts: sliding begins and ends gradually."""
+
+PHAC_WINDOW = 0.25
+"""Seconds: `phac` labels a tap by a gap of 0.2 s."""
+
+
+class Pooled:
+    """Touch-downs of several recordings."""
+
+    def __init__(self) -> None:
+        self.true = self.found = 0
+        self.matched: Counter[float] = Counter()
+
+    def add(self, truth: list[float], found: list[float], windows: tuple[float, ...] = (0.05, 0.01)) -> None:
+        self.true, self.found = self.true + len(truth), self.found + len(found)
+        for window in windows:
+            self.matched[window] += len(match_moments(truth, found, window))
+
+    def score(self, window: float) -> float:
+        return 2 * self.matched[window] / max(1, self.true + self.found)
+
+
+def detected(sound: NDArray[np.float32], rate: int) -> list[TouchEvent]:
+    return EventDetector(sample_rate=rate, channels=sound.shape[1]).push(AudioBlock(sound, rate))
+
+
+def moments(events: list[TouchEvent], kind: str) -> list[float]:
+    return [event.time for event in events if event.kind == kind]
+
+
+def simulated(names: tuple[str, ...], *, motors: bool, seed: int) -> str:
+    pooled, classes = Pooled(), Counter[tuple[str, str]]()
+    for number, name in enumerate(names):
+        scene = touch_scene(name, seed=seed + number, motors=motors)
+        found = detected(scene.sound, 48_000)
+        pooled.add(list(scene.times("tap")), moments(found, "tap"))
+        classes += confusion(scene.events, found, KINDS)
+    # A knock in the air is rejected, whether it is reported as one or not at all.
+    classes["knock", "knock"] += classes.pop(("knock", MISSED), 0)
+    noise = "competition's noise" if motors else "quiet room"
+    rows = [
+        f"| simulated, {len(names)} objects, {noise}: touch-downs F at 50 ms / 10 ms | {pooled.score(0.05):.3f} / "
+        f"{pooled.score(0.01):.3f} ({pooled.true} true, {pooled.found} found) | 0.98 / 0.95 |",
+        f"| the same: class right | {class_accuracy(classes):.3f} of {classes.total()} | 0.9 |",
+    ]
+    for kind in KINDS:
+        total = sum(count for (true, _), count in classes.items() if true == kind)
+        split = ", ".join(f"{count} {found}" for (true, found), count in classes.most_common() if true == kind)
+        rows.append(f"| - {kind}, {total} | {split} | |")
+    return "\n".join(rows)
+
+
+def sliding(names: tuple[str, ...], *, motors: bool, seed: int) -> str:
+    """False taps a minute of simulated sliding: landings are true."""
+    false, minutes = 0, 0.0
+    for number, name in enumerate(names):
+        scene = touch_scene(name, seed=seed + 50 + number, duration=20.0, taps=False, knocks=False, motors=motors)
+        found = moments(detected(scene.sound, 48_000), "tap")
+        false += len(found) - len(match_moments(list(scene.times("tap")), found, 0.05))
+        minutes += len(scene.sound) / 48_000 / 60
+    noise = "competition's noise" if motors else "quiet room"
+    return f"| simulated sliding, {noise}: false taps in 10 min | {10 * false / minutes:.1f} ({minutes:.1f} min) | 1 |"
+
+
+def tapsense(folder: Path) -> Iterator[str]:
+    taps = labelled(folder, "tap")
+    for part in ("train", "test"):
+        pooled = Pooled()
+        for file, truth in taps.items():
+            if file.endswith("_test.flac") == (part == "test"):
+                sound, rate = soundfile.read(folder / file, dtype="float32", always_2d=True)
+                pooled.add([begin for begin, _ in truth], moments(detected(sound, rate), "tap"))
+        yield (
+            f"| `tapsense`, {part} files, one air microphone: F at 50 ms / 10 ms | {pooled.score(0.05):.3f} / "
+            f"{pooled.score(0.01):.3f} ({pooled.true} true, {pooled.found} found) | 0.95 / - |"
+        )
+
+
+def phac(folder: Path) -> Iterator[str]:
+    """Taps are the short gaps between what is labelled as no contact."""
+    pooled = Pooled()
+    for file, quiet in labelled(folder, "no_contact").items():
+        sound, rate = soundfile.read(folder / file, dtype="float32", always_2d=True)
+        gaps = [(before[1], after[0]) for before, after in pairwise(quiet)]
+        truth = [(begin + end) / 2 for begin, end in gaps if end - begin < 1.0]
+        end = max([0.0, *(end for begin, end in gaps if end - begin < 1.0)]) + PHAC_WINDOW
+        found = [tap for tap in moments(detected(sound[:, :1], rate), "tap") if tap < end]
+        pooled.add(truth, found, (PHAC_WINDOW,))
+    score = pooled.score(PHAC_WINDOW)
+    yield f"| `phac`, first taps, 2.2 kHz: F at 250 ms | {score:.3f} ({pooled.true} true, {pooled.found} found) | - |"
+
+
+def lmt(folder: Path) -> Iterator[str]:
+    false, minutes = 0, 0.0
+    for path in sorted(folder.glob("*.flac")):
+        sound, rate = soundfile.read(path, dtype="float32", always_2d=True)
+        false += len(moments(detected(sound, rate), "tap"))
+        minutes += len(sound) / rate / 60
+    rate = f"{10 * false / minutes:.1f} ({minutes:.1f} min)"
+    yield f"| `lmt`, sliding stylus, one microphone: taps in 10 min | {rate} | 1 |"
+
+
+def labelled(folder: Path, label: str) -> dict[str, list[tuple[float, float]]]:
+    found = defaultdict(list)
+    with (folder / "segments.csv").open(encoding="utf-8") as file:
+        for row in csv.DictReader(file):
+            if row["label"] == label:
+                found[row["file"]].append((float(row["start_s"]), float(row["end_s"])))
+    return found
+
+
+REAL: dict[str, Callable[[Path], Iterable[str]]] = {"tapsense": tapsense, "phac": phac, "lmt": lmt}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--train", action="store_true", help="the objects on which constants were chosen")
+    parser.add_argument("--recordings", type=Path, default=os.environ.get("TACTOPHONE_RECORDINGS"))
+    args = parser.parse_args()
+    names, seed = (TRAIN, 700) if args.train else (HELD_OUT, 800)
+    began = time.perf_counter()
+    print("| what | measured | goal |\n|---|--:|--:|")
+    for motors in (False, True):
+        print(simulated(names, motors=motors, seed=seed))
+        print(sliding(names, motors=motors, seed=seed), flush=True)
+    for name, score in REAL.items():
+        if args.recordings and not args.train and (folder := Path(args.recordings) / name).is_dir():
+            for row in score(folder):
+                print(row, flush=True)
+    print(f"\n{MISSED.capitalize()}: none of its kinds near. Took {time.perf_counter() - began:.0f} s.")
+
+
+if __name__ == "__main__":
+    main()
