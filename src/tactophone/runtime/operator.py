@@ -99,6 +99,7 @@ class Operator:
             self._pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
         except ModelError as error:
             self._without_pipeline = str(error)
+        self._tip_warning = tip_warning(settings)  # here, because it reads a model file
         self._endpoint = OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
         info.progress("rehearsing")
         self._rehearse()
@@ -254,7 +255,7 @@ class Operator:
 
     def _follow_network(self) -> None:
         process, checked_at = self._settings.process, 0.0
-        warnings = {"priority": prioritize_thread(process.priority), "other_tip": tip_warning(self._settings)}
+        warnings = {"priority": prioritize_thread(process.priority), "other_tip": self._tip_warning}
         if process.lock_memory:
             warnings["memory"] = lock_memory()
         self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
