@@ -181,3 +181,14 @@ def test_tab_reaches_every_control_of_every_screen(browser: webdriver.Chrome, bo
     assert [len(reached) for _, reached in screens] == [count for count, _ in screens]
     assert [name for _, reached in screens for name, seen in reached.items() if not seen] == []
     assert outside(browser) <= 0
+
+
+def test_a_phone_may_be_turned_after_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
+    begin(browser, box)
+    finish(browser)
+    resize(browser, 390, 844)
+    stage = browser.find_element(By.ID, "lifted")
+    wait(browser, lambda: stage.size["height"] > stage.size["width"])
+    slots = "#lifted .slot"
+    wait(browser, lambda: browser.find_element(By.CSS_SELECTOR, slots).size["width"] > 0.7 * stage.size["width"])
+    assert outside(browser) <= 0

@@ -128,5 +128,8 @@ class McapLog:
         self._writer.add_message(self._channels[name], nanoseconds, message.data, nanoseconds)
 
     def _end_chunk(self) -> None:
+        # The sound of these packets too, though its message is not full: only within a chunk is it a repetition of
+        # their bytes, which costs next to nothing.
+        self._waiting += self._reader.flush()
         self._write_waiting()
         self._file.flush()

@@ -1,10 +1,8 @@
 """The newest prediction and command of a run, for bridges that pass on the present and no past."""
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass
 
-from tactophone.errors import TactophoneError
 from tactophone.telemetry import State, Watcher
 from tactophone.types import Touch
 
@@ -39,7 +37,8 @@ class NewestReader:
         rows, count = self.watcher.predictions(self._count)
         self._count = count
         if not len(rows):
-            self._follow_successor()
+            if (successor := self.watcher.successor()) is not None:
+                self.watcher, self._count = successor, 0
             return None
         row = rows[-1]
         none, smooth, rough = map(float, row["probabilities"])
@@ -60,11 +59,3 @@ class NewestReader:
     def mute(self) -> None:
         """Ask to mute, which any process may."""
         self.watcher.ask("mute")
-
-    def _follow_successor(self) -> None:
-        if self.watcher.writer_alive:
-            return
-        with suppress(TactophoneError):  # no new process yet
-            successor = Watcher(self.watcher.name)
-            if successor.pid != self.watcher.pid:
-                self.watcher, self._count = successor, 0

@@ -4,7 +4,6 @@ import json
 import math
 import time
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 from tactophone.bridges import protobuf, schemas
 from tactophone.bridges.schemas import Topic
 from tactophone.bridges.sound_messages import SoundMessages, read_sound_packet
-from tactophone.errors import TactophoneError
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, events_of, read_records
 from tactophone.types import Touch
 
@@ -57,16 +55,12 @@ class RunReader:
 
     def read(self) -> list[Message]:
         """Return all messages since the last call, oldest first within each topic."""
-        # Asked before reading: whatever a dead process wrote is then in what is read here.
-        dead = not self.watcher.writer_alive
+        successor = self.watcher.successor()
         now = time.time()
         messages = [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
-        if dead:
-            with suppress(TactophoneError):  # no new process yet
-                successor = Watcher(self.name)
-                if successor.pid != self.watcher.pid:
-                    messages += self.flush()
-                    self._follow(successor)
+        if successor is not None:
+            messages += self.flush()
+            self._follow(successor)
         return messages
 
     def flush(self) -> list[Message]:

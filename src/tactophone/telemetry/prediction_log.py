@@ -7,16 +7,15 @@ import csv
 import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.errors import ConfigError, DatasetError, TactophoneError
+from tactophone.errors import ConfigError, DatasetError
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.watcher import Watcher
 from tactophone.types import EVENT_KINDS, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
 COLUMNS = (
@@ -154,8 +153,7 @@ class PredictionLog(RunFollower):
 
     def read(self) -> None:
         """Write the predictions made since the last read."""
-        # Asked before reading: whatever a dead process wrote is then in the rows read here.
-        dead = not self.watcher.writer_alive
+        successor = self.watcher.successor()
         for finger in range(self.watcher.fingers):
             rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
             self._report_gap(count - self._counts[finger] - len(rows), rows)
@@ -163,11 +161,8 @@ class PredictionLog(RunFollower):
                 self._writer.write_row(*_from_row(entry), finger=finger)
             self._counts[finger] = count
         self._writer.flush()
-        if dead:
-            with suppress(TactophoneError):  # no new process yet
-                successor = Watcher(self.watcher.name)
-                if successor.pid != self.watcher.pid:
-                    self.watcher, self._counts = successor, [0] * successor.fingers
+        if successor is not None:
+            self.watcher, self._counts = successor, [0] * successor.fingers
 
     def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
         if missed > 0:

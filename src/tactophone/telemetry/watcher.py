@@ -122,6 +122,19 @@ class Watcher:
         """Whether the writing process exists."""
         return self._memory.writer_alive
 
+    def successor(self) -> "Watcher | None":
+        """Return a watcher of the process that replaced a dead one; ``None`` while this one lives, or none has come.
+
+        Asked before a read, so that whatever the dead process wrote is in what is read then.
+        """
+        if self.writer_alive:
+            return None
+        with contextlib.suppress(TactophoneError):  # no new process yet
+            following = Watcher(self.name)
+            if following.pid != self.pid:
+                return following
+        return None
+
     def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
         """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
 

@@ -9,6 +9,9 @@ const [, X, Y, FORCE, TRUTH] = Array(5).keys(); // of a row of the track
 const [, , , , ROUGHNESS, LEVEL, AMPLITUDE, , TOUCH] = Array(10).keys(); // of a row of the steps
 let span = 10;
 let charts = null;
+let shown = null; // {result, track} of the round on the screen
+
+new ResizeObserver(drawStones).observe($("lifted"));
 
 /** Show a finished round. */
 export function reveal({ result, past, results }, { steps, track }) {
@@ -22,11 +25,18 @@ export function reveal({ result, past, results }, { steps, track }) {
     ...(past.rounds ? [["so far", `${past.right} of ${past.rounds} right`], ["median time", formatNumber(past.median_duration, 1, "s")]] : []),
   ]);
   put($("kept"), `Saved in ${results}`);
-  lay($("lifted"), (slot, k) => dress(slot, k, result));
+  shown = { result, track: columns(track) };
+  drawStones();
   $("lifted").ariaLabel = `The stones: ${result.order.join(", ")}`;
-  drawTrace(columns(track));
   drawSignals(columns(steps), columns(track));
   $("verdict").focus();
+}
+
+/** Draw stones and path in the box's present size: a phone may be turned. */
+function drawStones() {
+  if (!shown) return;
+  lay($("lifted"), (slot, k) => dress(slot, k, shown.result));
+  drawTrace(shown.track);
 }
 
 function dress(slot, k, { order, choices }) {
@@ -83,7 +93,7 @@ function makeCharts() {
   return {
     touches: chart("round-touches", {
       lines: [line("ink"), line("ink")].map((entry) => ({ ...entry, paths: () => null })),
-      y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "detected" : "truth"), over: stripes,
+      y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "model" : "truth"), over: stripes,
     }),
     roughness: chart("round-roughness", {
       lines: [line("rough", { fill: true })], y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),

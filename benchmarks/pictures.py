@@ -1,0 +1,108 @@
+"""Pictures of the pages: those in `docs/images`, or every screen in every size and theme, to be looked at.
+
+``python benchmarks/pictures.py FOLDER [all]`` writes ``dashboard.png`` and ``stone-box.png``; with ``all``, each screen
+of each page at 390, 768 and 1280 px, light and dark. Needs Debian's chromium and chromium-driver.
+"""
+
+import base64
+import contextlib
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+
+from page import chromium, tactophone
+
+DOCS = ((1280, "light"),)
+ALL = tuple((width, theme) for width in (390, 768, 1280) for theme in ("light", "dark"))
+ROUGH_STONES = (2, 3)
+"""Of the game with seed 5."""
+
+
+def picture(browser: webdriver.Chrome, path: Path, *, width: int, theme: str) -> None:
+    """Write the whole page as it is now."""
+    features = [{"name": "prefers-color-scheme", "value": theme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    size = {"width": width, "height": 900, "deviceScaleFactor": 0.8, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    time.sleep(0.8)
+    shot = browser.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "format": "png"})
+    path.write_bytes(base64.b64decode(shot["data"]))
+
+
+def pictures(browser: webdriver.Chrome, folder: Path, name: str, looks: tuple[tuple[int, str], ...]) -> None:
+    """Write the page in each size and theme."""
+    for width, theme in looks:
+        suffix = "" if looks is DOCS else f"-{width}-{theme}"
+        picture(browser, folder / f"{name}{suffix}.png", width=width, theme=theme)
+
+
+def dashboard(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+    """The operator's page of a loopback over a busy wireless network, and the page of `try`."""
+    arguments = ("loopback", "--source", "finger", "--actuator", "none", "--network", "wifi-busy", "--dashboard")
+    with tactophone(*arguments, "--name", "pictures") as url:
+        browser.get(url)
+        time.sleep(15)
+        until = time.monotonic() + 60
+        while browser.find_element(By.ID, "decision").text != "rough" and time.monotonic() < until:
+            time.sleep(0.05)
+        pictures(browser, folder, "dashboard", looks)
+        if looks is not DOCS:
+            browser.get(f"{url}try")
+            time.sleep(2)
+            pictures(browser, folder, "try", looks)
+
+
+def stone_box(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, str], ...]) -> None:
+    """A round of the stone box, each stone stroked for some seconds."""
+    with (
+        tempfile.TemporaryDirectory() as results,
+        contextlib.chdir(results),
+        tactophone("play", "--seed", "5", "--name", "pictures-box") as url,
+    ):
+        browser.get(url)
+        until = time.monotonic() + 60
+        while not browser.find_element(By.ID, "begin").is_enabled() and time.monotonic() < until:
+            time.sleep(0.2)
+        if looks is not DOCS:
+            pictures(browser, folder, "stone-box-door", looks)
+        browser.find_element(By.ID, "begin").click()
+        for stone in range(5):
+            stroke(browser, stone)
+        if looks is not DOCS:
+            pictures(browser, folder, "stone-box-play", looks)
+        marks = browser.find_elements(By.CSS_SELECTOR, "#marks button")
+        for stone in ROUGH_STONES:
+            marks[stone].click()
+        browser.find_element(By.ID, "done").click()
+        time.sleep(1)
+        pictures(browser, folder, "stone-box", looks)
+
+
+def stroke(browser: webdriver.Chrome, stone: int) -> None:
+    """Press on a stone, and move to and fro."""
+    stage = browser.find_element(By.ID, "stage")
+    width, height = stage.rect["width"], stage.rect["height"]
+    along = int(width * ((0.0575 + 0.11 * stone) / 0.555 - 0.5))
+    actions = ActionChains(browser, duration=300).move_to_element_with_offset(stage, along - 50, 0).click_and_hold()
+    for turn in range(8):
+        actions.move_by_offset(100 * (-1) ** turn, int(height / 20) * (-1) ** (turn // 2))
+    actions.release().perform()
+    time.sleep(0.5)
+
+
+def main() -> None:
+    folder, looks = Path(sys.argv[1]).absolute(), ALL if "all" in sys.argv[2:] else DOCS
+    folder.mkdir(parents=True, exist_ok=True)
+    with chromium("hide-scrollbars") as browser:
+        browser.set_window_size(1280, 900)
+        dashboard(browser, folder, looks)
+        stone_box(browser, folder, looks)
+
+
+if __name__ == "__main__":
+    main()
