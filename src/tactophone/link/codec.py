@@ -17,6 +17,7 @@ Payload type and first bytes give codec, channels and samples of a payload. The 
 no setting that could disagree.
 """
 
+import ctypes
 import math
 import weakref
 from dataclasses import dataclass, replace
@@ -37,6 +38,11 @@ LOOKAHEAD = 120
 
 NARROW_BAND = 4_000.0
 """The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz uses."""
+
+LARGEST_PACKET = 5_760
+"""Samples of the longest packet of Opus, 120 ms (RFC 6716 section 3.2.5): more than any sender here makes."""
+
+_POINTER = ctypes.c_void_p
 
 _BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
 """Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
@@ -183,11 +189,11 @@ class _OpusEncoder:
     def __init__(self, codec: Codec) -> None:
         opus = _libopus()
         self._size, self._channels = codec.packet_size, codec.channels
-        self._api = opus.api.multistream_encoder
-        self._state = self._api.create_state(
+        api = opus.api.multistream_encoder
+        self._state = api.create_state(
             CLOCK_RATE, codec.channels, codec.channels, 0, range(codec.channels), opus.APPLICATION_RESTRICTED_LOWDELAY
         )
-        weakref.finalize(self, self._api.destroy, self._state)
+        weakref.finalize(self, api.destroy, self._state)
         bandwidth = next((number for top, number in _BANDWIDTHS.items() if top >= codec.bandwidth), 1105)
         ctl = opus.api.ctl
         for setting, value in (
@@ -196,14 +202,24 @@ class _OpusEncoder:
             (ctl.set_bandwidth, bandwidth),
             (ctl.set_packet_loss_perc, 20),
         ):
-            self._api.encoder_ctl(self._state, setting, value)
+            api.encoder_ctl(self._state, setting, value)
+        self._error = opus.OpusError
+        self._encode = _function(opus, "opus_multistream_encode_float")
+        # Both arrays are made once: the binding's own call makes them, and lists of their values, for each packet.
+        self._samples = np.zeros((self._size, self._channels), np.float32)
+        self._payload = ctypes.create_string_buffer(_LARGEST_OPUS)
+        self._pointers = self._samples.ctypes.data, ctypes.addressof(self._payload)
 
     def encode(self, samples: FloatArray) -> bytes:
-        # The binding does not check the length: libopus would read past the end of a short array.
+        # libopus does not check the length: it would read past the end of a short array.
         if samples.shape != (self._size, self._channels):
             raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
-        pcm = np.ascontiguousarray(samples, np.float32).tobytes()
-        return bytes(self._api.encode_float(self._state, pcm, self._size, _LARGEST_OPUS))
+        self._samples[...] = samples
+        pcm, payload = self._pointers
+        size = self._encode(self._state, pcm, self._size, payload, _LARGEST_OPUS)
+        if size < 0:
+            raise self._error(size)
+        return ctypes.string_at(payload, size)
 
 
 class _OpusDecoder:
@@ -211,19 +227,29 @@ class _OpusDecoder:
         opus = _libopus()
         self.kind = kind
         self._channels = channels
-        self._api, self._info, self._error = opus.api.multistream_decoder, opus.api.decoder, opus.OpusError
-        self._state = self._api.create_state(CLOCK_RATE, self._channels, self._channels, 0, range(self._channels))
-        weakref.finalize(self, self._api.destroy, self._state)
+        api, self._info, self._error = opus.api.multistream_decoder, opus.api.decoder, opus.OpusError
+        self._state = api.create_state(CLOCK_RATE, self._channels, self._channels, 0, range(self._channels))
+        weakref.finalize(self, api.destroy, self._state)
+        self._decode = _function(opus, "opus_multistream_decode_float")
+        self._samples = np.zeros((LARGEST_PACKET, self._channels), np.float32)
+        self._pointer = self._samples.ctypes.data
+        self._sizes: dict[int, int] = {}
 
     def size(self, content: bytes) -> int:
         if not content:
             raise PacketError("an empty Opus payload, which the encoder never makes")
+        # The first byte of the first stream holds for all streams (layout in RFC 7845 section 5.1.1). Where its last
+        # two bits are 0, there is one frame, whose size the other bits say (RFC 6716 section 3.1).
+        if (known := self._sizes.get(content[0])) is not None:
+            return known
         try:
-            # The first byte of the first stream holds for all streams (layout in RFC 7845 section 5.1.1).
             per_part = self._info.packet_get_samples_per_frame(content, CLOCK_RATE)
-            return int(per_part * self._info.packet_get_nb_frames(content))
+            size = int(per_part * self._info.packet_get_nb_frames(content))
         except self._error as error:
             raise PacketError(f"an Opus payload that libopus cannot parse: {error}") from error
+        if not content[0] & 3:
+            self._sizes[content[0]] = size
+        return size
 
     def decode(self, content: bytes) -> FloatArray:
         return self._run(content, self.size(content))
@@ -235,11 +261,23 @@ class _OpusDecoder:
         return np.concatenate([self._run(b"", step) for step in steps])[:size]
 
     def _run(self, content: bytes, size: int) -> FloatArray:
-        try:
-            sound = self._api.decode_float(self._state, content, len(content), size, False, self._channels)
-        except self._error as error:
-            raise PacketError(f"an Opus payload that libopus cannot decode: {error}") from error
-        return np.frombuffer(sound, np.float32).reshape(-1, self._channels)
+        if size > LARGEST_PACKET:
+            raise PacketError(f"an Opus payload of {size} samples, but at most {LARGEST_PACKET} exist")
+        decoded = self._decode(self._state, content, len(content), self._pointer, size, 0)
+        if decoded < 0:
+            raise PacketError(f"an Opus payload that libopus cannot decode: {self._error(decoded)}")
+        return self._samples[:decoded].copy()
+
+
+def _function(opus: Any, name: str) -> Any:
+    """Return a function of libopus that takes the addresses of arrays; of its own, as the binding types its own."""
+    function = opus.api.libopus[name]
+    if "decode" in name:
+        function.argtypes = (_POINTER, ctypes.c_char_p, ctypes.c_int32, _POINTER, ctypes.c_int, ctypes.c_int)
+    else:
+        function.argtypes = (_POINTER, _POINTER, ctypes.c_int, _POINTER, ctypes.c_int32)
+    function.restype = ctypes.c_int
+    return function
 
 
 class _HandEncoder:

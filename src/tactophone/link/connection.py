@@ -32,6 +32,8 @@ class Connection:
     ----------
     begun, last_received, until
         When the handshake was finished, when the last authentic packet came, and until when the keys are used (s).
+    stream
+        SSRC of the peer's packets.
     """
 
     __slots__ = (
@@ -43,6 +45,7 @@ class Connection:
         "begun",
         "handshake",
         "last_received",
+        "stream",
         "until",
     )
 
@@ -50,13 +53,9 @@ class Connection:
         self.handshake, self.agreement, self.address = handshake, agreement, address
         self.begun = self.last_received = now
         self.until = now + MAX_KEY_AGE
+        self.stream = agreement.secrets.remote_ssrc
         self._crypto = SrtpCrypto(agreement.secrets)
         self._sent = self._sequence = 0
-
-    @property
-    def stream(self) -> int:
-        """SSRC of the peer's packets."""
-        return self.agreement.secrets.remote_ssrc
 
     def protect(self, packet: bytes) -> bytes:
         """Encrypt a packet."""
@@ -89,6 +88,13 @@ class KeyRing:
     def __init__(self) -> None:
         self.current: Connection | None = None
         self.beside: Connection | None = None
+
+    def of_stream(self, stream: int) -> Connection | None:
+        """Return the connection of a peer's SSRC; ``None`` if there is none."""
+        for connection in (self.current, self.beside):
+            if connection is not None and connection.stream == stream:
+                return connection
+        return None
 
     def __iter__(self) -> Iterator[Connection]:
         return iter([connection for connection in (self.current, self.beside) if connection])

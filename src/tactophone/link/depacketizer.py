@@ -89,8 +89,27 @@ class Depacketizer:
 
     def push(self, packets: Sequence[Packet], *, now: float) -> list[DecodedAudio]:
         """Take all packets that have arrived by ``now`` (s); return the sound that can be decoded, oldest first."""
+        if len(packets) == 1 and not self._waiting:
+            return self._push_alone(packets[0], now)
         for packet in packets:
-            self._accept(packet, now)
+            if (position := self._count(packet, now)) is not None:
+                self._accept(packet, position, now)
+        return self._decode_waiting(now)
+
+    def _push_alone(self, packet: Packet, now: float) -> list[DecodedAudio]:
+        """Take the only packet there is; one that is the next in order need not be kept."""
+        position = self._count(packet, now)
+        if position is None:
+            return []
+        if position != self._next:
+            self._accept(packet, position, now)
+            return self._decode_waiting(now)
+        decoded: list[DecodedAudio] = []
+        self._decode(decoded, packet.payload, now, arrival=now)
+        return decoded
+
+    def _decode_waiting(self, now: float) -> list[DecodedAudio]:
+        """Return what waited and can be decoded now, oldest first."""
         self._skip_old()
         decoded: list[DecodedAudio] = []
         self._decode_contiguous(decoded, now)
@@ -106,16 +125,19 @@ class Depacketizer:
             self._fill_gap(decoded, now)
         return decoded
 
-    def _accept(self, packet: Packet, now: float) -> None:
-        content = packet.payload.content
-        if not self.reception.count(packet.sequence, packet.payload.timestamp, len(content), now=now):
-            return
-        position = self._timestamps.position(packet.payload.timestamp)
+    def _count(self, packet: Packet, now: float) -> int | None:
+        """Count a packet; return its position in samples, ``None`` if it is of no use."""
+        timestamp = packet.payload.timestamp
+        if not self.reception.count(packet.sequence, timestamp, len(packet.payload.content), now=now):
+            return None
+        position = self._timestamps.position(timestamp)
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
-        if self.reception.count_late(position, self._next):
-            return
+        return None if self.reception.count_late(position, self._next) else position
+
+    def _accept(self, packet: Packet, position: int, now: float) -> None:
+        """Keep a packet's payloads until their turn."""
         if not self._waiting:
             self._waiting_since = now
         for payload in packet.earlier:
@@ -141,14 +163,19 @@ class Depacketizer:
     def _decode_contiguous(self, decoded: list[DecodedAudio], now: float) -> None:
         """Decode the payloads that follow without a gap."""
         while (waiting := self._waiting.pop(self._next, None)) is not None:
-            try:
-                samples = self._decoder_for(waiting.payload).decode(waiting.payload.content)
-            except PacketError:
-                self.reception.stats.packets_broken += 1
-                continue
-            self.reception.stats.packets_recovered += not waiting.primary
-            self._size = len(samples)
-            decoded.append(self._emit(samples, now, concealed=False, arrival=waiting.arrival))
+            if self._decode(decoded, waiting.payload, now, arrival=waiting.arrival):
+                self.reception.stats.packets_recovered += not waiting.primary
+
+    def _decode(self, decoded: list[DecodedAudio], payload: Payload, now: float, *, arrival: float) -> bool:
+        """Decode the next payload; false, and counted, if it is malformed."""
+        try:
+            samples = self._decoder_for(payload).decode(payload.content)
+        except PacketError:
+            self.reception.stats.packets_broken += 1
+            return False
+        self._size = len(samples)
+        decoded.append(self._emit(samples, now, concealed=False, arrival=arrival))
+        return True
 
     def _fill_gap(self, decoded: list[DecodedAudio], now: float) -> None:
         """Conceal or skip the gap before the oldest waiting payload, and decode from there."""

@@ -82,6 +82,13 @@ SOUND_FORMATS: dict[PayloadType, tuple[str, int]] = {
 """Codec and channels of each payload type of sound: a hand of N fingers has 2 N."""
 
 
+_PLAIN = _VERSION << 6
+"""First byte of a header without padding, extension and contributing sources."""
+
+_SOUND_KINDS = {int(kind): kind for kind in PayloadType if kind != PayloadType.RED}
+"""Payload types outside redundancy, by number: a look-up takes a fifth of the time of the enumeration's own."""
+
+
 @dataclass(frozen=True, slots=True)
 class Payload:
     """Encoded sound or a prediction: ``content`` of type ``kind``, which begins at ``timestamp``."""
@@ -126,7 +133,7 @@ class Packet:
     def __bytes__(self) -> bytes:
         kind = PayloadType.RED if self.earlier else self.payload.kind
         head = _HEADER.pack(
-            _VERSION << 6, self.marker << 7 | kind, self.sequence, self.payload.timestamp % (1 << 32), self.ssrc
+            _PLAIN, self.marker << 7 | kind, self.sequence, self.payload.timestamp % (1 << 32), self.ssrc
         )
         if not self.earlier:
             return head + self.payload.content
@@ -146,6 +153,10 @@ def parse_packet(datagram: bytes) -> Packet:
     first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(datagram)
     if first >> 6 != _VERSION:
         raise PacketError(f"RTP version {first >> 6}, but only {_VERSION} exists; this is not an RTP packet")
+    if first == _PLAIN and (kind := _SOUND_KINDS.get(second & 0x7F)) is not None:
+        # What our own senders make when nothing is lost: no extras in the header, one payload.
+        payload = Payload(kind, timestamp, datagram[_HEADER.size :])
+        return Packet(sequence, ssrc, payload, (), second > 0x7F)
     body = datagram[_body_start(datagram, first) : _body_end(datagram, first)]
     *earlier, payload = _read_payloads(second & 0x7F, timestamp, body)
     return Packet(sequence, ssrc, payload, tuple(earlier), marker=bool(second >> 7))

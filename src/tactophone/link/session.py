@@ -108,11 +108,11 @@ class Session:
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
         """Process a datagram from the network; no content can make it raise."""
         try:
-            match DatagramKind.of(datagram):
-                case DatagramKind.SRTP:
-                    return self._open(datagram, now)
-                case DatagramKind.DTLS:
-                    return self._handle_dtls(datagram, source, now)
+            kind = DatagramKind.of(datagram)
+            if kind is DatagramKind.SRTP:
+                return self._open(datagram, now)
+            if kind is DatagramKind.DTLS:
+                return self._handle_dtls(datagram, source, now)
         except Exception as error:
             # The one boundary between bytes of the network and the process: whatever they made a library raise ends
             # the handshake with their sender, and nothing else.
@@ -128,7 +128,7 @@ class Session:
 
     def poll(self, now: float) -> list[Event]:
         """Let time pass: retransmit, call again, renew keys, time out. Call it about twenty times a second."""
-        for key, handshake in list(self._pending.items()):
+        for key, handshake in list(self._pending.items()) if self._pending else ():
             handshake.poll(now)
             self._collect(handshake, key[0])
             if handshake.failure:
@@ -171,8 +171,7 @@ class Session:
         self._collect(handshake, callee)
 
     def _open(self, datagram: bytes, now: float) -> list[Event]:
-        stream = stream_of(datagram)
-        connection = next((known for known in self._keys if known.stream == stream), None)
+        connection = self._keys.of_stream(stream_of(datagram))
         if connection is None:
             self.faults["rejected" if self._current else "stray"] += 1
             return []
@@ -181,15 +180,16 @@ class Session:
         except PacketError:
             self.faults["rejected"] += 1
             return []
-        events: list[Event] = []
-        if self._keys.confirm(connection, now):
-            events = [_renewed(connection)]
-        if self._current:
-            self._current.last_received = now  # also under the keys before: it is the same peer, and it lives
+        # A packet of the connection in use, nearly always, confirms nothing.
+        confirmed = connection is not self._keys.current and self._keys.confirm(connection, now)
+        events: list[Event] = [_renewed(connection)] if confirmed else []
+        if self._keys.current:
+            self._keys.current.last_received = now  # also under the keys before: it is the same peer, and it lives
         report = is_report(packet)
         if report and (reason := goodbye_reason(packet)) is not None:
             return [*events, *self._leave(reason, now)]
-        return [*events, PacketReceived(packet, report)]
+        events.append(PacketReceived(packet, report))
+        return events
 
     def _leave(self, reason: str, now: float) -> list[Event]:
         peer = self.peer

@@ -80,10 +80,13 @@ class Reception:
             return False
         self._mark_seen(number)
         stats.packets_received += 1
-        stats.packets_reordered += number < stats.highest
         stats.octets_received += octets
-        stats.highest = max(stats.highest, number)
-        stats.most_lost = max(stats.most_lost, stats.packets_lost)
+        if number == stats.highest + 1:
+            stats.highest = number  # in order: as many are lost as before
+        else:
+            stats.packets_reordered += number < stats.highest
+            stats.highest = max(stats.highest, number)
+            stats.most_lost = max(stats.most_lost, stats.packets_lost)
         self._update_jitter(timestamp, now)
         return True
 
@@ -115,6 +118,7 @@ class Reception:
 
     def _mark_seen(self, number: int) -> None:
         self._seen.add(number)
+        self._seen.discard(number - (1 << 10))  # one by one: the sweep below, which gaps make necessary, takes long
         if len(self._seen) > 1 << 11:
             self._seen = {seen for seen in self._seen if seen > self.stats.highest - (1 << 10)}
 

@@ -29,6 +29,9 @@ its retransmissions during a stall of seconds are fewer. The rest is dropped, an
 CLOSED_READS = 200
 """Reads for which the kernel then drops DTLS from that address: about a second, as a packet comes every 5 ms."""
 
+FOREIGN_TURNS = 4
+"""Reads from one look at what others sent to the next, while the peer sends: 10 ms with packets of 2.5 ms."""
+
 _ANY = {socket.AF_INET6: "::", socket.AF_INET: "0.0.0.0"}
 _MAPPED = "::ffff:"
 
@@ -81,6 +84,7 @@ class UdpSocket:
         self._peer_socket: socket.socket | None = None
         self._left: list[tuple[bytes, Endpoint]] = []
         self._closed_reads, self._closed = 0, False
+        self._turns = 0
 
     def __enter__(self) -> Self:
         return self
@@ -110,13 +114,20 @@ class UdpSocket:
 
     def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
         """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
-        waited, first = (self._peer_socket, MAX_FOREIGN) if self._peer_socket else (self._socket, _MOST_AT_ONCE)
+        if self._peer_socket is None or self._followed is None:
+            if timeout > 0 and not self._left:
+                select.select([self._socket], [], [], timeout)
+            datagrams, self._left = self._left, []
+            return datagrams + _read(self._socket, _MOST_AT_ONCE)
         if timeout > 0 and not self._left:
-            select.select([waited], [], [], timeout)
+            select.select([self._peer_socket], [], [], timeout)
         datagrams, self._left = self._left, []
-        if self._peer_socket:
-            datagrams += self._without_flood(_read(self._peer_socket, _MOST_AT_ONCE))
-        return datagrams + _read(self._socket, first)
+        datagrams += self._without_flood(_read_peer(self._peer_socket, self._followed[0]))
+        # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
+        self._turns += 1
+        if datagrams and self._turns % FOREIGN_TURNS:
+            return datagrams
+        return datagrams + _read(self._socket, MAX_FOREIGN)
 
     def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
         """Send each without waiting; return how many the system refused."""
@@ -250,6 +261,19 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
 def _is_handshake(datagram: bytes) -> bool:
     """Whether a datagram is of DTLS (RFC 7983)."""
     return bool(datagram) and 20 <= datagram[0] < 64
+
+
+def _read_peer(source: socket.socket, peer: Endpoint) -> list[tuple[bytes, Endpoint]]:
+    """Read from a connected socket, whose datagrams all come from ``peer``."""
+    datagrams: list[tuple[bytes, Endpoint]] = []
+    for _ in range(_MOST_AT_ONCE):
+        try:
+            datagrams.append((source.recv(_LARGEST), peer))
+        except BlockingIOError:
+            break
+        except OSError:  # of an earlier datagram, as in `_read`
+            continue
+    return datagrams
 
 
 def _endpoint(address: tuple[Any, ...]) -> Endpoint:
