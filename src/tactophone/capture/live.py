@@ -92,6 +92,8 @@ class LiveSource:
         if self._waiting > LONGEST_WAIT * self._sample_rate:
             self.overflows += 1
             return
-        samples = np.stack(inputs, axis=1)
+        samples = np.empty((len(inputs[0]), len(inputs)), np.float32)
+        for channel, sound in enumerate(inputs):
+            samples[:, channel] = sound
         self._waiting += len(samples)
         self._queue.put(AudioBlock(samples, sample_rate=self._sample_rate, start=start))

@@ -1,5 +1,6 @@
 """Blocks of any length become packets of one length, each with as much redundancy as the loss requires."""
 
+import math
 import secrets
 from collections import Counter, deque
 from collections.abc import Iterator
@@ -114,10 +115,13 @@ class Packetizer:
             # The source lost sound: the incomplete packet is dropped, and the marker announces the gap.
             self._filled, self._marker = 0, True
         self._next = block.end
-        finite = np.isfinite(block.samples)
-        if not finite.all():
+        samples = block.samples
+        # Where the sum of squares is finite, every sample is; the search takes six times as long.
+        if not math.isfinite(np.vdot(samples, samples)):
+            finite = np.isfinite(samples)
             self.faults["non-finite samples"] += int((~finite).sum())
-        return list(self._cut(np.where(finite, block.samples, np.float32(0)), block.start))
+            samples = np.where(finite, samples, np.float32(0))
+        return list(self._cut(samples, block.start))
 
     def recode(self, codec: Codec) -> None:
         """Use another codec setting from the next packet on; channels and packet size must stay the same."""
@@ -155,6 +159,9 @@ class Packetizer:
             )
 
     def _cut(self, samples: np.ndarray, start: int) -> Iterator[Packet]:
+        if not self._filled and len(samples) == self.codec.packet_size:
+            yield self._code(start, samples)
+            return
         taken = 0
         while taken < len(samples):
             step = min(self.codec.packet_size - self._filled, len(samples) - taken)
@@ -162,10 +169,10 @@ class Packetizer:
             self._filled, taken = self._filled + step, taken + step
             if self._filled == self.codec.packet_size:
                 self._filled = 0
-                yield self._code(start + taken - self.codec.packet_size)
+                yield self._code(start + taken - self.codec.packet_size, self._buffer)
 
-    def _code(self, start: int) -> Packet:
-        packet = self.wrap(self.codec.kind, start, self._encoder.encode(self._buffer))
+    def _code(self, start: int, samples: np.ndarray) -> Packet:
+        packet = self.wrap(self.codec.kind, start, self._encoder.encode(samples))
         self._past.append(packet.payload)
         return packet
 

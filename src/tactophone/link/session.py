@@ -83,6 +83,8 @@ class Session:
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
         self._keys = KeyRing()
         self._outgoing: list[tuple[bytes, Address]] = []
+        self._remote: tuple[Address, frozenset[int]] | None = None
+        self._remote_of: tuple[Connection | None, Connection | None] = None, None
 
     @property
     def peer(self) -> str | None:
@@ -96,9 +98,12 @@ class Session:
     @property
     def remote(self) -> tuple[Address, frozenset[int]] | None:
         """The peer's address and the SSRCs of its packets, for a socket to filter by; ``None`` without a session."""
-        if self._current is None:
-            return None
-        return self._current.address, frozenset(connection.stream for connection in self._keys)
+        # Asked for with every packet, so the answer is kept while the connections are the same.
+        keys, self._remote_of = self._remote_of, (self._keys.current, self._keys.beside)
+        if keys[0] is not self._keys.current or keys[1] is not self._keys.beside:
+            streams = frozenset(connection.stream for connection in self._keys)
+            self._remote = (self._keys.current.address, streams) if self._keys.current else None
+        return self._remote
 
     @property
     def refused(self) -> int:
@@ -151,6 +156,8 @@ class Session:
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send, each with its address."""
+        if not self._outgoing:
+            return []
         ready, self._outgoing = self._outgoing, []
         return ready
 

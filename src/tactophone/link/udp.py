@@ -85,6 +85,7 @@ class UdpSocket:
         self._left: list[tuple[bytes, Endpoint]] = []
         self._closed_reads, self._closed = 0, False
         self._turns = 0
+        self._target: tuple[Endpoint | None, tuple[Any, ...]] = None, ()
 
     def __enter__(self) -> Self:
         return self
@@ -103,7 +104,7 @@ class UdpSocket:
 
     def follow(self, remote: tuple[Endpoint, frozenset[int]] | None) -> None:
         """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
-        if remote == self._followed:
+        if remote is self._followed or remote == self._followed:
             return
         before, self._followed = self._followed, remote
         if remote is None or before is None or before[0] != remote[0]:
@@ -134,7 +135,7 @@ class UdpSocket:
         refused = 0
         for datagram, target in datagrams:
             try:
-                self._socket.sendto(datagram, _socket_address(target, self._socket.family))
+                self._socket.sendto(datagram, self._address_of(target))
             except OSError:
                 refused += 1
         return refused
@@ -162,6 +163,12 @@ class UdpSocket:
         if accepted == self._closed and self._peer_socket and self._followed:
             self._closed = not accepted
             set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
+
+    def _address_of(self, target: Endpoint) -> tuple[Any, ...]:
+        """Return the address as the socket takes it; that of the last call is kept, as most go to one peer."""
+        if target is not self._target[0]:
+            self._target = target, _socket_address(target, self._socket.family)
+        return self._target[1]
 
     def _connect(self, peer: Endpoint | None) -> None:
         """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""

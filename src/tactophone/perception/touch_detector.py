@@ -81,7 +81,8 @@ class TouchDetector:
     @property
     def follows_floor(self) -> bool:
         """Whether the threshold follows the noise floor; not once it was given or calibrated."""
-        return bool(self.floors)
+        # Asked for at each packet; as `floors` without the lists.
+        return bool(self._gate and self._gate.floor) or getattr(self.detector, "floor", None) is not None
 
     def adopt_floors(self, other: "TouchDetector") -> None:
         """Take over what another detector, of the same microphone and rule, has measured of the noise."""

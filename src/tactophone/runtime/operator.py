@@ -5,7 +5,6 @@ command. They share one slot, and neither ever waits for the other. The main thr
 requests in telemetry's mailbox as far as the output gate allows.
 """
 
-import dataclasses
 import itertools
 import math
 import signal
@@ -13,16 +12,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from functools import partial
 from typing import Self
-
-import numpy as np
 
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ModelError
 from tactophone.link import Codec, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
 from tactophone.pipeline import Pipeline
+from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED, OutputGate
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
@@ -44,11 +41,14 @@ from tactophone.runtime.wiring import (
     send_outgoing,
     tip_warning,
 )
-from tactophone.telemetry import MARKS, Controls, Fault, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep, Prediction, Touch
+from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
 
 HOUSEKEEPING_INTERVAL = 0.02
-"""Seconds between two checks of mailbox, devices and counters."""
+"""Seconds between two checks of the mailbox."""
+
+COUNTING_INTERVAL = 0.1
+"""Seconds between two updates of counters, gauges and state: no page is drawn more often."""
 
 LONGEST_RECEIVE = 0.005
 """Seconds that the network thread waits for a datagram before it gives up on a missing packet: a packet's length."""
@@ -101,6 +101,7 @@ class Operator:
             self._without_pipeline = str(error)
         self._tip_warning = tip_warning(settings)  # here, because it reads a model file
         self._endpoint = OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
+        self._tip_warning = tip_warning(settings)  # reads the model's file: here, not once the side runs
         info.progress("rehearsing")
         self._rehearse()
         info.progress("opening the actuator and the port")
@@ -110,7 +111,7 @@ class Operator:
         self._submitted = self._rendered = self._losses = 0
         self._roughness = 0.0
         self._received_at = time.monotonic()
-        self._budgeted_at = 0.0
+        self._budgeted_at = self._counted_at = 0.0
         self._counters: dict[str, int] = {}
         self._gauges: dict[str, float] = {}
         self._floor_dbfs = -math.inf
@@ -126,6 +127,7 @@ class Operator:
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="operator")
+            self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
@@ -136,6 +138,8 @@ class Operator:
         self._renderer.stop()
         self.ended.set()
         self._thread.join(1.0)
+        if not self._thread.is_alive():
+            self._deferred.write()
         self._session.session.hang_up()
         send_outgoing(self._session, self._socket)
         self._resources.close()
@@ -146,8 +150,13 @@ class Operator:
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
-        self._telemetry.count("requests_refused", len(self._requests.apply(self._telemetry.requests(now))))
+        requests = self._telemetry.requests(now)
+        self._telemetry.count("requests_refused", len(self._requests.apply(requests)))
         self._revive()
+        changed = requests or self._gate.muted_because != self._telemetry.state.muted_because
+        if not changed and now - self._counted_at < COUNTING_INTERVAL:
+            return
+        self._counted_at = now
         self._update_counts()
         self._update_budget(now)
         self._telemetry.update(self._state(now), now=now)
@@ -262,7 +271,7 @@ class Operator:
         while not self.ended.is_set():
             datagrams = self._socket.receive(LONGEST_RECEIVE)
             received = time.monotonic()
-            self._recorder.controls(self._controls())
+            self._recorder.controls(*self._controls())
             steps = itertools.chain(self._endpoint.receive(datagrams, now=received), self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
             # moment at which its sound was decoded and free to be processed.
@@ -271,28 +280,30 @@ class Operator:
                 self._mark_arrival(event, received=received, decoded=decoded)
                 if step is not None:
                     self._submit(step)
-                self._recorder.controls(self._controls(), step=number)
+                self._recorder.controls(*self._controls(), step=number)
                 self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             send_outgoing(self._session, self._socket)
-            if received - checked_at >= HOUSEKEEPING_INTERVAL:
+            # All that the commands did not need: here the thread would wait for the next packet.
+            if self._deferred.due(received):
+                self._deferred.write(truth=self._local_robot.truth())
+            if received - checked_at >= COUNTING_INTERVAL:
                 # Copied by the one thread that changes them, for the main thread to publish.
                 checked_at = received
                 self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
 
     def _mark_arrival(self, event: ReceiveEvent, *, received: float, decoded: float) -> None:
-        match event:
-            case DecodedAudio(block, _, waited):
-                mark = partial(self._telemetry.mark, position=self._position(block.end))
-                mark(_RECEIVED, now=received - waited)
-            case PredictionReceived(prediction):
-                mark = partial(self._telemetry.mark, position=self._position(round(prediction.end * LIVE_SAMPLE_RATE)))
-                mark(_RECEIVED, now=received)
-            case _:
-                return
-        mark(_RELEASED, now=received)
-        mark(_DECODED, now=decoded)
+        if isinstance(event, DecodedAudio):
+            position, waited = self._position(event.block.end), event.waited
+        elif isinstance(event, PredictionReceived):
+            position, waited = self._position(round(event.prediction.end * LIVE_SAMPLE_RATE)), 0.0
+        else:
+            return
+        mark = self._deferred.mark
+        mark(_RECEIVED, position, now=received - waited)
+        mark(_RELEASED, position, now=received)
+        mark(_DECODED, position, now=decoded)
 
     def _position(self, samples: int) -> int:
         """Convert samples since the stream began to the timestamp on the wire."""
@@ -302,7 +313,8 @@ class Operator:
         """Pass a step's newest command to the renderer, as bounded by the output gate."""
         end = self._position(step.block.end)
         commands = tuple(
-            dataclasses.replace(command, amplitude=self._gate.bound(command.amplitude)) for command in step.commands
+            HapticCommand(self._gate.bound(command.amplitude), command.frequency, command.time)
+            for command in step.commands
         )
         if commands:
             self._renderer.submit(commands[-1])
@@ -312,13 +324,13 @@ class Operator:
         for prediction in step.predictions:
             self._floor_dbfs = _noise_floor(self._floor_dbfs, prediction)
         now = time.monotonic()
-        self._telemetry.mark(_DETECTED, end, now=now)
-        self._telemetry.publish(dataclasses.replace(step, commands=commands), now=now, truth=self._local_robot.truth())
+        self._deferred.mark(_DETECTED, end, now=now)
+        self._deferred.publish(PipelineStep(step.block, step.predictions, commands), now=now)
 
-    def _controls(self) -> Controls:
-        """Return what may be changed from outside this thread, for the session log."""
+    def _controls(self) -> tuple[bool, float, float, float, str, float | None]:
+        """Return what may be changed from outside this thread, in the order of `Controls`, for the session log."""
         gate, pipeline = self._gate, self._endpoint.pipeline
-        return Controls(
+        return (
             gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
             None if pipeline.follows_floor else pipeline.threshold_dbfs,
         )  # fmt: skip
@@ -332,7 +344,7 @@ class Operator:
         telemetry, submitted = self._telemetry, self._submitted
         self._renderer.render(out)
         telemetry.rendered(out)
-        telemetry.gauge("output_amplitude", float(np.abs(out).max()))
+        telemetry.gauge("output_amplitude", max(float(out.max()), -float(out.min())))
         telemetry.gauge("device_period", len(out) / LIVE_SAMPLE_RATE)
         telemetry.count("callbacks")
         if submitted != self._rendered:

@@ -16,6 +16,7 @@ from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
 from tactophone.link import Event, UdpSocket
+from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
@@ -88,6 +89,8 @@ class Robot:
         self._resources = ExitStack()
         info.progress("opening the source")
         self._source = open_source(settings)
+        # Asked once: whether an object fits a protocol takes as long as a packet.
+        self._labelled = self._source if isinstance(self._source, LabelledSource) else None
         if isinstance(self._source, RehearsableSource):
             info.progress("compiling the simulation")
             self._source.rehearse()
@@ -120,6 +123,7 @@ class Robot:
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="robot")
+            self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
             self._session.tap = self._log
             self._resources = self._resources.pop_all()
         for thread in self._threads:
@@ -133,6 +137,8 @@ class Robot:
         for thread in self._threads:
             thread.join(1.0)
         with self._lock:
+            if not any(thread.is_alive() for thread in self._threads):
+                self._deferred.write()
             self._session.session.hang_up()
             send_outgoing(self._session, self._socket)
         self._resources.close()
@@ -217,10 +223,13 @@ class Robot:
         # A prediction is marked with the end of its window, the only time of it that the operator knows.
         end = round(step.predictions[-1].end * LIVE_SAMPLE_RATE) if step.predictions else block.end
         if origin is not None and (step.predictions or not self._endpoint.detectors):
-            self._telemetry.mark(_CAPTURED, (origin + end) % (1 << 32), now=captured)
-            self._telemetry.mark(_SENT, (origin + end) % (1 << 32), now=now)
-        truth = self._source.truth_now() if isinstance(self._source, LabelledSource) else -1
-        self._telemetry.publish(step, now=now, truth=truth)
+            self._deferred.mark(_CAPTURED, (origin + end) % (1 << 32), now=captured)
+            self._deferred.mark(_SENT, (origin + end) % (1 << 32), now=now)
+        self._deferred.publish(step, now=now, truth=self._labelled.truth_now() if self._labelled else -1)
+        if self._deferred.due(now):
+            # The lock is that of the session, whose packets of both threads are logged.
+            with self._lock:
+                self._deferred.write()
         if self._microphone_check:
             self._microphone_check.push(block)
 

@@ -17,6 +17,9 @@ from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, Telemetry, write_record
 
+_MOST_WAITING = 32
+"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for one, as without any sound."""
+
 _PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
 
 
@@ -33,18 +36,41 @@ class SessionRecorder:
 
     def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
         self._telemetry = telemetry
-        self._controls: dict[int, Controls] = {}
+        self._controls: dict[int, tuple[object, ...]] = {}
+        self._waiting: list[Controls | tuple[float, list[Event], bool]] = []
         self._write(describe_run(settings, role=role))
 
     def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
-        """Log events that are processed together at ``now`` (s)."""
-        self._write(EventBatch(now, tuple(map(write_event, events)), polled))
+        """Log events that are processed together at ``now`` (s), at the next `write`."""
+        self._waiting.append((now, list(events), polled))
+        if len(self._waiting) >= _MOST_WAITING:
+            self.write()
 
-    def controls(self, controls: Controls, *, step: int = 0) -> None:
-        """Log a finger's controls if they have changed, and the step of the last arrival during which they did."""
-        if controls != self._controls.get(controls.finger):
-            self._controls[controls.finger] = controls
-            self._write(Controls(**{**asdict(controls), "step": step}))
+    def controls(
+        self, armed: bool, ceiling: float, output_level: float, limit: float, profile: str,
+        threshold_dbfs: float | None, *, step: int = 0, finger: int = 0,
+    ) -> None:  # fmt: skip
+        """Log a finger's controls (see `Controls`) if they have changed, and the step of the last arrival meanwhile."""
+        # Called at each packet, so compared as they come: making a `Controls` takes longer than all else here.
+        controls = armed, ceiling, output_level, limit, profile, threshold_dbfs
+        if controls != self._controls.get(finger):
+            self._controls[finger] = controls
+            self._waiting.append(Controls(*controls, step, finger))
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there is anything to `write`."""
+        return bool(self._waiting)
+
+    def write(self) -> None:
+        """Write what waits; in the order in which it came."""
+        waiting, self._waiting = self._waiting, []
+        for record in waiting:
+            if isinstance(record, Controls):
+                self._write(record)
+            else:
+                now, events, polled = record
+                self._write(EventBatch(now, tuple(map(write_event, events)), polled))
 
     def _write(self, record: Record) -> None:
         for part in write_record(record):

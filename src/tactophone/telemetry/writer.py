@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.telemetry import memory as layout
-from tactophone.telemetry.memory import STEP, Memory
+from tactophone.telemetry.memory import Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction
 
@@ -18,10 +18,6 @@ _GAUGE = {name: index for index, name in enumerate(GAUGES)}
 REQUEST_AGE = 10.0
 """Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
 wanted before."""
-
-_NO_PREDICTION = np.zeros((), STEP)
-_NO_PREDICTION["probabilities"] = _NO_PREDICTION["roughness"] = math.nan
-_NO_PREDICTION["level_dbfs"] = -math.inf
 
 
 class Telemetry:
@@ -51,12 +47,13 @@ class Telemetry:
     def __init__(self, name: str, *, fingers: int = 1) -> None:
         self.name = name
         self._memory = Memory(name, create=True, fingers=fingers)
-        self._counters, self._totals = self._memory["counters"], np.zeros(len(COUNTERS), np.uint64)
+        self._counters, self._totals = self._memory["counters"], [0] * len(COUNTERS)
         self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
         self._state_count = 0
         self._mark_counts = [0] * len(MARKS)
         self._gauges = self._memory["gauges"]
-        self._memory["steps"][:, -1] = _NO_PREDICTION  # the row before the first
+        nothing: tuple[tuple[float, ...], float, float, int] = (math.nan,) * 3, math.nan, -math.inf, 0
+        self._newest, self._commands = [nothing] * fingers, [(0.0, 0.0)] * fingers
         self._seen = np.zeros(self._memory["requests"].shape, np.uint64)
         self.state = State()
 
@@ -69,18 +66,21 @@ class Telemetry:
     def count(self, name: str, n: int = 1) -> None:
         """Add to a counter of `COUNTERS`."""
         index = _COUNTER[name]
-        self._totals[index] += np.uint64(n)
-        self._counters[index] = self._totals[index]
+        self._counters[index] = self._totals[index] = self._totals[index] + n
 
     def counter(self, name: str) -> int:
         """Read a counter back."""
-        return int(self._totals[_COUNTER[name]])
+        return self._totals[_COUNTER[name]]
 
     def gauge(self, name: str, value: float) -> None:
         """Set a gauge of `GAUGES`."""
         self._gauges[_GAUGE[name]] = value
 
-    def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
+    def vibration_count(self, finger: int = 0) -> int:
+        """Return the samples of vibration written so far."""
+        return self._counts["vibration"][finger]
+
+    def publish(self, step: PipelineStep, *, now: float, truth: int = -1, vibration_count: int | None = None) -> None:
         """Write one pipeline step of a finger: its sound, its predictions and its commands.
 
         Parameters
@@ -89,16 +89,26 @@ class Telemetry:
             The system-wide monotonic clock (s), which is the heartbeat.
         truth
             The known `Touch` at this time, where the sound is simulated or labelled.
+        vibration_count
+            Samples of vibration written when the step was computed; by default, until now.
         """
-        finger = step.finger
-        self._append("sound", _stereo(step.block.samples), finger)
-        ring, index = self._memory["steps"][finger], self._counts["step"][finger]
+        finger, block = step.finger, step.block
+        self._append("sound", _stereo(block.samples), finger)
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
-        ring[index % layout.STEP_CAPACITY] = ring[index % layout.STEP_CAPACITY - 1]
-        row = ring[index % layout.STEP_CAPACITY]
-        _fill(row, step)
-        row["sound_end"], row["vibration_end"] = self._counts["sound"][finger], self._counts["vibration"][finger]
-        row["truth"] = truth
+        if step.predictions:
+            newest = step.predictions[-1]
+            self._newest[finger] = newest.probabilities, newest.roughness, newest.level_dbfs, newest.touch
+        if step.command is not None:
+            self._commands[finger] = step.command.amplitude, step.command.frequency
+        events = [event for prediction in step.predictions for event in prediction.events]
+        event = 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
+        probabilities, roughness, level_dbfs, touch = self._newest[finger]
+        vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
+        # In one assignment: each entry written by its name takes as long as this whole row.
+        self._memory["steps"][finger, self._counts["step"][finger] % layout.STEP_CAPACITY] = (
+            block.end / block.sample_rate, self._counts["sound"][finger], vibrated, probabilities, roughness,
+            level_dbfs, *self._commands[finger], touch, event, truth, block.concealed,
+        )  # fmt: skip
         self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
             self._log(prediction, step.commands[k] if step.commands else None, finger)
@@ -198,19 +208,6 @@ class Telemetry:
 
 def _stereo(samples: FloatArray) -> FloatArray:
     return samples if samples.shape[1] == 2 else np.repeat(samples[:, :1], 2, axis=1)
-
-
-def _fill(row: NDArray[np.void], step: PipelineStep) -> None:
-    row["time"] = step.block.end / step.block.sample_rate
-    row["concealed"] = step.block.concealed
-    events = [event for prediction in step.predictions for event in prediction.events]
-    row["event"] = 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
-    if step.predictions:
-        newest = step.predictions[-1]
-        row["probabilities"], row["roughness"] = newest.probabilities, newest.roughness
-        row["level_dbfs"], row["touch"] = newest.level_dbfs, newest.touch
-    if step.command is not None:
-        row["amplitude"], row["frequency"] = step.command.amplitude, step.command.frequency
 
 
 def _event(prediction: Prediction) -> tuple[float, int, int]:
