@@ -152,8 +152,7 @@ class Operator:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         requests = self._telemetry.requests(now)
         self._telemetry.count("requests_refused", len(self._requests.apply(requests)))
-        self._revive()
-        changed = requests or self._gate.muted_because != self._telemetry.state.muted_because
+        changed = self._revive() or requests or self._gate.muted_because != self._telemetry.state.muted_because
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
             return
         self._counted_at = now
@@ -161,15 +160,17 @@ class Operator:
         self._update_budget(now)
         self._telemetry.update(self._state(now), now=now)
 
-    def _revive(self) -> None:
-        """Reconnect a lost device; what it rendered last is not taken up again."""
+    def _revive(self) -> bool:
+        """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
         device = self._actuator.device
-        if device.losses != self._losses:
+        lost = device.losses != self._losses
+        if lost:
             self._losses = device.losses
             self._renderer.reset()
             # The watchdog counts as late only what vibrates.
             self._telemetry.gauge("output_amplitude", 0.0)
         device.revive()
+        return lost
 
     def _update_counts(self) -> None:
         """Copy the counts of session, device, renderer and pipeline into telemetry."""

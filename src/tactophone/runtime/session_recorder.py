@@ -18,7 +18,7 @@ from tactophone.perception import default_model, model_path
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, Telemetry, write_record
 
 _MOST_WAITING = 32
-"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for one, as without any sound."""
+"""Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it, as without any sound."""
 
 _PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
 
