@@ -14,7 +14,7 @@ from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
 from tactophone.link import Address, Codec, Datagrams
 from tactophone.runtime import OutputGate, SessionRecorder, open_pipeline_for
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
-from tactophone.telemetry import Controls, Telemetry
+from tactophone.telemetry import Telemetry
 from tactophone.types import AudioBlock
 from tests.sounds import blocks, strokes
 
@@ -35,19 +35,19 @@ class RecordedOperator:
         return self.endpoint.peer
 
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[EventStep]:
-        self.recorder.controls(self.controls())
+        self.recorder.controls(*self.controls())
         return list(self._published(self.endpoint.receive(datagrams, now=now), now))
 
     def poll(self, now: float) -> Iterable[EventStep]:
-        self.recorder.controls(self.controls())
+        self.recorder.controls(*self.controls())
         return list(self._published(self.endpoint.poll(now), now))
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         return self.endpoint.outgoing()
 
-    def controls(self) -> Controls:
+    def controls(self) -> tuple[bool, float, float, float, str, float | None]:
         pipeline, gate = self.endpoint.pipeline, self.gate
-        return Controls(
+        return (
             gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
             None if pipeline.follows_floor else pipeline.threshold_dbfs,
         )  # fmt: skip
@@ -58,6 +58,7 @@ class RecordedOperator:
                 bounded = tuple(replace(each, amplitude=self.gate.bound(each.amplitude)) for each in step.commands)
                 self._telemetry.publish(replace(step, commands=bounded), now=now)
             yield event, step
+        self.recorder.write()
 
 
 def record(
