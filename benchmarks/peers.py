@@ -1,4 +1,4 @@
-"""Other programs on the same JACK server, with the same impulses: JackTrip, where it is installed (`apt install jacktrip`).
+"""Other programs on the same JACK server, with the same impulses: JackTrip, if it is here (`apt install jacktrip`).
 
 SonoBus is not packaged for Debian 12, and needs a display; aiortc cannot be compared at these delays, as its sound
 frames of 20 ms are fixed and its jitter buffer holds four of them: 102 ms from click to decoded frame, measured apart.
@@ -43,7 +43,7 @@ def jacktrip(period: int, *, queue: int, impulses: int) -> ImpulseLatency:
                 time.sleep(0.5)
         finally:
             client.close()
-    return analyse(player, {name: _NO_MARKS for name in MARKS}, period=period)
+    return analyse(player, dict.fromkeys(MARKS, _NO_MARKS), period=period)
 
 
 @contextmanager
