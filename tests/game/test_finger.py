@@ -29,8 +29,10 @@ def test_it_is_a_source_whose_blocks_follow_one_another(moved: tuple[StoneBoxSou
     assert [block.start for block in blocks] == [BLOCK * k for k in range(5)]
 
 
-def test_a_press_becomes_a_touch_while_the_finger_comes_down(moved: tuple[StoneBoxSource, Connection]) -> None:
-    box, outbox = moved
+@pytest.mark.parametrize("tip", ["pad", "stylus"])
+def test_a_press_becomes_a_touch_while_the_finger_comes_down(tip: str) -> None:
+    inbox, outbox = Pipe(duplex=False)
+    box = StoneBoxSource(inbox, block_size=BLOCK, tip=tip)
     blocks = iter(box)
     outbox.send(("move", *FIRST, 1.5))
     touched = next(k for k, _ in enumerate(blocks) if box.truth_now() != Touch.NONE)

@@ -14,6 +14,7 @@ ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
 
 FLAGS = {
+    "--tip": "capture.tip",
     "--model": "detector.model",
     "--profile": "rendering.profile",
     "--codec": "link.codec",

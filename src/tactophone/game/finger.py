@@ -7,9 +7,8 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from tactophone.simulation import LIFT, SimulatedFinger, five_stones
-from tactophone.simulation.physics.finger import Finger
 from tactophone.simulation.physics.session_variation import SessionVariation
-from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 
 BLOCK_SIZE = 128
 """Default number of samples per block: messages are read every 2.7 ms."""
@@ -30,6 +29,8 @@ class StoneBoxSource(AlwaysOpen):
         Receives the messages; the sender never waits for the finger, nor the finger for the sender.
     block_size
         Samples per block.
+    tip
+        That touches.
 
     Examples
     --------
@@ -44,9 +45,9 @@ class StoneBoxSource(AlwaysOpen):
     sample_rate = LIVE_SAMPLE_RATE
     channels = 2
 
-    def __init__(self, inbox: Connection, *, block_size: int = BLOCK_SIZE) -> None:
-        self._inbox, self._block_size = inbox, block_size
-        self._finger = _finger_over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0)
+    def __init__(self, inbox: Connection, *, block_size: int = BLOCK_SIZE, tip: str = DEFAULT_TIP) -> None:
+        self._inbox, self._block_size, self._tip = inbox, block_size, tip
+        self._finger = _finger_over((Touch.SMOOTH,) * 3 + (Touch.ROUGH,) * 2, 0, tip)
         self._next: SimulatedFinger | None = None
         self._position = 0
 
@@ -63,7 +64,7 @@ class StoneBoxSource(AlwaysOpen):
 
     def rehearse(self) -> None:
         """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
-        _finger_over((Touch.SMOOTH,) * 5, 0).render(64)
+        _finger_over((Touch.SMOOTH,) * 5, 0, self._tip).render(64)
 
     def truth_now(self) -> int:
         """Return the true touch at the end of the last block."""
@@ -78,7 +79,7 @@ class StoneBoxSource(AlwaysOpen):
             self._finger.move(*arguments)
 
     def _lay(self, touches: tuple[int, ...], seed: int) -> None:
-        self._next = _finger_over(tuple(map(Touch, touches)), seed)
+        self._next = _finger_over(tuple(map(Touch, touches)), seed, self._tip)
 
 
 HOVER = 3e-4
@@ -86,10 +87,12 @@ HOVER = 3e-4
 what a player waits for; with this it is 40 ms, and the lifted finger stays clear of the stones."""
 
 
-def _finger_over(order: tuple[Touch, ...], seed: int) -> SimulatedFinger:
+def _finger_over(order: tuple[Touch, ...], seed: int, tip: str) -> SimulatedFinger:
     scene = five_stones(order)
     x, y = scene.placed[2].centre
-    finger = SimulatedFinger(scene, seed=seed, place=(x, y), session=SessionVariation(finger=Finger(arm_rest=HOVER)))
+    session = SessionVariation() if tip == DEFAULT_TIP else SessionVariation.draw(seed, tip=tip)
+    session = dataclasses.replace(session, finger=session.finger._replace(arm_rest=HOVER))
+    finger = SimulatedFinger(scene, seed=seed, place=(x, y), session=session)
     finger.move(x, y, LIFT)
     finger.render(WARM_UP)
     return finger

@@ -28,7 +28,7 @@ def open_finger(inbox: Connection, settings: Settings) -> Source:
     """Open the finger that follows the messages of the page; call it in the process that reads its sound."""
     from tactophone.game.finger import StoneBoxSource
 
-    return StoneBoxSource(inbox, block_size=settings.capture.block_size)
+    return StoneBoxSource(inbox, block_size=settings.capture.block_size, tip=settings.capture.tip)
 
 
 def _application(game: GameSettings) -> "web.Application":
