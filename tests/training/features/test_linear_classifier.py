@@ -91,6 +91,20 @@ def test_an_importance_weighs_surfaces_within_a_class() -> None:
     assert weights[surface == 3].sum() / weights[surface == 2].sum() == pytest.approx(4)
 
 
+def test_surfaces_of_little_importance_hardly_move_the_head() -> None:
+    examples = clouds()
+    odd = clouds(3)
+    upside_down = Examples(odd.features, ~odd.rough, odd.surface + 10)
+    both = Examples(
+        np.concatenate([examples.features, upside_down.features]),
+        np.concatenate([examples.rough, upside_down.rough]),
+        np.concatenate([examples.surface, upside_down.surface]),
+        np.repeat([1.0, 0.01], 3000),
+    )
+    alone, mixed = (fit_classifier(each, channels=2).weights[0] for each in (examples, both))
+    assert mixed == pytest.approx(alone, abs=0.15)
+
+
 def test_under_a_hard_tip_half_of_the_head_are_impulses() -> None:
     rng = np.random.default_rng(0)
     surface = np.repeat(np.arange(10), 100)

@@ -50,7 +50,7 @@ Moments = NDArray[np.float64]
 
 ChangeMetric = NDArray[np.float64]
 """A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
-than 1 for one window in a thousand on one and the same surface; zeros never detect a change."""
+than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
 
 
 class RunningStatistics:

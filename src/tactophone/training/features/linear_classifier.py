@@ -6,7 +6,7 @@ unlike the training data is detected by the Mahalanobis distance, with Ledoit an
 threshold is what one held-out window in two hundred exceeds.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -82,7 +82,7 @@ def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False)
     """
     thinned = examples.thinned()
     centre, scale = thinned.moments()
-    standard = Examples(np.asarray(thinned.standardised(centre, scale), np.float32), thinned.rough, thinned.surface)
+    standard = replace(thinned, features=np.asarray(thinned.standardised(centre, scale), np.float32))
     count = len(centre)
     columns = [_columns(working, channels, count) for working in channel_sets(channels)]
     fitted = [_fit_regression(standard, each) for each in columns]
