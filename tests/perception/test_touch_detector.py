@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone.perception import ContactGate, TouchDetector
+from tactophone.perception.touch_detector import PAUSE
 from tactophone.types import AudioBlock, Prediction, Touch
 
 RATE, HOP = 8000, 80
@@ -45,6 +46,18 @@ def test_a_window_too_quiet_to_classify_leaves_the_last_decision_of_the_touch(de
     during = [each for each in found if 0.2 < each.end <= 0.25]
     assert {(each.touch, each.roughness) for each in during} == {(decided, 0.8 * decided / 2)}
     assert found[-1].touch is Touch.NONE
+
+
+def test_rough_outlasts_the_gates_level_by_a_short_pause() -> None:
+    touches = [Touch.ROUGH] * 20 + [Touch.NONE] * 20
+    sound = np.zeros((len(touches) * HOP, 1), np.float32)
+    sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
+    found = TouchDetector(Scripted(touches), gate, window=0.032).push(AudioBlock(sound, RATE))
+    silent = next(each.end for each in found if each.touch is Touch.SMOOTH and each.end > 0.2)
+    # The gate's longer level falls for up to 32 ms before the hold begins.
+    assert max(each.end for each in found if each.touch is Touch.ROUGH) < 0.2 + 0.032 + PAUSE
+    assert {each.touch for each in found if silent <= each.end < silent + 0.05} == {Touch.SMOOTH}
 
 
 def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:
