@@ -169,3 +169,25 @@ def test_a_rebound_name_stays_refused(browser: webdriver.Chrome, page: Page) -> 
     browser.get(page.url.replace("127.0.0.1", "other.test"))
     assert "Refused" in browser.find_element(By.TAG_NAME, "body").text
     browser.get_log("browser")  # the refusal, and the icon that it refused too
+
+
+def test_silence_that_piled_up_does_not_delay_a_vibration(browser: webdriver.Chrome, page: Page) -> None:
+    """A tenth of a second of silence is buffered when a vibration comes: it sounds within a message's length."""
+    browser.get(page.url)
+    onset = browser.execute_async_script(
+        """
+        const done = arguments[0];
+        (async () => {
+          const context = new OfflineAudioContext(1, 48000, 48000);
+          await context.audioWorklet.addModule("static/vibration.js");
+          const node = new AudioWorkletNode(context, "vibration", { numberOfInputs: 0, outputChannelCount: [1] });
+          node.connect(context.destination);
+          for (let k = 0; k < 10; k++) node.port.postMessage(new Float32Array(480));
+          for (let k = 0; k < 5; k++) node.port.postMessage(new Float32Array(480).fill(0.5));
+          await new Promise((settled) => setTimeout(settled, 200));
+          const [played] = [(await context.startRendering()).getChannelData(0)];
+          done(played.findIndex((sample) => sample !== 0));
+        })().catch((error) => done(String(error)));
+        """
+    )
+    assert 0 <= onset < 480
