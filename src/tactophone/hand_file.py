@@ -36,7 +36,6 @@ OWN_SETTINGS: Mapping[str, str] = {
     "threshold_dbfs": "detector.threshold_dbfs",
     "profile": "rendering.profile",
     "ceiling": "rendering.ceiling",
-    "actuator": "output.actuator",
     "port": "output.port",
     "channel": "output.channel",
 }

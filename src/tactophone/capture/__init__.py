@@ -2,9 +2,20 @@
 
 from tactophone.capture.browser import browser_source
 from tactophone.capture.files import FileSource
-from tactophone.capture.jack import jack_source
+from tactophone.capture.hand import CombinedSource
+from tactophone.capture.jack import jack_hand_source, jack_source
 from tactophone.capture.live import LiveSource
-from tactophone.capture.portaudio import portaudio_source
+from tactophone.capture.portaudio import portaudio_hand_source, portaudio_source
 from tactophone.capture.recorded import RecordedSource
 
-__all__ = ["FileSource", "LiveSource", "RecordedSource", "browser_source", "jack_source", "portaudio_source"]
+__all__ = [
+    "CombinedSource",
+    "FileSource",
+    "LiveSource",
+    "RecordedSource",
+    "browser_source",
+    "jack_hand_source",
+    "jack_source",
+    "portaudio_hand_source",
+    "portaudio_source",
+]

@@ -1,4 +1,6 @@
-"""The two microphones on JACK ports."""
+"""The microphones on JACK ports: two, or two for each finger of a hand."""
+
+from collections.abc import Callable, Mapping
 
 from tactophone.capture.live import LiveSource
 from tactophone.devices import JackClient, Process
@@ -26,8 +28,24 @@ def jack_source(
     targets = {"contact": contact.removeprefix("-")}
     if air:
         targets["air"] = air.removeprefix("-")
+    return LiveSource(_client(name, targets, server), channels=len(targets), sample_rate=sample_rate)
 
+
+def jack_hand_source(
+    fingers: Mapping[str, tuple[str, str]], *, server: str = "", name: str = "tactophone-robot"
+) -> LiveSource:
+    """Open contact and air of each finger, by its name; an empty air port is silence (`jack_source`)."""
+    targets, order = dict[str, str](), list[int]()
+    for finger, (contact, air) in fingers.items():
+        order += [len(targets), len(targets) + 1 if air else -1]
+        targets[f"{finger}-contact"] = contact.removeprefix("-")
+        if air:
+            targets[f"{finger}-air"] = air.removeprefix("-")
+    return LiveSource(_client(name, targets, server), channels=len(order), order=order)
+
+
+def _client(name: str, targets: Mapping[str, str], server: str) -> Callable[[Process], JackClient]:
     def make(process: Process) -> JackClient:
         return JackClient(name, process, inputs=targets, outputs={}, server=server)
 
-    return LiveSource(make, channels=len(targets), sample_rate=sample_rate)
+    return make

@@ -5,7 +5,7 @@ than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by t
 """
 
 import queue
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Self
 
 import numpy as np
@@ -28,20 +28,24 @@ class LiveSource:
     open_device
         Makes the device, given the process that takes its sound.
     channels
-        1 (contact) or 2 (contact, air).
+        1 (contact) or 2 (contact, air); of a hand, two for each finger.
     sample_rate
         The only rate accepted, in Hz.
+    order
+        For each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their order.
     """
 
     def __init__(
-        self, open_device: Callable[[Process], Device], *, channels: int, sample_rate: int = LIVE_SAMPLE_RATE
-    ) -> None:
+        self, open_device: Callable[[Process], Device], *, channels: int, sample_rate: int = LIVE_SAMPLE_RATE,
+        order: Sequence[int] = (),
+    ) -> None:  # fmt: skip
         self.overflows = 0
         self._queue: queue.SimpleQueue[AudioBlock | None] = queue.SimpleQueue()
         self._waiting = 0
         self._position = 0
         self._channels, self._sample_rate = channels, sample_rate
         self._open = False
+        self._order = list(order) or list(range(channels))
         self.device = open_device(self._enqueue)
 
     @property
@@ -51,7 +55,7 @@ class LiveSource:
 
     @property
     def channels(self) -> int:
-        """1 or 2; channel 0 is contact."""
+        """1 or 2, channel 0 is contact; of a hand, two for each finger."""
         return self._channels
 
     @property
@@ -92,8 +96,9 @@ class LiveSource:
         if self._waiting > LONGEST_WAIT * self._sample_rate:
             self.overflows += 1
             return
-        samples = np.empty((len(inputs[0]), len(inputs)), np.float32)
-        for channel, sound in enumerate(inputs):
-            samples[:, channel] = sound
+        samples = np.zeros((len(inputs[0]), self._channels), np.float32)
+        for channel, place in enumerate(self._order):
+            if place >= 0:
+                samples[:, channel] = inputs[place]
         self._waiting += len(samples)
         self._queue.put(AudioBlock(samples, sample_rate=self._sample_rate, start=start))

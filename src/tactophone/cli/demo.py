@@ -49,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=int, default=0, help="random seed of strokes, set-up and network, 0 or more")
     add("--json", action="store_true", help="print the scores as JSON")
     flags.add_settings(parser, FLAGS)
+    flags.add_fingers(parser)
     log_option.add_arguments(parser)
     record_option.add_arguments(parser)
     dashboard_options.add_arguments(parser)

@@ -39,6 +39,7 @@ FLAGS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
+    flags.add_fingers(parser)
     parser.add_argument(
         "--network",
         default="clean",

@@ -25,6 +25,7 @@ FLAGS = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
+    flags.add_fingers(parser)
     dashboard_options.add_arguments(parser)
     log_option.add_arguments(parser)
     record_option.add_arguments(parser)

@@ -20,10 +20,12 @@ class ClockedDevice:
 
     _LONGEST_DELAY = 0.1
 
-    def __init__(self, process: Process, *, period: int, sample_rate: int, path: Path | None = None) -> None:
+    def __init__(
+        self, process: Process, *, period: int, sample_rate: int, path: Path | None = None, outputs: int = 1
+    ) -> None:
         self.xruns = self.process_faults = self.losses = 0
         self.sample_rate = sample_rate
-        self._process, self._period, self._path = process, period, path
+        self._process, self._period, self._path, self._outputs = process, period, path, outputs
         self._ended = threading.Event()
         self._thread: threading.Thread | None = None
         self._fault = ""
@@ -59,14 +61,14 @@ class ClockedDevice:
         import soundfile
 
         try:
-            return soundfile.SoundFile(self._path, "w", self.sample_rate, 1, "FLOAT")
+            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
         except (OSError, soundfile.LibsndfileError) as error:
             raise DeviceError(
                 f"{self._path} cannot be written ({error}): choose another file for output.device"
             ) from None
 
     def _run(self) -> None:
-        waveform = np.zeros(self._period, np.float32)
+        waveform = np.zeros((self._outputs, self._period), np.float32)
         due = time.monotonic()
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             if time.monotonic() - due > self._LONGEST_DELAY:
@@ -79,12 +81,12 @@ class ClockedDevice:
 
     def _cycle(self, waveform: FloatArray) -> None:
         try:
-            self._process([], [waveform])
+            self._process([], list(waveform))
         except Exception:  # as with a real device, a failed period is silent and the next one is requested
             self.process_faults += 1
             waveform[:] = 0.0
         if self._file is not None and not self._fault:
             try:
-                self._file.write(waveform)
+                self._file.write(waveform.T)
             except Exception as error:
                 self._fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"

@@ -3,10 +3,14 @@
 from tactophone.haptics.actuator import (
     Actuator,
     Render,
+    RenderHand,
     clocked_actuator,
+    clocked_hand_actuator,
     gamepad_actuator,
     jack_actuator,
+    jack_hand_actuator,
     portaudio_actuator,
+    portaudio_hand_actuator,
 )
 from tactophone.haptics.limits import Limits, peak_amplitude
 from tactophone.haptics.mapping import PROFILES, ROUGH_STIMULUS, SMOOTH_STIMULUS, PaperProfile, Stimulus, open_profile
@@ -42,16 +46,20 @@ __all__ = [
     "PerceptualProfile",
     "Playback",
     "Render",
+    "RenderHand",
     "Renderer",
     "Stimulus",
     "clocked_actuator",
+    "clocked_hand_actuator",
     "discriminable_steps",
     "gamepad_actuator",
     "jack_actuator",
+    "jack_hand_actuator",
     "open_profile",
     "parse_levels",
     "peak_amplitude",
     "portaudio_actuator",
+    "portaudio_hand_actuator",
     "sensation_db",
     "threshold_db",
 ]

@@ -3,7 +3,7 @@
 An actuator requests the waveform, period by period, in a thread of its own, and plays it. All five obey one contract.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias
@@ -13,6 +13,9 @@ from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Render: TypeAlias = Callable[[FloatArray], None]
 """Writes the next samples of the waveform in place; its array has shape ``(samples,)``."""
+
+RenderHand: TypeAlias = Callable[[Sequence[FloatArray]], None]
+"""The same for all fingers of a hand: an array for each."""
 
 
 class Actuator(Protocol):
@@ -48,8 +51,16 @@ def jack_actuator(
     render: Render, *, port: str = "system:playback_1", server: str = "", name: str = "tactophone-operator"
 ) -> DeviceActuator:
     """Play on a JACK port; ``"-"`` leaves the output unconnected, for a patch bay."""
-    wires = {"vibration": port.removeprefix("-")}
-    return DeviceActuator(JackClient(name, _only_output(render), inputs={}, outputs=wires, server=server))
+    return jack_hand_actuator(lambda outs: render(outs[0]), ports={"vibration": port}, server=server, name=name)
+
+
+def jack_hand_actuator(
+    render: RenderHand, *, ports: Mapping[str, str], server: str = "", name: str = "tactophone-operator"
+) -> DeviceActuator:
+    """Play each finger on a JACK port, by the name of the client's own port; ``"-"`` leaves one unconnected."""
+    wires = {own: port.removeprefix("-") for own, port in ports.items()}
+    process = _outputs(render, range(1, len(ports) + 1))
+    return DeviceActuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
 
 
 def portaudio_actuator(
@@ -63,9 +74,18 @@ def portaudio_actuator(
         Counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by their number:
         four are front and rear left and right, as a DualSense expects, but three would be left, right and bass.
     """
-    channels = 1 if channel == 1 else channel + channel % 2
-    process = _only_output(render, channel)
-    stream = PortAudioStream(process, "output", device=device, channels=channels, sample_rate=sample_rate)
+    return portaudio_hand_actuator(
+        lambda outs: render(outs[0]), device=device, channels=[channel], sample_rate=sample_rate
+    )
+
+
+def portaudio_hand_actuator(
+    render: RenderHand, *, device: str = "", channels: Sequence[int], sample_rate: int = LIVE_SAMPLE_RATE
+) -> DeviceActuator:
+    """Play each finger on a channel of one PortAudio device (`portaudio_actuator`)."""
+    highest = max(channels)
+    process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
+    stream = PortAudioStream(process, "output", device=device, channels=opened, sample_rate=sample_rate)
     return DeviceActuator(stream, sample_rate=sample_rate)
 
 
@@ -78,25 +98,43 @@ def gamepad_actuator(
     find: Callable[[], list[Any]] | None = None,
 ) -> DeviceActuator:
     """Turn the motors of a gamepad; arguments as of `tactophone.devices.GamepadDevice`."""
-    return DeviceActuator(
-        GamepadDevice(_only_output(render), device=device, roughness=roughness, ceiling=ceiling, find=find)
-    )
+    process = _outputs(lambda outs: render(outs[0]), [1])
+    return DeviceActuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
 
 
 def clocked_actuator(
     render: Render, *, period: int = 128, sample_rate: int = LIVE_SAMPLE_RATE, path: Path | None = None
 ) -> DeviceActuator:
     """Request the waveform in step with the system clock; write it to a WAV file, or discard it."""
-    device = ClockedDevice(_only_output(render), period=period, sample_rate=sample_rate, path=path)
+    return clocked_hand_actuator(
+        lambda outs: render(outs[0]), fingers=1, period=period, sample_rate=sample_rate, path=path
+    )
+
+
+def clocked_hand_actuator(
+    render: RenderHand,
+    *,
+    fingers: int,
+    period: int = 128,
+    sample_rate: int = LIVE_SAMPLE_RATE,
+    path: Path | None = None,
+) -> DeviceActuator:
+    """Request each finger's waveform (`clocked_actuator`); a WAV file has a channel for each."""
+    process = _outputs(render, range(1, fingers + 1))
+    device = ClockedDevice(process, period=period, sample_rate=sample_rate, path=path, outputs=fingers)
     return DeviceActuator(device, sample_rate=sample_rate)
 
 
-def _only_output(render: Render, channel: int = 1) -> Process:
+def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:
+    """Return a device's process that renders to these channels, counted from 1, and is silent on all others."""
+    places = [channel - 1 for channel in channels]
+
     def process(_: list[FloatArray], outputs: list[FloatArray]) -> None:
         # A sound library reuses its buffers, so a channel that nobody writes would repeat old samples.
-        for number, output in enumerate(outputs, 1):
-            if number != channel:
-                output[:] = 0.0
-        render(outputs[channel - 1])
+        if len(outputs) > len(places):
+            for place, output in enumerate(outputs):
+                if place not in places:
+                    output[:] = 0.0
+        render([outputs[place] for place in places])
 
     return process

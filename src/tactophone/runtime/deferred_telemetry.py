@@ -4,6 +4,8 @@ Nothing on the way from a datagram to a command needs marks, the step's telemetr
 packet, each of these calls finds cold caches; ten in a row take the time of three (measured).
 """
 
+from collections.abc import Callable
+
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.telemetry import Telemetry
 from tactophone.types import PipelineStep, Touch
@@ -51,13 +53,13 @@ class DeferredTelemetry:
             self._since = now
         return self._changed or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
 
-    def write(self, truth: int | None = None) -> None:
+    def write(self, truth_of: Callable[[int], int] | None = None) -> None:
         """Write everything collected.
 
         Parameters
         ----------
-        truth
-            The known `Touch` now, instead of that of each step.
+        truth_of
+            Returns the known `Touch` of a finger now, instead of that of each step.
         """
         self._since, self._changed = None, False
         self._recorder.write()
@@ -65,7 +67,7 @@ class DeferredTelemetry:
         for index, position, reached in marks:
             self._telemetry.mark(index, position, now=reached)
         steps, self._steps = self._steps, []
+        truths = {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}} if truth_of else {}
         for step, computed, touch, vibrated in steps:
-            self._telemetry.publish(
-                step, now=computed, truth=touch if truth is None else truth, vibration_count=vibrated
-            )
+            truth = truths.get(step.finger, touch)
+            self._telemetry.publish(step, now=computed, truth=truth, vibration_count=vibrated)

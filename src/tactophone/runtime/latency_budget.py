@@ -43,9 +43,10 @@ class LocalPeer:
             with contextlib.suppress(TactophoneError):
                 self.watcher = Watcher(self._name)
 
-    def truth(self) -> int:
-        """The true `Touch` now; -1 where it is not known."""
-        step = self.watcher.newest_step() if self.watcher else None
+    def truth(self, finger: int = 0) -> int:
+        """The true `Touch` of a finger now; -1 where it is not known."""
+        known = self.watcher is not None and finger < self.watcher.fingers
+        step = self.watcher.newest_step(finger=finger) if self.watcher and known else None
         return int(step["truth"][0]) if step is not None else -1
 
 

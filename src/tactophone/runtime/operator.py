@@ -5,23 +5,26 @@ command. They share one slot, and neither ever waits for the other. The main thr
 requests in telemetry's mailbox as far as the output gate allows.
 """
 
+import dataclasses
 import itertools
-import math
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import Self
 
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ModelError
+from tactophone.hand_file import each_finger
 from tactophone.link import Codec, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
-from tactophone.pipeline import Pipeline
+from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
+from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
-from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED, OutputGate
+from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
 from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
 from tactophone.runtime.rehearsal import (
     open_rehearsed_pipeline,
@@ -29,11 +32,9 @@ from tactophone.runtime.rehearsal import (
     rehearse_renderer,
     rehearse_statistics,
 )
-from tactophone.runtime.requests import RequestHandler
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
-    actuator_response,
     microphone_faults,
     open_actuator,
     open_renderer,
@@ -42,7 +43,7 @@ from tactophone.runtime.wiring import (
     tip_warning,
 )
 from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02
 """Seconds between two checks of the mailbox."""
@@ -82,47 +83,45 @@ class Operator:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
         self._settings, self._info = settings, info
-        rendering = settings.rendering
-        self._gate = OutputGate(
-            ceiling=rendering.ceiling, output_level=rendering.output_level, muted_because=_muted_because(settings, info)
-        )
-        self._renderer = open_renderer(settings, self._pull)
+        fingers = each_finger(settings)
+        renderers = [open_renderer(own, self._pull, hand=bool(settings.fingers)) for own in fingers]
         self._actuator = open_actuator(
-            settings, self._render, roughness=lambda: self._roughness, ceiling=lambda: self._gate.ceiling
+            settings,
+            self._render,
+            roughness=lambda: self._fingers[0].roughness,
+            ceiling=lambda: self._fingers[0].gate.ceiling,
         )
         self._session = ReceiveSession(open_session(settings, call=False))
         info.progress("opening the models")
-        # Both are opened now: a robot with other microphones must not make the network thread load a model.
-        self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
-        self._without_pipeline = ""
-        try:
-            self._pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
-        except ModelError as error:
-            self._without_pipeline = str(error)
-        self._tip_warning = tip_warning(settings)  # here, because it reads a model file
-        self._endpoint = OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
-        self._tip_warning = tip_warning(settings)  # reads the model's file: here, not once the side runs
+        self._pipelines: dict[int, Pipeline] = {}
+        self._endpoint = self._open_hand(fingers) if settings.fingers else self._open_finger(settings)
+        names = [finger.name for finger in settings.fingers] or [""]
+        muted_because = _muted_because(settings, info)
+        self._fingers = [
+            FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
+            for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names, strict=True))
+        ]
+        # Reads the models' files: here, not once the side runs.
+        self._tip_warning = "; ".join(dict.fromkeys(filter(None, map(tip_warning, fingers))))
         info.progress("rehearsing")
         self._rehearse()
         info.progress("opening the actuator and the port")
-        self._session.bandwidth = round(self._endpoint.pipeline.bandwidth)
+        self._session.bandwidth = round(max(finger.pipeline.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = self._losses = 0
-        self._roughness = 0.0
         self._received_at = time.monotonic()
         self._budgeted_at = self._counted_at = 0.0
         self._counters: dict[str, int] = {}
         self._gauges: dict[str, float] = {}
-        self._floor_dbfs = -math.inf
         self._warnings: tuple[Fault, ...] = ()
-        self._requests = RequestHandler(self._gate, self._renderer, self._endpoint, actuator_response(settings))
+        self._muted: tuple[str, ...] = ()
         self._thread = threading.Thread(target=self._run, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
         with self._resources:
             self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
-            self._telemetry = self._resources.enter_context(Telemetry(self._info.name))
+            self._telemetry = self._resources.enter_context(Telemetry(self._info.name, fingers=len(self._fingers)))
             self._telemetry.count("process_restarts", self._info.restarts)
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
@@ -135,7 +134,7 @@ class Operator:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._renderer.stop()
+        self._silence()
         self.ended.set()
         self._thread.join(1.0)
         if not self._thread.is_alive():
@@ -145,14 +144,18 @@ class Operator:
         self._resources.close()
 
     def stop(self) -> None:
-        """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
-        self._requests.stop()
+        """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
+        for finger in self._fingers:
+            finger.requests.stop()
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         requests = self._telemetry.requests(now)
-        self._telemetry.count("requests_refused", len(self._requests.apply(requests)))
-        changed = self._revive() or requests or self._gate.muted_because != self._telemetry.state.muted_because
+        refused = {(finger.index, action) for finger in self._fingers for action in finger.requests.apply(requests)}
+        self._telemetry.count("requests_refused", len(refused))
+        muted = tuple(finger.gate.muted_because for finger in self._fingers)
+        changed = self._revive() or requests or muted != self._muted
+        self._muted = muted
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
             return
         self._counted_at = now
@@ -166,15 +169,19 @@ class Operator:
         lost = device.losses != self._losses
         if lost:
             self._losses = device.losses
-            self._renderer.reset()
+            for finger in self._fingers:
+                finger.renderer.reset()
             # The watchdog counts as late only what vibrates.
             self._telemetry.gauge("output_amplitude", 0.0)
         device.revive()
         return lost
 
     def _update_counts(self) -> None:
-        """Copy the counts of session, device, renderer and pipeline into telemetry."""
-        device, faults = self._actuator.device, self._renderer.faults
+        """Copy the counts of session, device, renderers and pipelines into telemetry."""
+        device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
+        for finger in self._fingers:
+            faults.update(finger.renderer.faults)
+            invalid.update(finger.pipeline.faults)
         counts = {
             **self._counters,
             "xruns": device.xruns,
@@ -182,9 +189,9 @@ class Operator:
             "device_losses": device.losses,
             "command_faults": faults["command"],
             "stale_fades": faults["stale"],
-            "emergency_stops": self._gate.stops,
-            "sound_faults": self._endpoint.pipeline.faults["sound"],
-            "model_faults": self._endpoint.pipeline.faults["model"],
+            "emergency_stops": max(finger.gate.stops for finger in self._fingers),
+            "sound_faults": invalid["sound"],
+            "model_faults": invalid["model"],
         }
         for name, total in counts.items():
             self._telemetry.count(name, total - self._telemetry.counter(name))
@@ -199,35 +206,35 @@ class Operator:
         playout = self._session.playout
         stages = operator_stages(
             self._watcher, self._local_robot.watcher, self._actuator.device.latency,
-            sound_delay=playout.controller.margin + playout.latency + self._renderer.latency if playout else 0.0,
+            sound_delay=(
+                playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
+            ),
         )  # fmt: skip
         for stage, duration in stages.items():
             self._telemetry.gauge(f"latency_{stage}", duration)
 
     def _state(self, now: float) -> State:
-        pipeline, gate, peer = self._endpoint.pipeline, self._gate, self._session.peer
-        return State(
+        peer, states = self._session.peer, tuple(finger.state() for finger in self._fingers)
+        state = State(
             role="operator",
-            armed=gate.armed,
-            muted_because=gate.muted_because,
-            ceiling=gate.ceiling,
-            local_ceiling=gate.local_ceiling,
-            output_level=gate.output_level,
-            profile=pipeline.profile.name,
-            profiles=self._requests.profiles,
-            detector=pipeline.detector_name,
-            threshold_dbfs=pipeline.threshold_dbfs,
-            noise_floor_dbfs=round(self._floor_dbfs, 0),
+            profiles=self._fingers[0].requests.profiles,
             link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
             output=self._settings.output.actuator,
             faults=tuple(self._faults(now)),
+            fingers=states,
         )
+        first = state.of_finger(0)
+        if not self._settings.fingers:
+            return dataclasses.replace(first, fingers=())
+        armed = any(finger.armed for finger in states)
+        return dataclasses.replace(first, armed=armed, muted_because="" if armed else first.muted_because)
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
         if self._actuator.device.fault:
             yield Fault("actuator", self._actuator.device.fault)
-        yield from microphone_faults(self._endpoint.pipeline.detector)
+        for finger in self._fingers:
+            yield from microphone_faults(finger.pipeline.detector, finger=finger.name)
         silent = now - self._received_at
         if self._endpoint.refusal:
             yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
@@ -244,8 +251,26 @@ class Operator:
     def _rehearse(self) -> None:
         """Run each stage once, so that nothing is loaded while the side runs."""
         rehearse_decoders(Codec(channels=channels) for channels in self._pipelines)
-        rehearse_renderer(self._renderer, period=self._settings.output.period)
+        for finger in self._fingers:
+            rehearse_renderer(finger.renderer, period=self._settings.output.period)
         rehearse_statistics()
+
+    def _open_finger(self, settings: Settings) -> OperatorEndpoint:
+        """Open the only finger, for one microphone and for two: the network thread must not load a model later."""
+        self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
+        self._without_pipeline = ""
+        try:
+            self._pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
+        except ModelError as error:
+            self._without_pipeline = str(error)
+        return OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
+
+    def _open_hand(self, fingers: list[Settings]) -> OperatorEndpoint:
+        """Open the pipelines of a hand: of a finger without an air microphone, that of one channel."""
+        channels = [2 if own.capture.air else 1 for own in fingers]
+        pipelines = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
+        rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])
+        return OperatorEndpoint(self._session, Hand(pipelines, channels=channels))
 
     def _pipeline_for(self, channels: int) -> Pipeline:
         if channels not in self._pipelines:
@@ -260,8 +285,12 @@ class Operator:
             work()
         except BaseException as error:
             self.failure = error
-        self._renderer.stop()
+        self._silence()
         self.ended.set()
+
+    def _silence(self) -> None:
+        for finger in self._fingers:
+            finger.renderer.stop()
 
     def _follow_network(self) -> None:
         process, checked_at = self._settings.process, 0.0
@@ -272,23 +301,26 @@ class Operator:
         while not self.ended.is_set():
             datagrams = self._socket.receive(LONGEST_RECEIVE)
             received = time.monotonic()
-            self._recorder.controls(*self._controls())
+            for finger in self._fingers:
+                self._recorder.controls(*finger.controls(), finger=finger.index)
             steps = itertools.chain(self._endpoint.receive(datagrams, now=received), self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
             # moment at which its sound was decoded and free to be processed.
             decoded = time.monotonic()
             for number, (event, step) in enumerate(steps, 1):
-                self._mark_arrival(event, received=received, decoded=decoded)
+                if step is None or not step.finger:
+                    self._mark_arrival(event, received=received, decoded=decoded)
                 if step is not None:
                     self._submit(step)
-                self._recorder.controls(*self._controls(), step=number)
+                    finger = self._fingers[step.finger]
+                    self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
                 self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             send_outgoing(self._session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
             if self._deferred.due(received):
-                self._deferred.write(truth=self._local_robot.truth())
+                self._deferred.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
                 # Copied by the one thread that changes them, for the main thread to publish.
                 checked_at = received
@@ -311,42 +343,29 @@ class Operator:
         return (self._session.origin + samples) % (1 << 32)
 
     def _submit(self, step: PipelineStep) -> None:
-        """Pass a step's newest command to the renderer, as bounded by the output gate."""
-        end = self._position(step.block.end)
-        commands = tuple(
-            HapticCommand(self._gate.bound(command.amplitude), command.frequency, command.time)
-            for command in step.commands
-        )
-        if commands:
-            self._renderer.submit(commands[-1])
+        """Pass a step's newest command to the renderer of its finger."""
+        bounded, end = self._fingers[step.finger].submit(step), self._position(step.block.end)
+        if bounded.commands:
             self._submitted = end
-        if step.predictions:
-            self._roughness = step.predictions[-1].roughness
-        for prediction in step.predictions:
-            self._floor_dbfs = _noise_floor(self._floor_dbfs, prediction)
         now = time.monotonic()
-        self._deferred.mark(_DETECTED, end, now=now)
-        self._deferred.publish(PipelineStep(step.block, step.predictions, commands), now=now)
-
-    def _controls(self) -> tuple[bool, float, float, float, str, float | None]:
-        """Return what may be changed from outside this thread, in the order of `Controls`, for the session log."""
-        gate, pipeline = self._gate, self._endpoint.pipeline
-        return (
-            gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-            None if pipeline.follows_floor else pipeline.threshold_dbfs,
-        )  # fmt: skip
+        if step.finger == len(self._fingers) - 1:
+            # A hand has passed a stage when its last finger has.
+            self._deferred.mark(_DETECTED, end, now=now)
+        self._deferred.publish(bounded, now=now)
 
     def _pull(self, size: int) -> FloatArray:
         """Return sound for a renderer of the sound itself; called in the actuator's thread."""
         return self._session.pull(size, now=time.monotonic())
 
-    def _render(self, out: FloatArray) -> None:
-        """Render one period: the actuator's callback."""
-        telemetry, submitted = self._telemetry, self._submitted
-        self._renderer.render(out)
-        telemetry.rendered(out)
-        telemetry.gauge("output_amplitude", max(float(out.max()), -float(out.min())))
-        telemetry.gauge("device_period", len(out) / LIVE_SAMPLE_RATE)
+    def _render(self, outs: Sequence[FloatArray]) -> None:
+        """Render one period of every finger: the actuators' one callback."""
+        telemetry, submitted, amplitude = self._telemetry, self._submitted, 0.0
+        for finger, out in zip(self._fingers, outs, strict=True):
+            finger.renderer.render(out)
+            telemetry.rendered(out, finger=finger.index)
+            amplitude = max(amplitude, float(out.max()), -float(out.min()))
+        telemetry.gauge("output_amplitude", amplitude)
+        telemetry.gauge("device_period", len(outs[0]) / LIVE_SAMPLE_RATE)
         telemetry.count("callbacks")
         if submitted != self._rendered:
             self._rendered = submitted
@@ -365,13 +384,6 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
             operator.ended.wait(HOUSEKEEPING_INTERVAL)
     if operator.failure is not None:
         raise operator.failure
-
-
-def _noise_floor(floor_dbfs: float, prediction: Prediction) -> float:
-    """Smooth the level over some hundred windows without contact."""
-    if prediction.touch is not Touch.NONE or not math.isfinite(prediction.level_dbfs):
-        return floor_dbfs
-    return prediction.level_dbfs if math.isinf(floor_dbfs) else floor_dbfs + 0.01 * (prediction.level_dbfs - floor_dbfs)
 
 
 def _muted_because(settings: Settings, info: ProcessInfo) -> str:

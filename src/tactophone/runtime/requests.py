@@ -26,19 +26,26 @@ class RequestHandler:
         renderer: Renderer,
         endpoint: OperatorEndpoint,
         response: ActuatorResponse = UNKNOWN,
+        *,
+        finger: int = 0,
     ) -> None:
         self.gate = gate
         self._response = response
-        self._renderer, self._endpoint = renderer, endpoint
+        self._renderer, self._endpoint, self._finger = renderer, endpoint, finger
         self._enforce()
 
     @property
     def profiles(self) -> tuple[str, ...]:
         """Names of the profiles that may be requested; one that needs another renderer needs a restart."""
-        return tuple(PROFILES) if isinstance(self._renderer, Oscillator) else (self._endpoint.pipeline.profile.name,)
+        return tuple(PROFILES) if isinstance(self._renderer, Oscillator) else (self._pipeline.profile.name,)
+
+    @property
+    def _pipeline(self) -> Pipeline:
+        return self._endpoint.hand.pipelines[self._finger]
 
     def apply(self, requests: list[Request]) -> list[str]:
-        """Grant what may be granted; returns the actions refused."""
+        """Grant what may be granted of the requests for this finger, or for all; returns the actions refused."""
+        requests = [request for request in requests if request.finger in (-1, self._finger)]
         own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
@@ -52,7 +59,7 @@ class RequestHandler:
 
     def _adjust(self, request: Request) -> bool:
         """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
-        pipeline = self._endpoint.pipeline
+        pipeline = self._pipeline
         try:
             if request.action == "profile" and request.text in self.profiles:
                 pipeline.profile = open_profile(request.text, self._response)
@@ -67,7 +74,7 @@ class RequestHandler:
     def _enforce(self) -> None:
         # The renderer comes first: it bounds every sample, so a lowered ceiling holds before the profile is scaled.
         limited: Renderer | Pipeline
-        for limited in (self._renderer, self._endpoint.pipeline):
+        for limited in (self._renderer, self._pipeline):
             if limited.limits.ceiling != self.gate.ceiling:
                 limited.limits = dataclasses.replace(limited.limits, ceiling=self.gate.ceiling)
         if self.gate.armed:

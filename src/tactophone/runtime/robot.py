@@ -15,6 +15,8 @@ from typing import Protocol, Self, runtime_checkable
 from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
+from tactophone.errors import ConfigError
+from tactophone.hand_file import each_finger
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
@@ -30,13 +32,14 @@ from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import (
     OpenSource,
+    finger_fault,
     open_device,
     open_microphone_check,
     open_pipeline_for,
     open_send_session,
     send_outgoing,
 )
-from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import MARKS, Fault, FingerState, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 HOUSEKEEPING_INTERVAL = 0.05
@@ -57,6 +60,14 @@ class LabelledSource(Protocol):
 
     def truth_now(self) -> int:
         """Return the `Touch` at the end of the newest block; -1 when it is not known."""
+
+
+@runtime_checkable
+class LabelledHand(Protocol):
+    """A hand of which the true touch of each finger is known."""
+
+    def truth_of(self, finger: int) -> int:
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
 
 
 @runtime_checkable
@@ -90,20 +101,24 @@ class Robot:
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once: whether an object fits a protocol takes as long as a packet.
-        self._labelled = self._source if isinstance(self._source, LabelledSource) else None
+        self._labelled = self._source if isinstance(self._source, LabelledSource | LabelledHand) else None
         if isinstance(self._source, RehearsableSource):
             info.progress("compiling the simulation")
             self._source.rehearse()
         info.progress("rehearsing")
         self._session = open_send_session(settings, self._source.channels)
-        remote = settings.link.send_predictions
-        detector = open_pipeline_for(settings, channels=self._source.channels).detector if remote else None
-        self._endpoint = RobotEndpoint(self._session, detector)
-        self._microphone_check = open_microphone_check(settings, channels=self._source.channels)
+        fingers = self._check_fingers()
+        channels = [2 if own.capture.air else 1 for own in fingers] if settings.fingers else [self._source.channels]
+        detectors = []
+        self._checks = []
+        for own, count in zip(fingers, channels, strict=True):
+            if settings.link.send_predictions:
+                detectors.append(open_pipeline_for(own, channels=count).detector)
+                rehearse_detector(detectors[-1], channels=count)
+            self._checks.append(open_microphone_check(own, channels=count))
+            rehearse_microphone_check(self._checks[-1], channels=count)
+        self._endpoint = RobotEndpoint(self._session, detectors, channels=channels if settings.fingers else ())
         rehearse_encoder(self._session.codec)
-        rehearse_microphone_check(self._microphone_check, channels=self._source.channels)
-        if detector is not None:
-            rehearse_detector(detector, channels=self._source.channels)
         rehearse_statistics()
         self._lock = threading.Lock()
         self._info = info
@@ -118,7 +133,9 @@ class Robot:
         with self._resources:
             self._resources.enter_context(self._source)
             self._socket = self._resources.enter_context(UdpSocket())
-            self._telemetry = self._resources.enter_context(Telemetry(self._info.name))
+            self._telemetry = self._resources.enter_context(
+                Telemetry(self._info.name, fingers=max(1, len(self._settings.fingers)))
+            )
             self._telemetry.count("process_restarts", self._info.restarts)
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
@@ -158,8 +175,10 @@ class Robot:
             for stage, duration in robot_stages(self._watcher, self._session.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
-        if self._microphone_check:
-            faults += [Fault(fault.code, str(fault)) for fault in self._microphone_check.faults]
+        names = [finger.name for finger in self._settings.fingers] or [""]
+        for name, check in zip(names, self._checks, strict=True):
+            if check:
+                faults += [finger_fault(name, fault.code, str(fault)) for fault in check.faults]
         if peer is None:
             reason = f"no operator at {self._settings.link.peer}:{self._settings.link.port} yet"
             faults.append(Fault("link", f"{reason}: {failure or 'start `tactophone receive` there'}"))
@@ -173,8 +192,19 @@ class Robot:
             muted_because="",
             source=capture.source,
             detector=self._endpoint.detectors[0].detector.name if self._endpoint.detectors else "",
-            channels=self._source.channels,
+            channels=self._source.channels if not self._settings.fingers else 2,
+            fingers=tuple(FingerState(finger.name) for finger in self._settings.fingers),
         )
+
+    def _check_fingers(self) -> list[Settings]:
+        """Return the settings of each finger; `ConfigError` where the source has the sound of another number."""
+        fingers, found = each_finger(self._settings), self._source.channels
+        if self._settings.fingers and found != 2 * len(fingers):
+            raise ConfigError(
+                f"the source has {found} channels, but {len(fingers)} fingers have {2 * len(fingers)}, contact and air "
+                "of each in turn: give --fingers as many, or another source"
+            )
+        return fingers
 
     def _device_faults(self) -> Iterator[Fault]:
         if isinstance(self._source, LiveSource):
@@ -216,22 +246,29 @@ class Robot:
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
         with self._lock:
-            step = self._endpoint.push(block)[0]
+            steps = self._endpoint.push(block)
             send_outgoing(self._session, self._socket)
             origin = self._session.origin
         now = time.monotonic()
         # A prediction is marked with the end of its window, the only time of it that the operator knows.
-        end = round(step.predictions[-1].end * LIVE_SAMPLE_RATE) if step.predictions else block.end
-        if origin is not None and (step.predictions or not self._endpoint.detectors):
-            self._deferred.mark(_CAPTURED, (origin + end) % (1 << 32), now=captured)
-            self._deferred.mark(_SENT, (origin + end) % (1 << 32), now=now)
-        self._deferred.publish(step, now=now, truth=self._labelled.truth_now() if self._labelled else -1)
+        ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
+        if origin is not None and (ends or not self._endpoint.detectors):
+            position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
+            self._deferred.mark(_CAPTURED, position, now=captured)
+            self._deferred.mark(_SENT, position, now=now)
+        for step, check in zip(steps, self._checks, strict=True):
+            self._deferred.publish(step, now=now, truth=self._truth(step.finger))
+            if check:
+                check.push(step.block)
         if self._deferred.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:
                 self._deferred.write()
-        if self._microphone_check:
-            self._microphone_check.push(block)
+
+    def _truth(self, finger: int) -> int:
+        if isinstance(self._labelled, LabelledHand):
+            return self._labelled.truth_of(finger)
+        return self._labelled.truth_now() if self._labelled else -1
 
     def _log(self, event: Event) -> None:
         """Log a packet or a change of the connection; called under the lock of the session."""

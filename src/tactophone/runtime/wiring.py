@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import cast
 
-from tactophone.capture import jack_source, portaudio_source
+from tactophone.capture import jack_hand_source, jack_source, portaudio_hand_source, portaudio_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
+from tactophone.hand_file import each_finger
 from tactophone.haptics import (
     PASSTHROUGH,
     Actuator,
@@ -16,14 +17,14 @@ from tactophone.haptics import (
     Limits,
     Oscillator,
     PassthroughRenderer,
-    Render,
     Renderer,
-    clocked_actuator,
+    RenderHand,
+    clocked_hand_actuator,
     gamepad_actuator,
-    jack_actuator,
+    jack_hand_actuator,
     open_profile,
     parse_levels,
-    portaudio_actuator,
+    portaudio_hand_actuator,
 )
 from tactophone.link import (
     IDENTITY_FOLDER,
@@ -64,6 +65,8 @@ OpenSource = Callable[[Settings], Source]
 def open_device(settings: Settings) -> Source:
     """Open the microphones; recordings and the simulated finger are opened by the command line."""
     capture = settings.capture
+    if settings.fingers:
+        return _open_hand(settings)
     if capture.source == "jack":
         process = settings.process
         name = process.name or "tactophone-robot"
@@ -77,27 +80,58 @@ def open_device(settings: Settings) -> Source:
     )
 
 
+def _open_hand(settings: Settings) -> Source:
+    """Open the microphones of all fingers: those of one JACK server, or of one PortAudio device."""
+    capture, process = settings.capture, settings.process
+    pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
+    names = [finger.name for finger in settings.fingers]
+    if capture.source == "jack":
+        name = process.name or "tactophone-robot"
+        return jack_hand_source(dict(zip(names, pairs, strict=True)), server=process.jack_server, name=name)
+    if capture.source == "portaudio":
+        channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in pairs]
+        return portaudio_hand_source(channels, capture.device)
+    raise ConfigError(
+        f"capture.source = {capture.source!r} has one finger: a hand's microphones are at jack or portaudio"
+    )
+
+
+def _channel(text: str) -> int:
+    """Return the number of a device's channel; the default, a JACK port, stands for the channel of its number."""
+    number = text.removeprefix("system:capture_")
+    if not number.isdecimal() or not int(number):
+        raise ConfigError(f"{text!r} is no channel of a PortAudio device: write its number, as in contact = 3")
+    return int(number)
+
+
 def open_actuator(
     settings: Settings,
-    render: Render,
+    render: RenderHand,
     *,
     roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
 ) -> Actuator:
-    """Make the actuator, not yet entered; a gamepad needs roughness and ceiling as they are now, 0 to 1."""
-    output = settings.output
+    """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
+    output, fingers = settings.output, each_finger(settings)
     match output.actuator:
         case "jack":
             process = settings.process
+            ports = {finger.name: own.output.port for finger, own in zip(settings.fingers, fingers, strict=False)} or {
+                "vibration": output.port
+            }
             name = process.name or "tactophone-operator"
-            return jack_actuator(render, port=output.port, server=process.jack_server, name=name)
+            return jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
         case "portaudio":
-            return portaudio_actuator(render, device=output.device, channel=output.channel)
+            channels = [own.output.channel for own in fingers]
+            return portaudio_hand_actuator(render, device=output.device, channels=channels)
+        case "gamepad" if settings.fingers:
+            raise ConfigError("a gamepad's motors play one finger: choose another --actuator, or leave --fingers out")
         case "gamepad":
-            return gamepad_actuator(render, device=output.device, roughness=roughness, ceiling=ceiling)
-        case "file":
-            return clocked_actuator(render, period=output.period, path=Path(output.device or "vibration.wav"))
-    return clocked_actuator(render, period=output.period)
+            return gamepad_actuator(
+                lambda out: render([out]), device=output.device, roughness=roughness, ceiling=ceiling
+            )
+    path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
+    return clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
 
 
 def actuator_response(settings: Settings) -> ActuatorResponse:
@@ -113,11 +147,13 @@ def actuator_response(settings: Settings) -> ActuatorResponse:
     )
 
 
-def open_renderer(settings: Settings, pull: Callable[[int], FloatArray]) -> Renderer:
-    """Make the renderer: the oscillator, or the passthrough of the sound that ``pull`` returns."""
+def open_renderer(settings: Settings, pull: Callable[[int], FloatArray], *, hand: bool = False) -> Renderer:
+    """Make the renderer of a finger: the oscillator, or the passthrough of the sound that ``pull`` returns."""
     limits, profile = Limits(ceiling=settings.rendering.ceiling), settings.rendering.profile
     if profile not in PASSTHROUGH:
         return Oscillator(limits)
+    if hand:
+        raise ConfigError(f"the profile {profile} renders the sound of a single finger; give the hand another profile")
     # The gate of the renderer applies the ceiling; applied in the passthrough too, it would count twice.
     return PassthroughRenderer(PASSTHROUGH[profile](Limits(ceiling=1.0)), pull, limits)
 
@@ -158,11 +194,20 @@ def tip_warning(settings: Settings) -> str:
     return tip_mismatch(read_model(model_path(model)).card, settings.capture.tip)
 
 
-def microphone_faults(detector: AnyTouchDetector) -> Iterator[Fault]:
-    """Yield what is wrong with the microphones, and what the detector falls back to."""
+def microphone_faults(detector: AnyTouchDetector, *, finger: str = "") -> Iterator[Fault]:
+    """Yield what is wrong with a finger's microphones, and what the detector falls back to."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:
-            yield Fault(fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
+            yield finger_fault(finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
+
+
+def finger_fault(finger: str, code: str, text: str) -> Fault:
+    """Return a fault with the finger's name before code and text; without, where it is the only one.
+
+    >>> finger_fault("index", "contact-dead", "the contact microphone is dead").code
+    'index-contact-dead'
+    """
+    return Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
 
 
 def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector | None:

@@ -30,7 +30,9 @@ from tactophone.simulation.participants.operator import (
 )
 from tactophone.simulation.participants.participant import SimulatedParticipant
 from tactophone.simulation.participants.stroking_finger import StrokingFinger
+from tactophone.simulation.participants.stroking_hand import StrokingHand
 from tactophone.simulation.physics.finger import Electronics, Finger
+from tactophone.simulation.physics.hand import STRUCTURE_DB, SimulatedHand
 from tactophone.simulation.physics.motion import LIFT, Move
 from tactophone.simulation.physics.scene import Scene, five_stones, row, single
 from tactophone.simulation.physics.sensor_faults import CODES, FaultSpan, FaultySource
@@ -39,9 +41,11 @@ from tactophone.simulation.physics.source import SimulatedFinger, Truth
 from tactophone.simulation.physics.tip import TIPS, Tip
 
 __all__ = [
-    "CODES", "DAYS", "LIFT", "PAPER", "TAKES", "TIPS", "CompetitionRun", "Electronics", "FaultSpan", "FaultySource",
+    "CODES", "DAYS", "LIFT", "PAPER", "STRUCTURE_DB", "TAKES", "TIPS", "CompetitionRun", "Electronics", "FaultSpan",
+    "FaultySource",
     "Finger", "Move", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
-    "SimulatedFinger", "SimulatedObject", "SimulatedParticipant", "SoundToVibration", "StrokingFinger",
+    "SimulatedFinger", "SimulatedHand", "SimulatedObject", "SimulatedParticipant", "SoundToVibration",
+    "StrokingFinger", "StrokingHand",
     "Take", "Tip", "Truth", "catalogue", "demonstration", "find", "five_stones", "measured_objects",
     "perceive_visits", "plan_dataset",
     "play_rounds", "read_render_metadata", "render_dataset", "render_visits", "row", "run_recording",

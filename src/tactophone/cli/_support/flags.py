@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tactophone import config
 from tactophone.config import Settings
+from tactophone.hand_file import with_fingers
 
 
 def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
@@ -40,8 +41,18 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
     )
 
 
+def add_fingers(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--fingers``."""
+    parser.add_argument(
+        "--fingers",
+        metavar="N|FILE",
+        help="a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)",
+    )
+
+
 def settings_of(args: argparse.Namespace) -> Settings:
-    """Return the settings in force: defaults < ``--config`` < flags < ``--set``."""
+    """Return the settings in force: defaults < ``--config`` < flags < ``--set``; ``--fingers`` adds to each finger."""
     settings = Settings()
     for path in args.config:
         settings = config.read(path, settings)
@@ -51,4 +62,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
             settings = config.change(settings, ["capture.source=ros", f"capture.device={value[4:]}"])
         elif "." in name and value is not None:
             settings = config.change(settings, [f"{name}={value}"])
-    return config.change(settings, args.set)
+    settings = config.change(settings, args.set)
+    fingers = getattr(args, "fingers", None)
+    return with_fingers(settings, fingers) if fingers else settings

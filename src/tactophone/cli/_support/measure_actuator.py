@@ -75,7 +75,7 @@ def _record(amplitude: float, settings: Settings) -> FloatArray:
         return _input(process, settings)
 
     def open_output() -> Device:
-        return open_actuator(settings, recorder.play).device
+        return open_actuator(settings, lambda outs: recorder.play(outs[0])).device
 
     return recorder.run(open_input, open_output)
 

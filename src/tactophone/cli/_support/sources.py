@@ -2,11 +2,12 @@
 
 from functools import partial
 
-from tactophone.capture import FileSource, RecordedSource
+from tactophone.capture import CombinedSource, FileSource, RecordedSource
 from tactophone.cli._support import extras
 from tactophone.config import Settings
 from tactophone.dataset import ground_truth, touch_at
 from tactophone.errors import ConfigError
+from tactophone.hand_file import each_finger
 from tactophone.perception import Resampler
 from tactophone.runtime import open_device
 from tactophone.types import LIVE_SAMPLE_RATE, Source
@@ -23,6 +24,8 @@ def open_source(settings: Settings) -> Source:
         If a recording is missing or damaged.
     """
     capture = settings.capture
+    if settings.fingers and capture.source in ("finger", "file"):
+        return _hand(settings)
     if capture.source == "finger":
         from tactophone.simulation import StrokingFinger
 
@@ -34,6 +37,22 @@ def open_source(settings: Settings) -> Source:
     if not capture.device:
         raise ConfigError("capture.source = 'file', but no file is named: give --device RECORDING")
     return recorded(FileSource(capture.device, block_size=capture.block_size, loop=capture.loop))
+
+
+def _hand(settings: Settings) -> Source:
+    """Open a simulated hand, or a recording for each finger."""
+    capture, fingers = settings.capture, each_finger(settings)
+    if capture.source == "finger":
+        from tactophone.simulation import StrokingHand
+
+        return StrokingHand(len(fingers), capture.block_size, seed=_seed(capture.device), tip=capture.tip)
+    for finger, own in zip(settings.fingers, fingers, strict=True):
+        if not own.capture.device:
+            raise ConfigError(
+                f'no recording is named for the finger {finger.name}: write device = "FILE" under [{finger.name}]'
+            )
+    sources = [FileSource(own.capture.device, block_size=capture.block_size, loop=capture.loop) for own in fingers]
+    return CombinedSource([recorded(source) for source in sources])
 
 
 def recorded(source: FileSource) -> RecordedSource:

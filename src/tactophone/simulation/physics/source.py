@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,14 @@ class Truth:
     force: NDArray[np.float32]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
+
+
+class Contacts(NamedTuple):
+    """What the microphones convert to sound (`Microphones.convert`): forces and pressures, motors, unit noise."""
+
+    signals: ContactSignals
+    motor: NDArray[np.float64]
+    normals: NDArray[np.float64]
 
 
 class SimulatedFinger(AlwaysOpen):
@@ -136,6 +145,10 @@ class SimulatedFinger(AlwaysOpen):
 
     def render(self, size: int) -> AudioBlock:
         """Return the next ``size`` samples; their ground truth is in ``truth`` afterwards."""
+        return self.record(self.touch(size))
+
+    def touch(self, size: int) -> Contacts:
+        """Simulate the contact of the next ``size`` samples, which `record` turns into sound."""
         path = self._hand.follow(size)
         normals = self._rng.standard_normal((size, OVERSAMPLING + NORMALS))
         signals = ContactSignals(*(np.empty(size) for _ in ContactSignals._fields))
@@ -144,11 +157,15 @@ class SimulatedFinger(AlwaysOpen):
             path.motion, noise, self._ground, self._finger, self._state, self._ringing, signals, float(LIVE_SAMPLE_RATE)
         )
         motor = np.minimum(1.0, np.abs(path.motion.speed) / MOTOR_SPEED)
-        samples = self._microphones.convert(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
         index = np.empty(size, np.int16)
         _touched(signals.force, path.motion.body, index, self._since_touch, int(HOLD * LIVE_SAMPLE_RATE))
         touch = np.where(index < 0, np.int8(0), self._labels[index])
         self.truth = Truth(touch, index, signals.force.astype(np.float32), path.x, path.y)
+        return Contacts(signals, motor, np.ascontiguousarray(normals[:, OVERSAMPLING:]))
+
+    def record(self, contacts: Contacts) -> AudioBlock:
+        """Return the sound of contacts, those of the finger itself and what reaches it through a hand."""
+        samples, size = self._microphones.convert(*contacts), len(contacts.motor)
         block = AudioBlock(samples, LIVE_SAMPLE_RATE, self._position)
         self._position += size
         return block

@@ -1,0 +1,106 @@
+"""One finger of the operator's side: its gate, its renderer, and what of it may be changed during a run."""
+
+import math
+
+from tactophone.config import Settings
+from tactophone.endpoints import OperatorEndpoint
+from tactophone.haptics import Renderer
+from tactophone.pipeline import Pipeline
+from tactophone.runtime.output_gate import OutputGate
+from tactophone.runtime.requests import RequestHandler
+from tactophone.runtime.wiring import actuator_response
+from tactophone.telemetry import FingerState
+from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
+
+
+class FingerOutput:
+    """From a pipeline's commands to what one actuator renders.
+
+    Parameters
+    ----------
+    settings
+        Of this finger (`tactophone.hand_file.of_finger`).
+    index, name
+        Its place in the hand, and its name; empty for a single finger.
+    renderer
+        Drives its actuator, from another thread.
+    endpoint
+        Holds its pipeline.
+    muted_because
+        Why it starts muted; empty to start armed.
+
+    Attributes
+    ----------
+    roughness
+        Of the newest prediction.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        renderer: Renderer,
+        endpoint: OperatorEndpoint,
+        *,
+        index: int,
+        name: str,
+        muted_because: str,
+    ) -> None:
+        rendering = settings.rendering
+        self.gate = OutputGate(
+            ceiling=rendering.ceiling, output_level=rendering.output_level, muted_because=muted_because
+        )
+        self.index, self.name, self.renderer = index, name, renderer
+        self._endpoint = endpoint
+        self.requests = RequestHandler(self.gate, renderer, endpoint, actuator_response(settings), finger=index)
+        self.roughness = 0.0
+        self.floor_dbfs = -math.inf
+
+    @property
+    def pipeline(self) -> Pipeline:
+        """The pipeline in use; another one once a robot with other microphones has connected."""
+        return self._endpoint.hand.pipelines[self.index]
+
+    def submit(self, step: PipelineStep) -> PipelineStep:
+        """Pass the step's newest command to the renderer; returns the step with its commands as bounded by the gate."""
+        bound = self.gate.bound
+        commands = tuple(
+            HapticCommand(bound(command.amplitude), command.frequency, command.time) for command in step.commands
+        )
+        if commands:
+            self.renderer.submit(commands[-1])
+        if step.predictions:
+            self.roughness = step.predictions[-1].roughness
+        for prediction in step.predictions:
+            self.floor_dbfs = _noise_floor(self.floor_dbfs, prediction)
+        return PipelineStep(step.block, step.predictions, commands, step.finger)
+
+    def controls(self) -> tuple[bool, float, float, float, str, float | None]:
+        """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""
+        gate, pipeline = self.gate, self.pipeline
+        return (
+            gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
+            None if pipeline.follows_floor else pipeline.threshold_dbfs,
+        )  # fmt: skip
+
+    def state(self) -> FingerState:
+        """Return what watchers are shown of this finger."""
+        pipeline, gate = self.pipeline, self.gate
+        return FingerState(
+            name=self.name,
+            armed=gate.armed,
+            muted_because=gate.muted_because,
+            ceiling=gate.ceiling,
+            local_ceiling=gate.local_ceiling,
+            output_level=gate.output_level,
+            profile=pipeline.profile.name,
+            detector=pipeline.detector_name,
+            threshold_dbfs=pipeline.threshold_dbfs,
+            noise_floor_dbfs=round(self.floor_dbfs, 0),
+        )
+
+
+def _noise_floor(floor_dbfs: float, prediction: Prediction) -> float:
+    """Smooth the level over some hundred windows without contact."""
+    if prediction.touch is not Touch.NONE or not math.isfinite(prediction.level_dbfs):
+        return floor_dbfs
+    return prediction.level_dbfs if math.isinf(floor_dbfs) else floor_dbfs + 0.01 * (prediction.level_dbfs - floor_dbfs)
