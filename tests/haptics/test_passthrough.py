@@ -22,6 +22,16 @@ def test_any_block_size_gives_the_same_bits(name: str, size: int) -> None:
     assert np.concatenate(pieces).tolist() == whole.tolist()
 
 
+@pytest.mark.parametrize("name", PASSTHROUGH)
+def test_nothing_more_after_a_whole_number_of_steps_is_silence_not_an_error(name: str) -> None:
+    sound = noise(duration=0.1)
+    assert len(sound) % 12 == 0
+    passthrough = PASSTHROUGH[name](FULL)
+    rendered = passthrough.push(sound)
+    assert len(passthrough.push(sound[:0])) == 0
+    assert len(rendered) + len(passthrough.push(noise(duration=0.001))) > len(rendered)
+
+
 def test_direct_keeps_a_low_tone_and_pitch_brings_a_high_one_down_by_three_octaves() -> None:
     direct = Passthrough(limits=FULL).render_whole(tone(200))[12_000:-4800]
     assert peak_frequency(direct) == pytest.approx(200, abs=3)

@@ -114,7 +114,10 @@ class Passthrough:
         sound = np.clip(sound, -1.0, 1.0)
         shifted = sound if self._shift == 1 else self._shifted(sound)
         self._waiting = np.concatenate((self._waiting, shifted))
-        count = max(0, (len(self._waiting) - TAPS + 1) // STEP_SIZE)
+        count = (len(self._waiting) - TAPS + 1) // STEP_SIZE
+        if count <= 0:
+            # After a whole number of steps less than a window waits, and a view of it cannot be made.
+            return np.zeros(0, np.float32)
         windows = sliding_window_view(self._waiting, TAPS)[: count * STEP_SIZE : STEP_SIZE]
         values = [self._chain.step(float(value)) for value in (windows * self._kernel).sum(axis=1)]
         self._waiting = self._waiting[count * STEP_SIZE :]

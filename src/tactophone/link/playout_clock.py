@@ -111,7 +111,7 @@ class PlayoutController:
         self._second.push_transit(transit)
         self._min_transit = min(self._min_transit, transit)
         if now != self._arrived:
-            # Packets that come together waited for the same thing: the first, which waited longest, stands for all.
+            # Packets that come together waited for the same cause: the first, which waited longest, stands for all.
             self._arrived = now
             self._allowance.push(transit - self._min_transit)
         self._late = [*self._late, transit] if start < self.position else []
