@@ -66,6 +66,9 @@ CONTEXT, CONTEXT_SLIDING, STEPS_OF_CONTEXT, CONTEXT_QUANTILE = 0.4, 0.15, 60, 0.
 """The same of the last 0.15 s, of which one step in five may be louder: taps in a row, an echo. While the finger slides
 it cannot land, so less is allowed: only what seemed to be sliding may end in a tap."""
 
+MAIN_SHARP = 0.35
+"""An impact may follow an onset within 25 ms; of its peak less is a rise then, as some was there already."""
+
 CLICK_STEPS, CLICK_SHARP, CLICK_BEFORE = 2, 0.7, 0.25
 """A rise is reported as contact in its first or second step, if so much of it is a rise, and if the excess before is at
 most this share of it: its peak is yet to come."""
@@ -127,7 +130,7 @@ class EventDetector:
         self._fluxes: deque[float] = deque(maxlen=HISTORY)
         self._excess: deque[float] = deque([0.0] * SLIDING, SLIDING)
         # Of the newest rise, and of the newest that came out of rest.
-        self._onset = self._landed = -REFRACTORY
+        self._onset = self._landed = self._first = -REFRACTORY
         self._since: list[Floats] = []
         self._before, self._sharpest = (0.0, 0.0), 0.0
         self._sliding, self._sliding_at_onset, self._touched_down = False, False, False
@@ -181,6 +184,10 @@ class EventDetector:
         if settled and flux > LEAST_FLUX_DB and flux > self._threshold():
             self._onset, self._since, self._sharpest = self._count, [mean], flux
             self._before, self._sliding_at_onset = self._levels_before(), self._sliding
+            self._first = self._count
+        elif self._main_rise_comes(mean, flux):
+            # What a codec smears before an impact, or a light touch before the landing, began too early.
+            self._onset, self._since, self._sharpest = self._count, [mean], flux
         rising = self._count - self._onset < CLICK_STEPS and self._landed != self._onset
         if rising and mean[CONTACT] > LEAST_PEAK_DB and self._is_rise(mean[CONTACT], CLICK_SHARP, CLICK_BEFORE):
             self._landed = self._onset
@@ -198,8 +205,9 @@ class EventDetector:
             return []
         means = np.array(self._since)
         peak = means.max(axis=0)
+        share = SHARP if self._onset == self._first else MAIN_SHARP
         early = int(means[:, CONTACT].argmax()) <= ATTACK
-        if not early or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT], SHARP, BEFORE):
+        if not early or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT], share, BEFORE):
             return []
         if self._channels > AIR and peak[AIR] - peak[CONTACT] > AIR_LED_DB:
             return [TouchEvent("knock", self._time(self._onset))]
@@ -216,6 +224,11 @@ class EventDetector:
             return 0.0, 0.0
         context = means[-STEPS_OF_CONTEXT:]
         return float(means[-STEPS_BEFORE:].mean()), float(np.quantile(context, CONTEXT_QUANTILE))
+
+    def _main_rise_comes(self, mean: Floats, flux: float) -> bool:
+        """Return whether, soon after an onset, a sharper rise leads to more than what came before."""
+        soon = 0 < self._count - self._first <= CLASSIFIED_AFTER and self._count - self._onset > ATTACK
+        return soon and flux > max(MAIN_SHARP * mean[CONTACT], self._sharpest)
 
     def _is_rise(self, peak: float, sharp: float, before: float) -> bool:
         """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
