@@ -46,7 +46,8 @@ def browser(chromium: webdriver.Chrome) -> Iterator[webdriver.Chrome]:
     resize(chromium, 1280, 900)
     yield chromium
     chromium.get("about:blank")
-    assert [entry["message"] for entry in chromium.get_log("browser")] == []
+    messages = [entry["message"] for entry in chromium.get_log("browser")]
+    assert messages == [], messages
 
 
 def resize(browser: webdriver.Chrome, width: int, height: int) -> None:
