@@ -198,10 +198,10 @@ def load(path: str) -> Callable[..., Any]:
     return cast(Callable[..., Any], getattr(importlib.import_module(module), name))
 
 
-_CONFIRMED = DecisionRule(rough_off=0.4, confirm=4, abstain_from=0.5)
+_CONFIRMED = DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5)
 """*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
-quickly, and edges are still felt in time. Once confirmed it lasts until smooth is clearly likelier, or a rough touch
-would flicker and wait for 40 ms each time (docs/research/detector.md)."""
+quickly, and edges are still felt in time. The hysteresis lies evenly around a half: it ends the false bumps of sound at
+the boundary, for 0.003 of what is rendered right on real kinds left out (docs/research/detector.md)."""
 
 _BASELINES = "tactophone.training.features.baselines"
 
