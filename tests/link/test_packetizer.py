@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.codec import open_decoder
 from tactophone.link.packet import Packet, parse_packet
 from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
 from tactophone.types import AudioBlock, FloatArray
@@ -105,3 +106,15 @@ def test_redundancy_is_shed_step_by_step() -> None:
 def test_a_rule_that_cannot_be_is_refused() -> None:
     with pytest.raises(ValueError, match="between 0 and 2"):
         RedundancyRule(least=2, most=1)
+
+
+@pytest.mark.parametrize("codec", [Codec("opus", packet_size=480), Codec("opus"), Codec("pcm16", packet_size=240)])
+def test_the_rest_of_a_long_block_need_not_wait_for_the_next(codec: Codec) -> None:
+    rule = RedundancyRule(most=0)
+    prompt = Packetizer(codec, ssrc=1, redundancy=Redundancy(rule), prompt=True)
+    decoder, decoded = open_decoder(codec.kind), 0
+    for block in blocks(noise(512 * 40), 512):
+        for packet in prompt.push(block):
+            assert (packet.payload.timestamp - prompt.origin) % (1 << 32) == decoded
+            decoded += len(decoder.decode(packet.payload.content))
+        assert 0 <= block.end - decoded < (120 if codec.name == "opus" else 1)

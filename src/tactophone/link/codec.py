@@ -111,6 +111,11 @@ class Codec:
         """The RTP payload type."""
         return _KINDS[self.name, self.channels]
 
+    def largest_packet(self, samples: int) -> int:
+        """Return the size of the largest packet, up to its own, of so many samples; 0 if there is none."""
+        most = min(samples, self.packet_size)
+        return most if self.name == "pcm16" else max((size for size in OPUS_SIZES if size <= most), default=0)
+
     def for_bandwidth(self, bandwidth: float) -> "Codec":
         """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
         chosen = self.bitrate_bps != _default_bitrate(self)
@@ -142,7 +147,7 @@ class Encoder(Protocol):
     """Encodes the sound of one packet as one payload."""
 
     def encode(self, samples: FloatArray) -> bytes:
-        """Encode ``samples``, float32 of shape ``(packet_size, channels)``, all finite."""
+        """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
 
 
 class Decoder(Protocol):
@@ -212,11 +217,12 @@ class _OpusEncoder:
 
     def encode(self, samples: FloatArray) -> bytes:
         # libopus does not check the length: it would read past the end of a short array.
-        if samples.shape != (self._size, self._channels):
+        count = len(samples)
+        if samples.shape != (count, self._channels) or count not in OPUS_SIZES or count > self._size:
             raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
-        self._samples[...] = samples
+        self._samples[:count] = samples
         pcm, payload = self._pointers
-        size = self._encode(self._state, pcm, self._size, payload, _LARGEST_OPUS)
+        size = self._encode(self._state, pcm, count, payload, _LARGEST_OPUS)
         if size < 0:
             raise self._error(size)
         return ctypes.string_at(payload, size)

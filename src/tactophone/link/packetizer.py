@@ -76,17 +76,23 @@ class Redundancy:
 class Packetizer:
     """Makes one stream of packets, not yet encrypted.
 
+    Parameters
+    ----------
+    prompt
+        Whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for the next
+        block: with periods of 512 samples and packets of 480, for up to 10 ms.
+
     Attributes
     ----------
     faults
         ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of the codec.
     """
 
-    def __init__(self, codec: Codec, *, ssrc: int, redundancy: Redundancy) -> None:
+    def __init__(self, codec: Codec, *, ssrc: int, redundancy: Redundancy, prompt: bool = False) -> None:
         self.codec = codec
         self.faults: Counter[str] = Counter()
         self.packets = self.octets = 0
-        self.ssrc, self._redundancy = ssrc, redundancy
+        self.ssrc, self._redundancy, self._prompt = ssrc, redundancy, prompt
         # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
         # roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
@@ -121,7 +127,10 @@ class Packetizer:
             finite = np.isfinite(samples)
             self.faults["non-finite samples"] += int((~finite).sum())
             samples = np.where(finite, samples, np.float32(0))
-        return list(self._cut(samples, block.start))
+        packets = list(self._cut(samples, block.start))
+        if self._prompt and block.size > self.codec.packet_size:
+            packets += self._cut_rest(block.end)
+        return packets
 
     def recode(self, codec: Codec) -> None:
         """Use another codec setting from the next packet on; channels and packet size must stay the same."""
@@ -170,6 +179,14 @@ class Packetizer:
             if self._filled == self.codec.packet_size:
                 self._filled = 0
                 yield self._code(start + taken - self.codec.packet_size, self._buffer)
+
+    def _cut_rest(self, end: int) -> Iterator[Packet]:
+        """Make shorter packets of what is left before ``end``, as far as the codec has so short ones."""
+        while size := self.codec.largest_packet(self._filled):
+            packet = self._code(end - self._filled, self._buffer[:size])
+            self._buffer[: self._filled - size] = self._buffer[size : self._filled].copy()
+            self._filled -= size
+            yield packet
 
     def _code(self, start: int, samples: np.ndarray) -> Packet:
         packet = self.wrap(self.codec.kind, start, self._encoder.encode(samples))

@@ -33,6 +33,8 @@ class SendSession:
         Whether the bandwidth follows the operator's requests.
     haptics
         Whether predictions are sent in the payload of RFC 9993 instead of this project's own.
+    prompt
+        Whether the rest of a long block is sent in shorter packets at once; see `Packetizer`.
 
     Attributes
     ----------
@@ -52,9 +54,10 @@ class SendSession:
         rule: RedundancyRule | None = None,
         follow: bool = False,
         haptics: bool = False,
+        prompt: bool = False,
     ) -> None:
         self.session, self.codec, self._follow, self._haptics = session, codec, follow, haptics
-        self._silent = True
+        self._prompt, self._silent = prompt, True
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
@@ -136,7 +139,9 @@ class SendSession:
                 self.tap(event)
             match event:
                 case Connected():
-                    self._packetizer = Packetizer(self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy)
+                    self._packetizer = Packetizer(
+                        self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy, prompt=self._prompt
+                    )
                     self.counters["handshakes"] += 1
                 case Disconnected():
                     self._packetizer = None

@@ -25,7 +25,13 @@ from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
-from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
+from tactophone.runtime.realtime_priority import (
+    freeze_garbage_collector,
+    lock_memory,
+    name_thread,
+    prioritize_thread,
+    share_interpreter,
+)
 from tactophone.runtime.rehearsal import (
     open_rehearsed_pipeline,
     rehearse_decoders,
@@ -293,6 +299,7 @@ class Operator:
             finger.renderer.stop()
 
     def _follow_network(self) -> None:
+        name_thread("tactophone-net")
         process, checked_at = self._settings.process, 0.0
         warnings = {"priority": prioritize_thread(process.priority), "other_tip": self._tip_warning}
         if process.lock_memory:
@@ -379,6 +386,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         freeze_garbage_collector()
+        share_interpreter()
         while not (terminated.is_set() or operator.ended.is_set() or info.orphaned):
             operator.housekeep(time.monotonic())
             operator.ended.wait(HOUSEKEEPING_INTERVAL)

@@ -21,7 +21,13 @@ from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
-from tactophone.runtime.realtime_priority import freeze_garbage_collector, lock_memory, prioritize_thread
+from tactophone.runtime.realtime_priority import (
+    freeze_garbage_collector,
+    lock_memory,
+    name_thread,
+    prioritize_thread,
+    share_interpreter,
+)
 from tactophone.runtime.rehearsal import (
     rehearse_detector,
     rehearse_encoder,
@@ -224,6 +230,7 @@ class Robot:
         self.ended.set()
 
     def _follow_sound(self) -> None:
+        name_thread("tactophone-snd")
         self._warn("priority", prioritize_thread(self._settings.process.priority))
         if self._settings.process.lock_memory:
             self._warn("memory", lock_memory())
@@ -275,6 +282,7 @@ class Robot:
         self._recorder.arrival(time.monotonic(), [event])
 
     def _follow_network(self) -> None:
+        name_thread("tactophone-net")
         prioritize_thread(self._settings.process.priority)
         while not self.ended.is_set():
             datagrams = self._socket.receive(LONGEST_RECEIVE)
@@ -296,6 +304,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
         freeze_garbage_collector()
+        share_interpreter()
         while not (terminated.is_set() or robot.ended.is_set() or info.orphaned):
             robot.housekeep(time.monotonic())
             robot.ended.wait(HOUSEKEEPING_INTERVAL)

@@ -259,7 +259,7 @@ def open_send_session(settings: Settings, channels: int) -> SendSession:
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
     haptics = link.prediction_payload == "rfc9993"
     session = open_session(settings, call=True)
-    return SendSession(session, codec, rule=rule, follow=not link.bandwidth, haptics=haptics)
+    return SendSession(session, codec, rule=rule, follow=not link.bandwidth, haptics=haptics, prompt=True)
 
 
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:

@@ -51,6 +51,8 @@ class Windower:
 
         A window has shape ``(size, channels)`` and is a view: use it before the next push.
         """
+        if not len(samples):
+            return []
         self._kept = np.concatenate((self._kept, samples))
         windows = []
         while (end := self._next_end()) <= self._first + len(self._kept):

@@ -134,7 +134,8 @@ class FallbackDetector:
     @property
     def mode(self) -> FallbackMode:
         """The fallback in use."""
-        return fallback_mode(self._fault_detector.faults, spare=self._spare is not None)
+        faults = self._fault_detector.faults
+        return fallback_mode(faults, spare=self._spare is not None) if faults else FallbackMode.FULL
 
     @property
     def threshold_dbfs(self) -> float:
@@ -181,6 +182,10 @@ class FallbackDetector:
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
         """Cut a block where the fault detector measures, so that the mode changes at the same sample at any size."""
         if block.concealed:
+            yield block
+            return
+        if block.size < self._left:
+            self._left -= block.size
             yield block
             return
         start = 0

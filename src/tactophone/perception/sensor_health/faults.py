@@ -140,6 +140,11 @@ _STRONG_DB = 6.0
 class FaultDetector:
     """Finds faults of the microphones in a stream of sound; the same at any block size.
 
+    Attributes
+    ----------
+    faults
+        Present now. Read at every block, found at every eighth of a second.
+
     Examples
     --------
     >>> import numpy as np
@@ -155,6 +160,7 @@ class FaultDetector:
         self.sample_rate = sample_rate
         self._statistics = SignalStatistics(sample_rate)
         self._reference = reference or UNCALIBRATED
+        self.faults: tuple[SensorFault, ...] = ()
         self.reset()
 
     @property
@@ -162,21 +168,19 @@ class FaultDetector:
         """Samples between two measures."""
         return self._statistics.cell_size
 
-    @property
-    def faults(self) -> tuple[SensorFault, ...]:
-        """Faults present now; where one concerns both channels, those of single channels are left out."""
-        present = tuple(fault for fault in FAULTS if self._present[fault])
-        return tuple(fault for fault in present if fault.channel is None) or present
-
     def push(self, block: AudioBlock) -> None:
         """Take sound."""
         for statistics in self._statistics.push(block):
             for fault, sign in find_signs(statistics, self._reference).items():
                 self._update(fault, sign)
+            # Where one concerns both channels, those of single channels are left out.
+            present = tuple(fault for fault in FAULTS if self._present[fault])
+            self.faults = tuple(fault for fault in present if fault.channel is None) or present
 
     def reset(self) -> None:
         """Return to the initial state: no faults."""
         self._statistics.reset()
+        self.faults = ()
         self._present = dict.fromkeys(FAULTS, False)
         self._streak = dict.fromkeys(FAULTS, 0)
 

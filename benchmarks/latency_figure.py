@@ -1,0 +1,75 @@
+"""Draws docs/images/latency.svg from the table in docs/guide/latency.md: p50 to p99 of each row, by samples a period.
+
+Run ``python benchmarks/latency_figure.py`` after the table has changed.
+"""
+
+import re
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("svg")
+import matplotlib.pyplot as plt
+
+DOCS = Path(__file__).parent.parent / "docs"
+LOOKAHEAD = 2.5
+"""ms of Opus at low delay."""
+
+ROWS = {
+    (32, "Tactophone, PCM"): "32 samples, PCM",
+    (64, "Tactophone, PCM"): "64 samples, PCM",
+    (64, "Tactophone, Opus 2.5 ms"): "64 samples, Opus 2.5 ms",
+    (64, "JackTrip, queue 2"): "JackTrip, 64 samples, queue 2",
+    (64, "JackTrip, queue 4"): "JackTrip, 64 samples, queue 4, its default",
+    (128, "Tactophone, PCM"): "the same, PCM",
+    (128, "Tactophone, Opus 2.5 ms"): "impulse to first vibration, 128 samples, Opus 2.5 ms",
+    (128, "JackTrip, queue 2"): "JackTrip, 128 samples, queue 2",
+    (128, "JackTrip, queue 4"): "JackTrip, 128 samples, queue 4, its default",
+    (512, "Tactophone, PCM"): "512 samples, PCM of 128",
+    (512, "Tactophone, Opus 10 ms"): "512 samples as in the paper, Opus 10 ms",
+    (512, "JackTrip, queue 4"): "JackTrip, 512 samples, queue 4, its default",
+}
+"""Period and label of each bar, and the first cell of its row."""
+
+COLOURS = {"Tactophone, PCM": "#1b6ca8", "Tactophone, Opus": "#7fb3d8", "JackTrip": "#b0653a"}
+
+
+def main() -> None:
+    table = (DOCS / "guide" / "latency.md").read_text()
+    figure, axes = plt.subplots(figsize=(8, 5.2))
+    labels, place, before = [], 0.0, 0
+    for (period, name), cell in ROWS.items():
+        p50, p99 = measured(table, cell)
+        place += 1.0 if period == before else 1.6
+        before = period
+        colour = next(colour for start, colour in COLOURS.items() if name.startswith(start))
+        axes.barh(place, p99, color=colour, alpha=0.45, height=0.72)
+        axes.barh(place, p50, color=colour, height=0.72)
+        limit = 2 * period / 48 + LOOKAHEAD * ("Opus" in name)
+        axes.plot([limit, limit], [place - 0.48, place + 0.48], color="black", linewidth=1.6)
+        axes.text(max(p99, limit) * 1.06, place, f"{p50:.1f} / {p99:.1f}", va="center", fontsize=8)
+        labels.append((place, f"{period} samples: {name}"))
+    axes.set_yticks([place for place, _ in labels], [label for _, label in labels], fontsize=8)
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlim(0.3, 90)
+    axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50], ["0.5", "1", "2", "5", "10", "20", "50"])
+    axes.minorticks_off()
+    axes.set_xlabel("ms from impulse to vibration: p50 (dark) and p99 (pale); black line: two periods and look-ahead")
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.tight_layout()
+    # No date and fixed names, so that the file changes with the figures alone.
+    matplotlib.rcParams["svg.hashsalt"] = "latency"
+    figure.savefig(DOCS / "images" / "latency.svg", metadata={"Date": None})
+
+
+def measured(table: str, cell: str) -> tuple[float, float]:
+    """Return p50 and p99 in ms of the row that begins with a cell."""
+    found = re.search(rf"^\| {re.escape(cell)} \|.*?p50 ([\d.]+), p95 [\d.]+, p99 ([\d.]+) ms", table, re.MULTILINE)
+    if found is None:
+        raise SystemExit(f"docs/guide/latency.md has no figures for {cell!r}: paste what benchmarks/latency.py prints")
+    return float(found[1]), float(found[2])
+
+
+if __name__ == "__main__":
+    main()
