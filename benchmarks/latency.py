@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-import peers
 
+import peers
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer

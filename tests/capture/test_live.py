@@ -61,6 +61,21 @@ def test_sound_that_nobody_fetches_is_dropped_and_counted(source: LiveSource) ->
     assert after.start == 60 * 128 > waiting[-1].end
 
 
+def test_a_late_reader_gets_all_that_waits_at_once_up_to_a_gap(source: LiveSource) -> None:
+    for _ in range(60):
+        source.device.deliver(0.1, 128)
+    blocks = source.joined()
+    assert next(blocks).size == (60 - source.overflows) * 128
+    for value in (0.2, 0.3):
+        source.device.deliver(value, 128)
+    after = next(blocks)
+    assert (after.start, after.size) == (60 * 128, 256)
+    np.testing.assert_allclose(after.samples[[0, -1], 0], np.float32([0.2, 0.3]))
+    source.device.deliver(0.4, 8)
+    source.close()
+    assert [block.size for block in blocks] == []
+
+
 def test_a_silent_device_is_revived(source: LiveSource) -> None:
     blocks = iter(source)
     threading.Timer(0.3, lambda: source.device.deliver(0.1, 8)).start()

@@ -1,10 +1,11 @@
 import gc
 import os
+import sys
 import threading
 
 import pytest
 
-from tactophone.runtime.realtime_priority import freeze_garbage_collector, prioritize_thread
+from tactophone.runtime.realtime_priority import freeze_garbage_collector, prioritize_thread, share_interpreter
 
 
 def test_settling_hides_everything_from_the_collector() -> None:
@@ -34,3 +35,12 @@ def test_only_the_calling_thread_is_prioritized() -> None:
 
 def test_priority_zero_requests_nothing() -> None:
     assert prioritize_thread(0) == ""
+
+
+def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> None:
+    before = sys.getswitchinterval()
+    share_interpreter()
+    try:
+        assert sys.getswitchinterval() < 32 / 48_000 / 4
+    finally:
+        sys.setswitchinterval(before)

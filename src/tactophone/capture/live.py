@@ -89,6 +89,22 @@ class LiveSource:
             self._waiting -= block.size
             yield block
 
+    def joined(self) -> Iterator[AudioBlock]:
+        """Iterate, with all blocks that wait in one: a reader that was late is in step again at once."""
+        for first in self:
+            blocks = [first]
+            while not self._queue.empty():
+                following = self._queue.get()
+                if following is None:
+                    self._queue.put(None)  # the end, which the iteration is to see after this sound
+                    break
+                self._waiting -= following.size
+                if following.start != blocks[-1].end:
+                    yield _join(blocks)
+                    blocks = []
+                blocks.append(following)
+            yield _join(blocks)
+
     def _enqueue(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
         # The position advances for dropped sound too, so that ``start`` jumps by what was lost.
         start = self._position
@@ -102,3 +118,10 @@ class LiveSource:
                 samples[:, channel] = inputs[place]
         self._waiting += len(samples)
         self._queue.put(AudioBlock(samples, sample_rate=self._sample_rate, start=start))
+
+
+def _join(blocks: list[AudioBlock]) -> AudioBlock:
+    first = blocks[0]
+    if len(blocks) == 1:
+        return first
+    return AudioBlock(np.concatenate([block.samples for block in blocks]), first.sample_rate, first.start)

@@ -237,7 +237,7 @@ class Robot:
         if self._settings.capture.source == "file":
             self._await_operator()
         recorded = self._settings.capture.source == "file"
-        sound = iter(self._source) if isinstance(self._source, LiveSource) else paced(self._source, skip=recorded)
+        sound = self._source.joined() if isinstance(self._source, LiveSource) else paced(self._source, skip=recorded)
         for block in sound:
             if self.ended.is_set():
                 return
