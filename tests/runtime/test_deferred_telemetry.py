@@ -38,7 +38,7 @@ def test_nothing_is_written_before_a_batch_is_full_and_then_all_in_order(run: Ru
         deferred.publish(step(number), now=1.0)
     assert watcher.snapshot().step_end == 0
     assert deferred.due(1.0)
-    deferred.write(truth=2)
+    deferred.write(lambda finger: 2)
     found = watcher.snapshot()
     assert found.steps["sound_end"].tolist() == [120 * (number + 1) for number in range(BATCH)]
     assert set(found.steps["truth"].tolist()) == {2}
