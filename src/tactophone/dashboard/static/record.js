@@ -3,18 +3,25 @@
 import { put } from "./figures.js";
 
 export class Record {
-  #button = document.querySelector("#record");
+  #button = null;
   #line = document.querySelector("#recording");
 
   constructor(send) {
-    this.#button.addEventListener("click", () => send({ action: "record", value: this.#button.ariaPressed !== "true" }));
+    this.send = send;
   }
 
   /** `path`: the file, empty while there is none. A run that cannot be recorded reports nothing, and has no button. */
   show(path) {
-    this.#button.hidden = false;
+    this.#button ??= this.#make();
     this.#button.ariaPressed = Boolean(path);
     put(this.#button, path ? "Stop recording" : "Record");
     put(this.#line, path ? `Recording to ${path}` : "");
+  }
+
+  #make() {
+    const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", id: "record" });
+    button.addEventListener("click", () => this.send({ action: "record", value: button.ariaPressed !== "true" }));
+    this.#line.before(button);
+    return button;
   }
 }
