@@ -29,3 +29,15 @@ def test_a_flag_out_of_range_is_an_error(capsys: pytest.CaptureFixture[str]) -> 
         parse("--help")
     text = " ".join(capsys.readouterr().out.split())
     assert "scaled down as a whole, 0 to 1 of full drive (default: 0.5)" in text
+
+
+def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -> None:
+    path = tmp_path / "hand.toml"
+    path.write_text('[thumb]\n[index]\nprofile = "lra"\n')
+    parser = argparse.ArgumentParser()
+    flags.add_settings(parser, {})
+    flags.add_finger(parser)
+    settings = flags.settings_of(parser.parse_args(["--fingers", str(path), "--finger", "index"]))
+    assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == ("system:capture_3", "lra", ())
+    with pytest.raises(ConfigError, match="there are thumb, index"):
+        flags.settings_of(parser.parse_args(["--fingers", str(path)]))

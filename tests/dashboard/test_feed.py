@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tactophone.dashboard.feed import Feed, WatchedRun
-from tactophone.telemetry import State, Telemetry
-from tactophone.types import AudioBlock, PipelineStep, Prediction, Touch
+from tactophone.telemetry import FingerState, Request, State, Telemetry
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tests.dashboard.test_message import BUCKET, parse
 
 RATE = 48_000
@@ -71,3 +71,20 @@ def test_a_run_that_restarts_is_found_and_sent_from_its_beginning(monkeypatch: p
         header, tables = parse(feed.message())
     assert header["state"]["role"] == "second"
     assert len(tables["sound"]) == 1
+
+
+def test_a_page_shows_one_finger_and_what_all_of_them_do() -> None:
+    with Telemetry("test-feed", fingers=2) as telemetry:
+        fingers = (FingerState("thumb", profile="paper"), FingerState("index", profile="lra", armed=True))
+        telemetry.update(State(fingers=fingers), now=1e9)
+        prediction = Prediction((0, 0, 1), Touch.ROUGH, 1.0, -20.0, 0, 0)
+        block = AudioBlock(np.full((480, 2), 0.5, np.float32), RATE)
+        step = PipelineStep(block, (prediction,), (HapticCommand(0.25, 60.0, 0.0),), 1)
+        telemetry.publish(step, now=1e9)
+        run = WatchedRun("test-feed")
+        header, tables = parse(Feed(run, finger=1).message())
+        assert (header["state"]["profile"], header["state"]["armed"]) == ("lra", True)
+        assert header["hand"] == [[0, 0.0], [2, 0.25]]
+        assert len(tables["sound"]) == 1
+        run.ask(Request("mute", finger=1))
+        assert [request.finger for request in telemetry.requests()] == [1]

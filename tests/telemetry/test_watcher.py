@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.telemetry import MARKS, State, Telemetry, Watcher
+from tactophone.telemetry import MARKS, FingerState, State, Telemetry, Watcher
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 WRITER = """
@@ -98,3 +98,28 @@ def test_marks_are_kept_by_kind_newest_last(telemetry: Telemetry) -> None:
     assert (np.diff(sent["position"]) == 120).all()
     assert len(sent) > 4000
     assert Watcher(telemetry.name).marks("detected").tolist() == [(7, 1.0)]
+
+
+def test_each_finger_has_its_own_rows_and_requests() -> None:
+    name = f"test-{uuid.uuid4().hex[:8]}"
+    block = AudioBlock(np.zeros((5, 2), np.float32), sample_rate=48_000)
+    with Telemetry(name, fingers=3) as telemetry:
+        watcher = Watcher(name)
+        telemetry.publish(PipelineStep(block, (), (HapticCommand(0.5, 60, 0),), 2), now=time.monotonic())
+        telemetry.rendered(np.ones(7, np.float32), finger=1)
+        snapshots = [watcher.snapshot(finger=finger) for finger in range(3)]
+        assert watcher.fingers == 3
+        assert [(len(each.steps), len(each.sound), len(each.vibration)) for each in snapshots] == [
+            (0, 0, 0), (0, 0, 7), (1, 5, 0),
+        ]  # fmt: skip
+        watcher.ask("mute", finger=1)
+        watcher.ask("ceiling", 0.2)
+        watcher.ask("ceiling", 0.3, finger=2)
+        found = {(request.action, request.value, request.finger) for request in telemetry.requests()}
+        assert found == {("mute", 0.0, 1), ("ceiling", 0.2, -1), ("ceiling", 0.3, 2)}
+
+
+def test_the_state_of_a_hand_names_its_fingers() -> None:
+    fingers = (FingerState("thumb", armed=True, ceiling=0.5), FingerState("index", ceiling=0.1))
+    state = State.parse(bytes(State(armed=True, fingers=fingers)))
+    assert (state.of_finger(1).ceiling, state.of_finger(1).armed, state.of_finger(0).armed) == (0.1, False, True)

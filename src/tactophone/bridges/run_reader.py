@@ -216,10 +216,13 @@ def _difference(name: str, value: float, short: str, end: float) -> dict[str, fl
 
 
 def _finite(entries: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in entries.items()
-    }
+    return {name: _finite_value(value) for name, value in entries.items()}
+
+
+def _finite_value(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_finite(each) if isinstance(each, dict) else each for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _changes(before: State, after: State) -> Iterator[str]:

@@ -6,13 +6,15 @@ sends the sound, a simulated network loses some of it, another process predicts 
 
 import argparse
 import math
-from dataclasses import asdict
+from contextlib import ExitStack
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone import config
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
-from tactophone.config import Settings
+from tactophone.config import Finger, Settings
+from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.capture import FileSource
@@ -56,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run both sides over the recording; write picture and sound, print scores."""
+    """Run both sides over the recording, or one for each finger; write picture and sound, print scores."""
     from tactophone.capture import FileSource
     from tactophone.cli.loopback import both_sides
     from tactophone.dataset import ground_truth
@@ -65,6 +67,8 @@ def run(args: argparse.Namespace) -> int:
 
     args.out.mkdir(parents=True, exist_ok=True)
     settings = flags.settings_of(args)
+    if settings.fingers:
+        return _run_hand(args, settings)
     source = FileSource(args.recording or _demonstration(args.out, args.seed, settings.capture.tip))
     terminal.log().print(f"sending {source.duration:.0f} s of sound over {args.network}, in real time", style="dim")
     settings = _over(settings, source.path)
@@ -81,6 +85,75 @@ def run(args: argparse.Namespace) -> int:
     files = _write(args, source, recorder, truth)
     _print(args, outcome, score_run(read_timeline(files["timeline"]), truth), files)
     return 0
+
+
+def _run_hand(args: argparse.Namespace, settings: Settings) -> int:
+    """Let every finger of a hand stroke the stones."""
+    from tactophone.capture import FileSource
+    from tactophone.cli.loopback import both_sides
+    from tactophone.dataset import ground_truth
+    from tactophone.hand_file import each_finger
+    from tactophone.offline import RunRecorder, score_run
+    from tactophone.telemetry import read_timeline
+
+    names = [finger.name for finger in settings.fingers]
+    if not all(own.capture.device for own in each_finger(settings)):
+        if args.recording:
+            raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
+        settings = _demonstrated(args, settings, names)
+    sources = [FileSource(own.capture.device) for own in each_finger(settings)]
+    duration = max(source.duration for source in sources)
+    terminal.log().print(f"sending {len(names)} fingers over {args.network}, {duration:.0f} s", style="dim")
+    settings = _over(settings, Path())
+    name = settings.process.name
+    with (
+        both_sides(settings, args.network, name=name, seed=args.seed) as sides,
+        record_option.recorded(args, name),
+        dashboard_options.shown(args, name),
+        log_option.logged(_timeline(args), name),
+        ExitStack() as stack,
+    ):
+        recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(names))]
+        outcome = console.follow(sides, name, duration=duration + PATIENCE)
+    scores, files = {}, {}
+    for finger, source, recorder in zip(names, sources, recorders, strict=True):
+        truth = ground_truth(source.path, duration=source.duration)
+        files[finger] = _write(args, source, recorder, truth, finger=finger)
+        scores[finger] = score_run(read_timeline(_timeline(args), finger=finger), truth)
+    _print_hand(args, outcome, scores, files)
+    return 0
+
+
+def _demonstrated(args: argparse.Namespace, settings: Settings, names: list[str]) -> Settings:
+    """Render the demonstration of each finger, and make it the finger's source."""
+    from tactophone.simulation import demonstrate_hand
+
+    paths = demonstrate_hand(args.out, names, seed=args.seed, tip=settings.capture.tip)
+    fingers = zip(settings.fingers, paths, strict=True)
+    return replace(
+        settings,
+        fingers=tuple(
+            Finger(finger.name, (*finger.settings, ("capture.device", str(path)))) for finger, path in fingers
+        ),
+    )
+
+
+def _print_hand(
+    args: argparse.Namespace,
+    outcome: console.Outcome,
+    scores: "dict[str, RunScores]",
+    files: dict[str, dict[str, Path]],
+) -> None:
+    if args.json:
+        paths = {finger: {kind: str(path) for kind, path in own.items()} for finger, own in files.items()}
+        terminal.print_json({finger: {**paths[finger], **asdict(own)} for finger, own in scores.items()})
+        return
+    for finger, own in scores.items():
+        print(f"{finger + ':':14}{own.smooth_right:.0%} of predictions on the smooth stone are smooth, "
+              f"{own.rough_right:.0%} on the rough stone rough, {own.false_bumps} false bumps")  # fmt: skip
+    print("\npackets, and median latency by stage:")
+    run_summary.print_outcome(args, outcome)
+    print(f"\npictures and sound: {args.out}, timeline: {_timeline(args)}")
 
 
 def _timeline(args: argparse.Namespace) -> Path:
@@ -100,17 +173,23 @@ def _over(settings: Settings, sound: Path) -> Settings:
 
 
 def _write(
-    args: argparse.Namespace, source: "FileSource", recorder: "RunRecorder", truth: "tuple[Segment, ...]"
+    args: argparse.Namespace,
+    source: "FileSource",
+    recorder: "RunRecorder",
+    truth: "tuple[Segment, ...]",
+    *,
+    finger: str = "",
 ) -> dict[str, Path]:
     import soundfile
 
     from tactophone.offline import PeakEnvelope, draw_recording
     from tactophone.types import LIVE_SAMPLE_RATE
 
+    ending = f"-{finger}" if finger else ""
     files = {
-        "picture": args.out / "demo.png",
+        "picture": args.out / f"demo{ending}.png",
         "microphones": source.path,
-        "vibration": args.out / "vibration.wav",
+        "vibration": args.out / f"vibration{ending}.wav",
         "timeline": _timeline(args),
     }
     vibration = recorder.vibration(sample_rate=LIVE_SAMPLE_RATE)
@@ -127,7 +206,8 @@ def _write(
         timeline=files["timeline"],
         microphones=microphone_peaks,
         vibration=vibration_peaks,
-        title=f"{subject}: encrypted, over {args.network}",
+        finger=finger,
+        title=f"{finger or subject}: encrypted, over {args.network}",
         truth=truth,
     )
     return files

@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print a list that a program can read")
     measure_actuator.add_arguments(parser)
     flags.add_settings(parser, measure_actuator.FLAGS)
+    flags.add_finger(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -2,6 +2,7 @@
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,20 +28,33 @@ class WatchedRun:
         self._alive = False
         self._searched = -SEARCH_INTERVAL
 
-    def snapshot(self, since: Snapshot | None = None) -> Snapshot | None:
-        """Read the run; ``None`` while there is none."""
+    def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot | None:
+        """Read a finger of the run; ``None`` while there is none. Without such a finger, it is the first."""
         if not self._alive:
             self._search(time.monotonic())
         if self._watcher is None:
             return None
-        snapshot = self._watcher.snapshot(since)
+        finger = finger if finger < self._watcher.fingers else 0
+        snapshot = self._watcher.snapshot(since, finger=finger)
+        snapshot = replace(snapshot, state=snapshot.state.of_finger(finger))
         self._alive = snapshot.alive
         return snapshot
+
+    def hand(self) -> list[tuple[int, float]]:
+        """Return touch and amplitude of each finger now; empty where there is only one."""
+        watcher = self._watcher
+        if watcher is None or watcher.fingers == 1:
+            return []
+        steps = [watcher.newest_step(finger=finger) for finger in range(watcher.fingers)]
+        return [
+            (int(step["touch"][0]), float(step["amplitude"][0])) if step is not None else (0, 0.0) for step in steps
+        ]
 
     def ask(self, request: Request) -> None:
         """Send a request to the run, if there is a run."""
         if self._watcher is not None:
-            self._watcher.ask(request.action, request.value, text=request.text)
+            finger = request.finger if request.finger < self._watcher.fingers else -1
+            self._watcher.ask(request.action, request.value, text=request.text, finger=finger)
 
     def _search(self, now: float) -> None:
         if now - self._searched < SEARCH_INTERVAL:
@@ -53,8 +67,8 @@ class WatchedRun:
 class Feed:
     """Makes a viewer's messages; each continues where the last one ended, however long ago that was."""
 
-    def __init__(self, run: WatchedRun) -> None:
-        self._run = run
+    def __init__(self, run: WatchedRun, *, finger: int = 0) -> None:
+        self._run, self._finger = run, finger
         self._reset()
 
     def _reset(self) -> None:
@@ -65,7 +79,7 @@ class Feed:
 
     def message(self) -> bytes:
         """Return a message with all that is new since the last one."""
-        snapshot = self._run.snapshot(self._last)
+        snapshot = self._run.snapshot(self._last, finger=self._finger)
         if snapshot is None:
             return pack({"alive": False, "waiting_for": self._run.name}, {})
         if self._last is not None and snapshot.step_end < self._last.step_end:
@@ -75,7 +89,8 @@ class Feed:
         self._state_sent = now if full else self._state_sent
         origin, tables = self._origin(snapshot), self._tables(snapshot)
         self._last = snapshot
-        return pack({**header(snapshot, full=full), "origin": origin}, tables)
+        hand = self._run.hand()
+        return pack({**header(snapshot, full=full), "origin": origin, **({"hand": hand} if hand else {})}, tables)
 
     def _tables(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
         first = snapshot.vibration_end - len(snapshot.vibration)

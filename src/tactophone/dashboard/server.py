@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from dataclasses import replace
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
@@ -131,8 +132,9 @@ async def _live(request: web.Request) -> web.StreamResponse:
         if recorder is not None:
             await view.send_str(json.dumps(recorder.status))
         async with asyncio.TaskGroup() as tasks:
-            sending = tasks.create_task(_send(view, Feed(run), credit))
-            await _receive(view, run, recorder, credit, local=is_local(request))
+            finger = finger_of(request)
+            sending = tasks.create_task(_send(view, Feed(run, finger=finger), credit))
+            await _receive(view, run, recorder, credit, local=is_local(request), finger=finger)
             sending.cancel()
     finally:
         views.discard(view)
@@ -147,6 +149,12 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
             await asyncio.sleep(PERIOD)
 
 
+def finger_of(request: web.Request) -> int:
+    """Return which finger of a hand a page shows and controls, counted from 0."""
+    text = request.query.get("finger", "")
+    return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
+
+
 def is_local(request: web.Request) -> bool:
     """Return whether a page is open on this machine: both ends of its connection then have the same address."""
     if request.transport is None:
@@ -156,8 +164,9 @@ def is_local(request: web.Request) -> bool:
 
 
 async def _receive(
-    view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool
-) -> None:
+    view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool,
+    finger: int,
+) -> None:  # fmt: skip
     gate, snapshot = FloodGate(FLOOD_RATE), None
     async for message in view:
         if gate.overflows():
@@ -168,12 +177,14 @@ async def _receive(
         if message.data == "ok":
             credit.release()
             continue
-        snapshot = run.snapshot(snapshot)  # only what is new: a flood of requests must stay cheap
+        snapshot = run.snapshot(snapshot, finger=finger)  # only what is new: a flood of requests must stay cheap
         request = parse_request(message.data, snapshot.state if snapshot else State(), local=local)
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
         elif isinstance(request, RecordRequest):
             if recorder is not None:
                 recorder.ask(request.begin)
+        elif request.action == "stop" or snapshot is None or not snapshot.state.fingers:
+            run.ask(request)  # an emergency stop is for all fingers
         else:
-            run.ask(request)
+            run.ask(replace(request, finger=finger))

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.config import Settings
+from tactophone.config import Finger, Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulse_latency import ImpulseLatency, ImpulsePlayer, analyse
@@ -75,10 +75,16 @@ def measure(
     with running_sides(settings, graph) as sides:
         player = ImpulsePlayer(impulses, seed=seed)
         robot = sides.robot.name
-        outputs = {"contact": f"{robot}:contact", "air": f"{robot}:air"}
+        ports = [f"{finger.name}-{microphone}" for finger in settings.fingers for microphone in ("contact", "air")] or [
+            "contact",
+            "air",
+        ]
+        outputs = {port: f"{robot}:{port}" for port in ports}
         if graph.external:
             outputs = {"impulse": graph.impulse_port}
-        inputs = {"vibration": vibration_port(graph, sides)}
+        # Of a hand, the last finger: its step is computed after those of all others.
+        last = settings.fingers[-1].name if settings.fingers else "vibration"
+        inputs = {"vibration": graph.vibration_port or f"{sides.operator.name}:{last}"}
         client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
         client.open()
         try:
@@ -114,6 +120,11 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
     capture, output, process = settings.capture, settings.output, settings.process
     if not graph.external:
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
+        free = dict.fromkeys(("capture.contact", "capture.air", "output.port"), "-")
+        settings = replace(
+            settings,
+            fingers=tuple(Finger(each.name, tuple((dict(each.settings) | free).items())) for each in settings.fingers),
+        )
     settings = replace(
         settings,
         detector=replace(settings.detector, check_microphones=False),

@@ -24,6 +24,7 @@ def draw_recording(
     vibration: PeakEnvelope,
     title: str = "",
     truth: Sequence[Segment] = (),
+    finger: str = "",
 ) -> None:
     """Draw a run and write it as PNG.
 
@@ -39,6 +40,8 @@ def draw_recording(
         Of the figure.
     truth
         Labelled segments; drawn as a strip if there are any.
+    finger
+        Of a hand: whose lines of the timeline are drawn.
 
     Raises
     ------
@@ -46,7 +49,7 @@ def draw_recording(
         If matplotlib is not installed.
     """
     pyplot = load_pyplot()
-    lines = read_timeline(timeline)
+    lines = read_timeline(timeline, finger=finger)
     _, low, _ = microphones.columns()
     channels = low.shape[1]
     heights = [1.0] * channels + [1.0, 1.0, 0.16] + ([0.16] if truth else [])

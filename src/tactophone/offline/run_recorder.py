@@ -18,10 +18,13 @@ class RunRecorder(RunFollower):
     ----------
     name
         Of a run that exists already.
+    finger
+        Of a hand: whose vibration is recorded.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, finger: int = 0) -> None:
         super().__init__(name)
+        self._finger = finger
         self._last: Snapshot | None = None
         self._steps: list[NDArray[np.void]] = []
         self._vibration: list[FloatArray] = []
@@ -39,6 +42,6 @@ class RunRecorder(RunFollower):
     def read(self) -> None:
         """Add what is new since the last read."""
         with contextlib.suppress(OSError):  # the run has ended and removed its shared memory
-            self._last = self.watcher.snapshot(self._last)
+            self._last = self.watcher.snapshot(self._last, finger=self._finger)
             self._steps.append(self._last.steps)
             self._vibration.append(self._last.vibration)

@@ -8,7 +8,7 @@ from tactophone.simulation.content.competition import (
     write_finals,
     write_run,
 )
-from tactophone.simulation.content.demonstration import demonstration, write_demonstration
+from tactophone.simulation.content.demonstration import demonstrate_hand, demonstration, write_demonstration
 from tactophone.simulation.content.generate import (
     RenderOptions,
     plan_dataset,
@@ -46,7 +46,7 @@ __all__ = [
     "Finger", "Move", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
     "SimulatedFinger", "SimulatedHand", "SimulatedObject", "SimulatedParticipant", "SoundToVibration",
     "StrokingFinger", "StrokingHand",
-    "Take", "Tip", "Truth", "catalogue", "demonstration", "find", "five_stones", "measured_objects",
+    "Take", "Tip", "Truth", "catalogue", "demonstrate_hand", "demonstration", "find", "five_stones", "measured_objects",
     "perceive_visits", "plan_dataset",
     "play_rounds", "read_render_metadata", "render_dataset", "render_visits", "row", "run_recording",
     "shuffled", "single", "summarize_rounds", "take_moves", "write_demonstration", "write_finals",

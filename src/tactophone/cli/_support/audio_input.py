@@ -21,6 +21,7 @@ SETTLING = 0.5
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare where the sound comes from."""
     flags.add_settings(parser, FLAGS)
+    flags.add_finger(parser)
     group = parser.add_argument_group("with --source finger (in virtual time: minutes take seconds)")
     group.add_argument(
         "--finger-gain", type=float, default=0.0, metavar="DB",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tactophone import config
 from tactophone.config import Settings
-from tactophone.hand_file import with_fingers
+from tactophone.hand_file import finger_named, with_fingers
 
 
 def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
@@ -51,6 +51,14 @@ def add_fingers(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_finger(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--fingers`` and ``--finger``, for verbs that work with one finger of a hand."""
+    add_fingers(parser)
+    parser.add_argument(
+        "--finger", dest="of_hand", metavar="NAME", help="the finger of --fingers to use, such as index"
+    )
+
+
 def settings_of(args: argparse.Namespace) -> Settings:
     """Return the settings in force: defaults < ``--config`` < flags < ``--set``; ``--fingers`` adds to each finger."""
     settings = Settings()
@@ -63,5 +71,6 @@ def settings_of(args: argparse.Namespace) -> Settings:
         elif "." in name and value is not None:
             settings = config.change(settings, [f"{name}={value}"])
     settings = config.change(settings, args.set)
-    fingers = getattr(args, "fingers", None)
-    return with_fingers(settings, fingers) if fingers else settings
+    fingers, chosen = getattr(args, "fingers", None), getattr(args, "of_hand", None)
+    settings = with_fingers(settings, fingers) if fingers else settings
+    return finger_named(settings, chosen or "") if chosen or (fingers and hasattr(args, "of_hand")) else settings

@@ -22,6 +22,8 @@ const [, NONE, SMOOTH, ROUGH, ROUGHNESS, LEVEL, AMPLITUDE, FREQUENCY, TOUCH, TRU
 const EVENTS = ["", "contact", "tap", "knock in the air", "stroke", "slip", "lift-off"];
 const CONTACT_BEGAN = 1; // reported before it is known what it was: drawn, but not named
 
+const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
+
 const $ = (id) => document.getElementById(id);
 const steps = new Track(10, 2200);
 const sound = new Track(7, 600);
@@ -142,7 +144,31 @@ function onMessage({ header, tables }) {
   events.append(tables.events, now);
   appendScope(tables.scope);
   if (header.state) showState(header);
+  if (state?.fingers?.length) showHand(state.fingers, header.hand ?? []);
   showLife(alive ? "live" : header.age < 3600 ? `no heartbeat for ${formatNumber(header.age)} s` : "ended");
+}
+
+// The fingers of a hand: what each does now, and a link to its page.
+function showHand(fingers, hand) {
+  const place = $("hand");
+  place.hidden = !fingers.length;
+  while (place.children.length < fingers.length) {
+    const link = document.createElement("a");
+    link.href = `?finger=${place.children.length}`;
+    link.append(document.createElement("i"), document.createElement("b"), document.createElement("small"));
+    place.append(link);
+  }
+  fingers.forEach((finger, k) => {
+    const link = place.children[k];
+    const [bar, name, touch] = link.children;
+    const [kind, amplitude] = hand[k] ?? [0, 0];
+    link.dataset.touch = kind;
+    link.dataset.armed = finger.armed || state.role !== "operator";
+    if (k === FINGER) link.setAttribute("aria-current", "true");
+    bar.style.setProperty("--amplitude", amplitude);
+    put(name, finger.name);
+    put(touch, link.dataset.armed === "true" ? TOUCHES[kind] : "muted");
+  });
 }
 
 function appendScope({ rows, numbers }) {
@@ -208,7 +234,7 @@ function frame(time) {
   showNow();
 }
 
-const feed = new Feed("live", {
+const feed = new Feed(FINGER ? `live?finger=${FINGER}` : "live", {
   onMessage,
   onAnswer: (answer) => {
     if ("recording" in answer) record.show(answer.recording);

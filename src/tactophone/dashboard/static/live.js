@@ -59,7 +59,7 @@ export class Feed {
     this.#socket.addEventListener("close", ({ code, reason }) => {
       if (this.#closed) return;
       this.onLost(code === TAKEN ? "opened in another window" : reason || "disconnected");
-      if (code !== OTHER_VERSION) setTimeout(() => this.#connect("?again"), RETRY);
+      if (code !== OTHER_VERSION) setTimeout(() => this.#connect(this.#path.includes("?") ? "&again" : "?again"), RETRY);
     });
   }
 

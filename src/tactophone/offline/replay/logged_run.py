@@ -12,6 +12,7 @@ from tactophone import config
 from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
+from tactophone.errors import DatasetError
 from tactophone.haptics import PASSTHROUGH, GateProfile, open_profile
 from tactophone.link import Address, LoggedSession, ReceiveEvent, ReceiveSession, Session
 from tactophone.perception import model_path
@@ -92,6 +93,11 @@ class LoggedEndpoint:
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        if self.run.fingers:
+            raise DatasetError(
+                f"a log of a hand of {len(self.run.fingers)} fingers, but replay computes runs of one finger only; "
+                "its packets, settings and events are in the file"
+            )
         logged = settings_of(self.run)
         self.settings = self.change(logged)
         self._fixed_profile = self.settings.rendering.profile != logged.rendering.profile

@@ -1,0 +1,125 @@
+"""How the cost grows with fingers: processor time, latency, memory and bitrate of 1, 2, 5 and 10, and equal decisions.
+
+    python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm,...] [--impulses 60] [--seconds 10]
+
+Both ends run on this machine at a JACK server without a sound card. Processor time is that of both processes together,
+in percent of one core, the median of one-second stretches; latency is from an impulse at all microphones to the
+vibration of the last finger. `ROWS` holds further settings: add to it what is to be measured by fingers.
+"""
+
+import argparse
+import os
+import statistics
+import time
+
+if __name__ == "__main__":  # not in the ends' processes, whose memory is measured
+    import numpy as np
+    import psutil
+
+    from tactophone import config
+    from tactophone.config import Settings
+    from tactophone.devices import DummyServer
+    from tactophone.hand_file import with_fingers
+    from tactophone.measurement import Graph, ImpulseLatency, measure, running_sides
+    from tactophone.pipeline import Hand, open_pipeline
+    from tactophone.telemetry import Watcher
+    from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
+
+GOALS = {
+    1: ("25 %", "5.3 / 8", "110 MB", "0.1-0.6"),
+    2: ("", "", "", ""),
+    5: ("50 %", "5.8 / 9", "130 MB", "x 5"),
+    10: ("80 %", "6.5 / 11", "150 MB", "x 10"),
+}
+"""Of processor time, latency p50 / p99 in ms, the operator's memory, and Mbit/s."""
+
+OPUS = ("link.codec=opus", "link.packet_duration=0.0025")
+
+ROWS: dict[str, tuple[int, tuple[str, ...]]] = {"128-opus": (128, OPUS)}
+"""Name, period in samples, and settings."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fingers", default="1,2,5,10", help="numbers of fingers (default: 1,2,5,10)")
+    parser.add_argument("--rows", default="128-opus", help=f"of {', '.join(ROWS)}")
+    parser.add_argument("--impulses", type=int, default=60)
+    parser.add_argument("--seconds", type=int, default=10, help="of processor time")
+    args = parser.parse_args()
+    print("| fingers | settings | processor time, both ends | goal | p50 / p99 | goal | missed | operator | goal "
+          "| Mbit/s | goal | decisions |")  # fmt: skip
+    print("|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
+    for name in args.rows.split(","):
+        for fingers in map(int, args.fingers.split(",")):
+            print(row(name, fingers, impulses=args.impulses, seconds=args.seconds), flush=True)
+
+
+def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
+    period, changes = ROWS[name]
+    settings = settings_of(fingers, changes)
+    with DummyServer(period) as server:
+        robot, operator, memory, bitrate = running_cost(settings, server.name, seconds)
+        measured = measure(settings, Graph(server.name), impulses=impulses)
+    goals = GOALS.get(fingers, ("",) * 4)
+    cells = [
+        str(fingers), name, f"{robot + operator:.1f} % (robot {robot:.1f}, operator {operator:.1f})", goals[0],
+        latency(measured), goals[1], str(measured.missed), f"{memory:.0f} MB", goals[2], f"{bitrate:.2f}", goals[3],
+        "equal" if decisions_equal(fingers) else "DIFFERENT",
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":
+    settings = config.change(Settings(), [f"process.name=scale-{os.getpid()}", *changes])
+    return with_fingers(settings, str(fingers)) if fingers > 1 else settings
+
+
+def running_cost(settings: "Settings", server: str, seconds: int) -> tuple[float, float, float, float]:
+    """Return the percent of a core of each end, the operator's memory in MB, and Mbit/s on the wire."""
+    with running_sides(settings, Graph(server)) as sides:
+        processes = [psutil.Process(side.pid) for side in (sides.robot, sides.operator)]
+        time.sleep(2)
+        shares: list[list[float]] = [[], []]
+        for _ in range(seconds):
+            before, begun = [sum(process.cpu_times()[:2]) for process in processes], time.monotonic()
+            time.sleep(1)
+            for share, process, earlier in zip(shares, processes, before, strict=True):
+                share.append(100 * (sum(process.cpu_times()[:2]) - earlier) / (time.monotonic() - begun))
+        bitrate = Watcher(sides.operator.name).totals()[1]["bitrate_bps"]
+        memory = processes[1].memory_info().rss
+    robot, operator = map(statistics.median, shares)
+    return robot, operator, memory / 1e6, bitrate / 1e6
+
+
+def latency(measured: "ImpulseLatency") -> str:
+    if not len(measured.end_to_end):
+        return "no vibration"
+    p50, p99 = 1000 * np.percentile(measured.end_to_end, (50, 99))
+    return f"{p50:.2f} / {p99:.2f} ms"
+
+
+def decisions_equal(fingers: int, *, size: int = 120, duration: float = 1.0) -> bool:
+    """Compare each finger's predictions and commands in a hand with those of its pipeline alone."""
+    random = np.random.default_rng(0)
+    strength = 0.1 * (1 + np.sin(np.arange(round(duration * LIVE_SAMPLE_RATE)) / 9000))[:, None]
+    noise = random.standard_normal((len(strength), 2 * fingers))
+    samples = (strength * noise).astype(np.float32)
+    hand = Hand([open_pipeline(sample_rate=LIVE_SAMPLE_RATE, channels=2) for _ in range(fingers)])
+    together: list[list[object]] = [[] for _ in range(fingers)]
+    for start in range(0, len(samples), size):
+        for step in hand.push(AudioBlock(samples[start : start + size], LIVE_SAMPLE_RATE, start)):
+            together[step.finger] += [*step.predictions, *step.commands]
+    for finger, found in enumerate(together):
+        pipeline = open_pipeline(sample_rate=LIVE_SAMPLE_RATE, channels=2)
+        own = np.ascontiguousarray(samples[:, 2 * finger : 2 * finger + 2])
+        alone: list[object] = []
+        for start in range(0, len(own), size):
+            step = pipeline.push(AudioBlock(own[start : start + size], LIVE_SAMPLE_RATE, start))
+            alone += [*step.predictions, *step.commands]
+        if alone != found or not alone:
+            return False
+    return True
+
+
+if __name__ == "__main__":
+    main()
