@@ -55,7 +55,7 @@ def main() -> None:
     axes.set_xlim(0.3, 90)
     axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50], ["0.5", "1", "2", "5", "10", "20", "50"])
     axes.minorticks_off()
-    axes.set_xlabel("ms from impulse to vibration: p50 (dark) and p99 (pale); black line: two periods and look-ahead")
+    axes.set_xlabel("ms: p50 (dark), p99 (pale); black line: two periods and look-ahead", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     # No date and fixed names, so that the file changes with the figures alone.
