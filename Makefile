@@ -23,7 +23,7 @@ $(READY): pyproject.toml constraints.txt scripts/system-packages
 	$(BIN)/python -m pip install --quiet torch==2.13.0  # not in constraints.txt: its build, and so its hash, differs by machine
 	$(BIN)/python -m pip install --quiet --require-hashes --requirement constraints.txt
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
-	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --prefix tests/node  # axe-core, Foxglove's client
+	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --fetch-retries 0 --fetch-timeout 20000 --prefix tests/node  # axe-core, Foxglove's client
 	touch $@
 
 lint: $(READY)

@@ -12,8 +12,8 @@ import pytest
 from tactophone.devices import DummyServer
 
 # The same examples in every run, as a change must not fail for what it did not touch; `make fuzz` looks for new ones.
-hypothesis.settings.register_profile("fixed", derandomize=True)
-hypothesis.settings.register_profile("random", max_examples=1000)
+hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
+hypothesis.settings.register_profile("random", max_examples=1000, deadline=None)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
