@@ -85,14 +85,14 @@ class Relay:
 
 def test_a_robot_behind_a_changing_nat_is_felt_throughout(tmp_path: Path) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
-    with Relay(system.operator_settings.link.port) as passthrough_renderer:
-        link = dataclasses.replace(system.robot_settings.link, port=passthrough_renderer.port)
+    with Relay(system.operator_settings.link.port) as relay:
+        link = dataclasses.replace(system.robot_settings.link, port=relay.port)
         system.robot_settings = dataclasses.replace(system.robot_settings, link=link)
         with system.both():
             assert eventually(lambda: system.amplitude() > 0.3)
             for change in range(1, 4):
                 before = system.snapshot().counters
-                passthrough_renderer.rebind()
+                relay.rebind()
                 # The sound comes from the new address at once; a second later the robot, hearing nothing, calls anew.
                 assert eventually(lambda before=before: _grown(system, before, "packets_received") > 20)  # type: ignore[misc]
                 assert eventually(lambda change=change: system.snapshot().counters["handshakes"] == 1 + change)  # type: ignore[misc]
