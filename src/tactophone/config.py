@@ -232,21 +232,41 @@ def read(path: Path, settings: Settings | None = None) -> Settings:
     ConfigError
         When the file cannot be read, or holds an unknown setting or a value out of range.
     """
-    try:
-        tables = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: {error.strerror}; `tactophone settings > {path}` writes one to begin with"
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not TOML: {error}") from None
     settings = settings or Settings()
+    tables = read_tables(
+        path,
+        missing=f"`tactophone settings > {path}` writes one to begin with",
+        outside=f"write it under one of {_sections()}",
+    )
     for section, table in tables.items():
-        if not isinstance(table, Mapping):
-            raise ConfigError(f"{path}: {section} stands outside a table; write it under one of {_sections()}")
         for name, value in table.items():
             settings = replace(settings, f"{section}.{name}", value, where=str(path))
     return settings
+
+
+def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[str, Any]]:
+    """Read a TOML file that holds tables alone.
+
+    Parameters
+    ----------
+    missing, outside
+        What to do about a file that cannot be read, and about an entry outside a table: the end of the error message.
+
+    Raises
+    ------
+    ConfigError
+        In either case, or if the file is no TOML.
+    """
+    try:
+        tables = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}; {missing}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not TOML: {error}") from None
+    for name, table in tables.items():
+        if not isinstance(table, Mapping):
+            raise ConfigError(f"{path}: {name} stands outside a table; {outside}")
+    return tables
 
 
 def change(settings: Settings, assignments: Iterable[str]) -> Settings:

@@ -14,7 +14,6 @@ to all fingers.
 """
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,9 +22,7 @@ from typing import Any
 from tactophone import config
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError, did_you_mean
-
-MOST_FINGERS = 10
-"""Fingers of one hand, or of a pair of them: as many as the link's payload types provide for (`tactophone.link`)."""
+from tactophone.types import MOST_FINGERS
 
 OWN_SETTINGS: Mapping[str, str] = {
     "contact": "capture.contact",
@@ -58,17 +55,11 @@ def with_fingers(settings: Settings, text: str) -> Settings:
     if text.lstrip("+-").isdecimal():
         return replace(settings, fingers=_checked(default_names(int(text)), settings, where="--fingers"))
     path = Path(text).expanduser()
-    try:
-        tables = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise ConfigError(
-            f"--fingers {path}: {error.strerror}; give a number of fingers, or a TOML file with one table each"
-        ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not TOML: {error}") from None
-    for name, table in tables.items():
-        if not isinstance(table, Mapping):
-            raise ConfigError(f"{path}: {name} stands outside a table; write it under a finger's name, as in [index]")
+    tables = config.read_tables(
+        path,
+        missing="give --fingers a number of fingers, or a TOML file with one table each",
+        outside="write it under a finger's name, as in [index]",
+    )
     return replace(settings, fingers=_checked(tables, settings, where=str(path)))
 
 
@@ -102,6 +93,16 @@ def of_finger(settings: Settings, index: int) -> Settings:
 def each_finger(settings: Settings) -> list[Settings]:
     """Return the settings of every finger, in order; of one where there is no hand."""
     return [of_finger(settings, index) for index in range(max(1, len(settings.fingers)))]
+
+
+def names_of(settings: Settings) -> list[str]:
+    """Return the name of every finger, in order; one empty name where there is no hand."""
+    return [finger.name for finger in settings.fingers] or [""]
+
+
+def channels_of(settings: Settings, *, alone: int) -> list[int]:
+    """Return the channels of every finger's sound: 2, or 1 without an air microphone; ``alone`` where is no hand."""
+    return [2 if own.capture.air else 1 for own in each_finger(settings)] if settings.fingers else [alone]
 
 
 def finger_named(settings: Settings, name: str) -> Settings:

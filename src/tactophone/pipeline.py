@@ -157,10 +157,6 @@ class Hand:
         """Number of fingers."""
         return len(self.pipelines)
 
-    def fits(self, channels: int) -> bool:
-        """Whether sound of so many channels is that of as many fingers."""
-        return channels == 2 * self.fingers or (self.fingers == 1 and channels == 1)
-
     def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
         """Process a block of sound of all fingers; each step is computed when the iterator comes to it."""
         for finger, (part, pipeline) in enumerate(zip(self.split(block), self.pipelines, strict=True)):

@@ -102,6 +102,9 @@ class AudioBlock:
         return self.start + self.size
 
 
+MOST_FINGERS = 10
+"""Fingers of one hand, or of a pair of them: the link has a payload type for each number."""
+
 EVENT_KINDS = ("contact", "tap", "knock", "stroke", "slip", "lift-off")
 """Kinds of touch events; telemetry counts them from 1."""
 

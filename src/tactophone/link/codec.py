@@ -26,9 +26,9 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from tactophone.errors import ConfigError, PacketError
-from tactophone.link.packet import CLOCK_RATE, MOST_FINGERS, PAYLOAD_SPACE, SOUND_FORMATS, PayloadType
+from tactophone.link.packet import CLOCK_RATE, PAYLOAD_SPACE, SOUND_FORMATS, PayloadType
 from tactophone.link.pcm import PcmDecoder, PcmEncoder, most_pcm_samples
-from tactophone.types import FloatArray
+from tactophone.types import MOST_FINGERS, FloatArray
 
 OPUS_SIZES = (120, 240, 480, 960)
 """Packet sizes of Opus at low delay, in samples at 48 kHz: 2.5, 5, 10 and 20 ms."""

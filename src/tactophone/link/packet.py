@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from tactophone.errors import PacketError
 from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
+from tactophone.types import MOST_FINGERS
 
 CLOCK_RATE = 48_000
 """Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus, and all payloads use it."""
@@ -67,9 +68,6 @@ class PayloadType(enum.IntEnum):
     MULTIOPUS_HAND_10 = 120
     HAND_PREDICTION = 121
 
-
-MOST_FINGERS = 10
-"""Fingers in the sound of one packet."""
 
 SOUND_FORMATS: dict[PayloadType, tuple[str, int]] = {
     PayloadType.L16_MONO: ("pcm16", 1),

@@ -21,8 +21,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from tactophone.errors import PacketError
-from tactophone.link.packet import CLOCK_RATE, MOST_FINGERS
-from tactophone.types import Prediction, Touch
+from tactophone.link.packet import CLOCK_RATE
+from tactophone.types import MOST_FINGERS, Prediction, Touch
 
 _LAYOUT = struct.Struct("!BBHHHHhI")
 _ONE = 65_535

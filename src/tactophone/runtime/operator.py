@@ -18,7 +18,7 @@ from typing import Self
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ModelError
-from tactophone.hand_file import each_finger
+from tactophone.hand_file import channels_of, each_finger, names_of
 from tactophone.link import Codec, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
@@ -100,12 +100,11 @@ class Operator:
         self._session = ReceiveSession(open_session(settings, call=False))
         info.progress("opening the models")
         self._pipelines: dict[int, Pipeline] = {}
-        self._endpoint = self._open_hand(fingers) if settings.fingers else self._open_finger(settings)
-        names = [finger.name for finger in settings.fingers] or [""]
+        self._endpoint = self._open_hand(settings) if settings.fingers else self._open_finger(settings)
         muted_because = _muted_because(settings, info)
         self._fingers = [
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
-            for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names, strict=True))
+            for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
         ]
         # Reads the models' files: here, not once the side runs.
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, map(tip_warning, fingers))))
@@ -271,9 +270,9 @@ class Operator:
             self._without_pipeline = str(error)
         return OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
 
-    def _open_hand(self, fingers: list[Settings]) -> OperatorEndpoint:
+    def _open_hand(self, settings: Settings) -> OperatorEndpoint:
         """Open the pipelines of a hand: of a finger without an air microphone, that of one channel."""
-        channels = [2 if own.capture.air else 1 for own in fingers]
+        fingers, channels = each_finger(settings), channels_of(settings, alone=2)
         pipelines = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
         rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])
         return OperatorEndpoint(self._session, Hand(pipelines, channels=channels))

@@ -16,7 +16,7 @@ from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger
+from tactophone.hand_file import channels_of, each_finger, names_of
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
@@ -114,7 +114,7 @@ class Robot:
         info.progress("rehearsing")
         self._session = open_send_session(settings, self._source.channels)
         fingers = self._check_fingers()
-        channels = [2 if own.capture.air else 1 for own in fingers] if settings.fingers else [self._source.channels]
+        channels = channels_of(settings, alone=self._source.channels)
         detectors = []
         self._checks = []
         for own, count in zip(fingers, channels, strict=True):
@@ -181,8 +181,7 @@ class Robot:
             for stage, duration in robot_stages(self._watcher, self._session.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
-        names = [finger.name for finger in self._settings.fingers] or [""]
-        for name, check in zip(names, self._checks, strict=True):
+        for name, check in zip(names_of(self._settings), self._checks, strict=True):
             if check:
                 faults += [finger_fault(name, fault.code, str(fault)) for fault in check.faults]
         if peer is None:

@@ -8,7 +8,7 @@ from typing import cast
 from tactophone.capture import jack_hand_source, jack_source, portaudio_hand_source, portaudio_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger
+from tactophone.hand_file import each_finger, names_of
 from tactophone.haptics import (
     PASSTHROUGH,
     Actuator,
@@ -84,10 +84,11 @@ def _open_hand(settings: Settings) -> Source:
     """Open the microphones of all fingers: those of one JACK server, or of one PortAudio device."""
     capture, process = settings.capture, settings.process
     pairs = [(own.capture.contact, own.capture.air) for own in each_finger(settings)]
-    names = [finger.name for finger in settings.fingers]
     if capture.source == "jack":
         name = process.name or "tactophone-robot"
-        return jack_hand_source(dict(zip(names, pairs, strict=True)), server=process.jack_server, name=name)
+        return jack_hand_source(
+            dict(zip(names_of(settings), pairs, strict=True)), server=process.jack_server, name=name
+        )
     if capture.source == "portaudio":
         channels = [(_channel(contact), _channel(air) if air else 0) for contact, air in pairs]
         return portaudio_hand_source(channels, capture.device)

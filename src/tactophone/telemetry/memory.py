@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS
+from tactophone.types import MOST_FINGERS
 
 PREFIX = "tactophone-"
 """Prefix of the file names."""
@@ -108,7 +109,6 @@ LEFT_AFTER = 60.0
 _TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
 _REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
 
-_MOST_FINGERS = 10
 _HEAD_SIZE = 32
 """Bytes of the first four fields, which lie at the same place in every layout."""
 
@@ -295,7 +295,7 @@ def _opened(path: Path) -> BinaryIO:
         ) from None
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
-    fits = 1 <= fingers <= _MOST_FINGERS and whole.st_size == _layout(fingers).itemsize
+    fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == _layout(fingers).itemsize
     if not fits or int.from_bytes(file.read(8), sys.byteorder) != _fingerprint(fingers):
         file.close()
         raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
