@@ -1,3 +1,4 @@
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -5,8 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tactophone.devices import DummyServer, JackClient
-from tactophone.devices.jack import _close_notifications
+from tactophone.devices import DummyServer, JackClient, disconnect_from_jack
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
@@ -112,7 +112,7 @@ def test_a_client_leaves_a_server_that_does_not_answer(jack_server: DummyServer)
 def test_a_client_whose_notifications_are_closed_frees_the_server_and_can_join_again(jack_server: DummyServer) -> None:
     client = JackClient("robot", Recorder(), inputs={}, outputs={"out": ""}, server=jack_server.name)
     client.open()
-    _close_notifications("robot")
+    assert disconnect_from_jack(os.getpid(), client="robot")
     assert eventually(lambda: client.fault != "")
     assert eventually(lambda: client.revive() or client.fault == "")
     client.close()

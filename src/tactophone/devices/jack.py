@@ -10,13 +10,13 @@ the server waits for the client and the client for the server: so leaving has a 
 
 import contextlib
 import os
-import socket
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from tactophone.devices.device import Process
+from tactophone.devices.jack_sockets import disconnect_from_jack
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
@@ -129,7 +129,8 @@ class JackClient:
         leaving.start()
         leaving.join(_LEAVING_LIMIT)
         if leaving.is_alive():
-            _close_notifications(client.name)
+            # A server that is blocked in writing to this client goes on once the client's sockets are closed.
+            disconnect_from_jack(os.getpid(), client=client.name)
             leaving.join(_LEAVING_LIMIT)
         if leaving.is_alive():
             _ABANDONED.append(client)  # still inside the library: it ends with the process
@@ -222,18 +223,6 @@ def _jack() -> Any:
     jack.set_error_function(_ignore)
     jack.set_info_function(_ignore)
     return jack
-
-
-def _close_notifications(name: str) -> None:
-    """Close the socket on which the server notifies a client, so that a server blocked in writing to it goes on."""
-    marker = f"jack_{name}_"
-    with open("/proc/net/unix") as table:
-        inodes = {entry[6] for entry in map(str.split, table) if len(entry) > 7 and marker in entry[7]}
-    for descriptor in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError):
-            if os.readlink(f"/proc/self/fd/{descriptor}")[8:-1] in inodes:  # "socket:[1234]"
-                with socket.socket(fileno=os.dup(int(descriptor))) as copy:
-                    copy.shutdown(socket.SHUT_RDWR)
 
 
 def _ignore(_: str) -> None:

@@ -19,27 +19,33 @@ _SOCKET_NAME = "/jack_"
 """In the paths of all sockets between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
 
 
-def disconnect_from_jack(pid: int) -> bool:
+def disconnect_from_jack(pid: int, *, client: str = "") -> bool:
     """Shut down the JACK sockets of a process; returns whether there were any that could be shut down.
 
-    The process must be of the same user, and a child of this one. If it was stopped in the middle of its callback, it
-    may later write the rest of one period into memory that is another client's by then.
+    The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
+    callback, it may later write the rest of one period into memory that is another client's by then.
+
+    Parameters
+    ----------
+    client
+        Shut down only the sockets on which the server notifies the client of this name; by default all.
     """
     if sys.platform != "linux":
         return False
+    marker = f"{_SOCKET_NAME}{client}_" if client else _SOCKET_NAME
     done = False
     with contextlib.suppress(OSError):
         process = os.pidfd_open(pid)
         try:
             for name in os.listdir(f"/proc/{pid}/fd"):
                 with contextlib.suppress(OSError):  # closed meanwhile, or not connected
-                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}")
+                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}", marker)
         finally:
             os.close(process)
     return done
 
 
-def _shut_down(process: int, descriptor: int, link: str) -> bool:
+def _shut_down(process: int, descriptor: int, link: str, marker: str) -> bool:
     """Shut down one descriptor of a process, if it is a socket of JACK."""
     if not os.readlink(link).startswith("socket:"):
         return False
@@ -49,7 +55,7 @@ def _shut_down(process: int, descriptor: int, link: str) -> bool:
     with socket.socket(fileno=copy) as shared:
         if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
             return False
-        if not any(_SOCKET_NAME in str(name) for name in (shared.getsockname(), shared.getpeername())):
+        if not any(marker in str(name) for name in (shared.getsockname(), shared.getpeername())):
             return False
         shared.shutdown(socket.SHUT_RDWR)
     return True

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Protocol, Self, TypeAlias
 
 from tactophone.errors import DeviceError
+from tactophone.link.events import DatagramKind
 from tactophone.link.socket_filter import set_filter
 
 Endpoint: TypeAlias = tuple[str, int]
@@ -266,8 +267,7 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
 
 
 def _is_handshake(datagram: bytes) -> bool:
-    """Whether a datagram is of DTLS (RFC 7983)."""
-    return bool(datagram) and 20 <= datagram[0] < 64
+    return DatagramKind.of(datagram) is DatagramKind.DTLS
 
 
 def _read_peer(source: socket.socket, peer: Endpoint) -> list[tuple[bytes, Endpoint]]:
