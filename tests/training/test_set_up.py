@@ -5,7 +5,7 @@ import onnx
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import FEATURES, LOG_PROBABILITIES, model_path, read_model
+from tactophone.perception import FEATURES, LOG_PROBABILITIES, NEVER_ABSTAIN, model_path, read_model
 from tactophone.training.set_up import (
     ObjectSound,
     collect,
@@ -13,7 +13,7 @@ from tactophone.training.set_up import (
     fit_set_up,
     impulse_columns,
 )
-from tactophone.training.set_up_model import NEVER, corrected, write_set_up
+from tactophone.training.set_up_model import corrected, write_set_up
 from tests.sounds import noise
 
 COLUMNS = impulse_columns(40, 1)
@@ -89,7 +89,7 @@ def test_a_graph_with_the_correction_gives_its_logit_also_without_the_air_microp
     assert np.isfinite(own.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]).all()
     card = own.card
     assert (card.name, card.tip, card.gate.threshold_dbfs) == ("own", "pad", -55.0)
-    assert card.decision.abstain_from == NEVER
+    assert card.decision.abstain_from == NEVER_ABSTAIN
     assert card.training["set_up"]["from"] == "texture"
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import secrets
-from contextlib import ExitStack
 from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
@@ -66,14 +65,9 @@ def run(args: argparse.Namespace) -> int:
     with serve_game(game, **dashboard_options.place(args)) as page:
         dashboard_options.announce(page)
 
-        from tactophone.cli._support import console, terminal
-        from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, temporary_keys
+        from tactophone.cli._support import console
+        from tactophone.cli.loopback import both_sides
 
-        receive = partial(run_operator, robot=f"{name}-robot")
-        send = partial(run_robot, open_source=partial(open_finger, inbox))
-        with temporary_keys() as folder, ExitStack() as stack:
-            robot, operator = pair_on_one_machine(settings, folder, name=name)
-            receiving = stack.enter_context(Supervisor(receive, operator, name=name, report=terminal.note))
-            sending = stack.enter_context(Supervisor(send, robot, name=f"{name}-robot", report=terminal.note))
-            console.follow([receiving, sending], name)
+        with both_sides(settings, "clean", name=name, seed=0, open_source=partial(open_finger, inbox)) as sides:
+            console.follow(sides, name)
     return 0

@@ -81,9 +81,8 @@ def fit(recorded: FloatArray, *, duration: float = DURATION) -> MeasuredResponse
     levels = 20 * np.log10(np.maximum(amplitudes, 1e-12) / amplitudes[peak])
     inside = np.flatnonzero(levels >= -BAND_DB)
     resonance = _vertex(np.log(frequencies), levels, peak)
-    return MeasuredResponse(
-        tuple(frequencies), tuple(levels), math.exp(resonance), *_band(frequencies, inside), snr_db=snr_db
-    )
+    band = float(frequencies[inside[0]]), float(frequencies[inside[-1]])
+    return MeasuredResponse(tuple(frequencies), tuple(levels), math.exp(resonance), *band, snr_db=snr_db)
 
 
 def _amplitude(recorded: FloatArray, frequency: float, duration: float) -> float:
@@ -105,10 +104,6 @@ def _vertex(x: NDArray[np.float64], y: NDArray[np.float64], peak: int) -> float:
     below, top, above = y[peak - 1 : peak + 2]
     curvature = below - 2 * top + above
     return float(x[peak] + (0.0 if curvature == 0 else 0.5 * (below - above) / curvature) * (x[peak] - x[peak - 1]))
-
-
-def _band(frequencies: NDArray[np.float64], inside: NDArray[np.int64]) -> tuple[float, float]:
-    return float(frequencies[inside[0]]), float(frequencies[inside[-1]])
 
 
 class SweepRecorder:

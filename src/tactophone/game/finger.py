@@ -90,7 +90,7 @@ what a player waits for; with this it is 40 ms, and the lifted finger stays clea
 def _finger_over(order: tuple[Touch, ...], seed: int, tip: str) -> SimulatedFinger:
     scene = five_stones(order)
     x, y = scene.placed[2].centre
-    session = SessionVariation() if tip == DEFAULT_TIP else SessionVariation.draw(seed, tip=tip)
+    session = SessionVariation.of_tip(tip, seed)
     session = dataclasses.replace(session, finger=session.finger._replace(arm_rest=HOVER))
     finger = SimulatedFinger(scene, seed=seed, place=(x, y), session=session)
     finger.move(x, y, LIFT)

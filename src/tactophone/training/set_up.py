@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import ModelError
-from tactophone.perception import BAND_VALUES, CREST_INDEX, Model, WindowDetector
+from tactophone.perception import BAND_VALUES, Model, WindowDetector
 from tactophone.training.features.examples import even_weights
+from tactophone.training.features.linear_classifier import IMPULSES
 from tactophone.types import AudioBlock, FloatArray, Prediction
 
 Floats = NDArray[np.float64]
@@ -207,8 +208,7 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     """
     if features != 2 * BAND_VALUES * channels:
         raise ModelError("only models of kind texture can be fitted to a set-up; choose one with --model")
-    first = 2 * BAND_VALUES * (channels - 1)
-    return np.array([first + moment + CREST_INDEX + which for moment in (0, BAND_VALUES) for which in (0, 1)])
+    return 2 * BAND_VALUES * (channels - 1) + np.array(IMPULSES)
 
 
 def _held_out_loss(sounds: Sequence[ObjectSound], score: str, channels: int) -> float:

@@ -8,12 +8,9 @@ import numpy as np
 import onnx
 from onnx import ModelProto, helper, numpy_helper
 
-from tactophone.perception import Gate, Model
+from tactophone.perception import NEVER_ABSTAIN, Gate, Model
 from tactophone.training.model_export import write_graph
 from tactophone.training.set_up import LARGEST, LOGIT_LIMIT, Correction, SetUpFit
-
-NEVER = 2.0
-"""Probability of *none* that is never reached."""
 
 
 def corrected(graph: ModelProto, correction: Correction) -> ModelProto:
@@ -60,7 +57,7 @@ def write_set_up(path: Path, start: Path, model: Model, fit: SetUpFit, *, thresh
         card,
         name=path.stem,
         gate=Gate(round(threshold_dbfs, 2), card.gate.rule),
-        decision=card.decision if fit.abstains else replace(card.decision, abstain_from=NEVER),
+        decision=card.decision if fit.abstains else replace(card.decision, abstain_from=NEVER_ABSTAIN),
         settings={**card.settings, "tip": tip},
         training={**card.training, "set_up": facts},
         scores={"objects left out": estimates},

@@ -36,7 +36,7 @@ class StrokingFinger(AlwaysOpen):
         self._rng = np.random.default_rng([0x57, seed])
         self._scene = five_stones(shuffled(seed))
         place = self._scene.placed[0].centre
-        session = SessionVariation() if tip == DEFAULT_TIP else SessionVariation.draw(seed, tip=tip)
+        session = SessionVariation.of_tip(tip, seed)
         self._finger = SimulatedFinger(self._scene, session=session, seed=seed, block_size=block_size, place=place)
         self._script = Script(self._rng, x=place[0], y=place[1])
 

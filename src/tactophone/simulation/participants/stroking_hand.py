@@ -95,5 +95,5 @@ class StrokingHand(AlwaysOpen):
 
 
 def _finger(scene: Scene, place: tuple[float, float], *, seed: int, number: int, tip: str) -> SimulatedFinger:
-    session = SessionVariation.draw(seed + 1000 * number, tip=tip) if tip != DEFAULT_TIP else SessionVariation()
+    session = SessionVariation.of_tip(tip, seed + 1000 * number)
     return SimulatedFinger(scene, session=session, seed=[seed, number], place=place)

@@ -31,6 +31,11 @@ class SessionVariation:
     flexure: tuple[Mode, ...] = FLEXURE
 
     @classmethod
+    def of_tip(cls, tip: str, seed: int) -> Self:
+        """Return the set-up as built for the default tip; for another, a session drawn with that seed."""
+        return cls() if tip == DEFAULT_TIP else cls.draw(seed, tip=tip)
+
+    @classmethod
     def draw(cls, seed: int, electronics: Electronics | None = None, *, tip: str = DEFAULT_TIP) -> Self:
         """Draw a session: gains vary by 1 dB (1 sigma), silicone by 10 %, microphone places by 15 to 25 %.
 
