@@ -49,10 +49,12 @@ unit: $(READY)
 package: $(READY)
 	$(PYTEST) -m package tests
 
-# Real servers and processes, one after another, as they would disturb each other's timing. A shared machine may stall in
-# the middle of one, so each may be repeated; the summary names those that were.
+# Real servers, browsers and processes mostly wait, so three tests at once; those that assert times run alone. A shared
+# machine may stall in the middle of one, so each may be repeated; the summary names those that were.
+RERUNS = --reruns 2 --reruns-delay 1 -rR
 realtime: $(READY)
-	$(BIN)/python -m pytest -m realtime --reruns 2 --reruns-delay 1 -rR tests
+	$(PYTEST) -n 3 --dist loadfile -m 'realtime and not alone' $(RERUNS) tests
+	$(BIN)/python -m pytest -m alone $(RERUNS) tests
 
 # Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
 # same examples of the property tests in every run.

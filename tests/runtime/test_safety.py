@@ -2,7 +2,6 @@
 
 import os
 import signal
-import statistics
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,7 +30,7 @@ from tactophone.telemetry import Watcher
 
 from .live_system import eventually, writer_of
 
-pytestmark = pytest.mark.realtime
+pytestmark = [pytest.mark.realtime, pytest.mark.alone]
 
 SETTINGS = config.change(Settings(), ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"])
 
@@ -60,8 +59,11 @@ def sides_monitored(recorder: PeakRecorder, graph: Graph) -> Iterator[tuple[Side
 def test_whatever_ends_the_actuator_is_silent_within_a_tenth_of_a_second(
     end: Callable[[Sides], None], graph: Graph
 ) -> None:
-    # The machine itself may stand still for 40 ms now and then; it does not do so twice of three times.
-    assert statistics.median(measure_time_to_silence(SETTINGS, graph, end) for _ in range(3)) <= 0.1
+    # The median of three: the machine itself may stand still for 40 ms now and then, but not twice of three times.
+    times = [measure_time_to_silence(SETTINGS, graph, end) for _ in range(2)]
+    if max(times) > 0.1:
+        times.append(measure_time_to_silence(SETTINGS, graph, end))
+    assert sorted(times)[1] <= 0.1
 
 
 def test_a_frozen_operator_is_followed_by_one_that_stays_muted_until_armed(graph: Graph) -> None:

@@ -174,6 +174,7 @@ def last_stale(watcher: Watcher, *, seconds: float) -> float:
 
 
 @pytest.mark.realtime
+@pytest.mark.alone
 @pytest.mark.parametrize("side", ["robot", "operator"])
 def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Path) -> None:
     name = f"test-stall-{os.getpid()}-{side}"
