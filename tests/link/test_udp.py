@@ -161,6 +161,19 @@ def test_a_flood_of_handshakes_from_the_peers_address_leaves_its_sound_alone(pai
     assert [datagram for datagram, _ in everything(operator)] == [HANDSHAKE] * 3
 
 
+def test_a_robot_takes_handshakes_again_a_second_after_a_flood_of_them(pair: tuple[UdpSocket, UdpSocket]) -> None:
+    """Its reads wait 50 ms, ten times as long as an operator's: 20 of them are a second, 200 would be ten."""
+    robot, peer = pair
+    robot.follow((peer.address, frozenset({SSRC})))
+    peer.send([(HANDSHAKE, robot.address)] * 200)
+    everything(robot)
+    for _ in range(20):
+        peer.send([(REPORT, robot.address)])  # so that no read of the test has to wait
+        assert [datagram for datagram, _ in robot.receive(0.05)] == [REPORT]
+    peer.send([(HANDSHAKE, robot.address)] * 3)
+    assert [datagram for datagram, _ in everything(robot)] == [HANDSHAKE] * 3
+
+
 def test_without_a_session_everything_passes_again(pair: tuple[UdpSocket, UdpSocket]) -> None:
     operator, peer = pair
     operator.follow((peer.address, frozenset({SSRC})))

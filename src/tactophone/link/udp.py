@@ -28,7 +28,10 @@ MAX_PEER_HANDSHAKES = 64
 its retransmissions during a stall of seconds are fewer. The rest is dropped, and what follows for a while too."""
 
 CLOSED_READS = 200
-"""Reads for which the kernel then drops DTLS from that address: about a second, as a packet comes every 5 ms."""
+"""Reads of up to `CLOSED_READ` s, or fewer of more, for which the kernel then drops DTLS from that address: about a
+second at an operator, to whom a packet comes every 5 ms, and at a robot, whose reads wait 50 ms."""
+
+CLOSED_READ = 0.005
 
 FOREIGN_TURNS = 4
 """Reads from one look at what others sent to the next, while the peer sends: 10 ms with packets of 2.5 ms."""
@@ -124,7 +127,7 @@ class UdpSocket:
         if timeout > 0 and not self._left:
             select.select([self._peer_socket], [], [], timeout)
         datagrams, self._left = self._left, []
-        datagrams += self._without_flood(_read_peer(self._peer_socket, self._followed[0]))
+        datagrams += self._without_flood(_read_peer(self._peer_socket, self._followed[0]), timeout)
         # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
@@ -146,10 +149,10 @@ class UdpSocket:
         self._connect(None)
         self._socket.close()
 
-    def _without_flood(self, datagrams: list[tuple[bytes, Endpoint]]) -> list[tuple[bytes, Endpoint]]:
+    def _without_flood(self, datagrams: list[tuple[bytes, Endpoint]], waited: float) -> list[tuple[bytes, Endpoint]]:
         """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
         if self._closed_reads:
-            self._closed_reads -= 1
+            self._closed_reads = max(0, self._closed_reads - max(1, round(waited / CLOSED_READ)))
             self._accept_handshakes(not self._closed_reads)
         if len(datagrams) <= MAX_PEER_HANDSHAKES:
             return datagrams
