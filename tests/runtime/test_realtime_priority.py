@@ -5,13 +5,30 @@ import threading
 
 import pytest
 
-from tactophone.runtime.realtime_priority import freeze_garbage_collector, prioritize_thread, share_interpreter
+from tactophone.runtime.realtime_priority import (
+    COLLECTION_INTERVAL,
+    GarbageCollection,
+    prioritize_thread,
+    share_interpreter,
+)
 
 
 def test_settling_hides_everything_from_the_collector() -> None:
-    freeze_garbage_collector()
+    GarbageCollection(0.0)
     try:
         assert gc.get_freeze_count() > 1000
+    finally:
+        gc.unfreeze()
+
+
+def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
+    garbage = GarbageCollection(0.0)
+    try:
+        before = gc.get_stats()[2]["collections"]
+        assert not garbage.poll(0.9 * COLLECTION_INTERVAL)
+        assert garbage.poll(COLLECTION_INTERVAL)
+        assert not garbage.poll(1.9 * COLLECTION_INTERVAL)
+        assert gc.get_stats()[2]["collections"] == before + 1
     finally:
         gc.unfreeze()
 

@@ -26,7 +26,7 @@ from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
 from tactophone.runtime.realtime_priority import (
-    freeze_garbage_collector,
+    GarbageCollection,
     lock_memory,
     name_thread,
     prioritize_thread,
@@ -384,10 +384,12 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
-        freeze_garbage_collector()
+        garbage = GarbageCollection(time.monotonic())
         share_interpreter()
         while not (terminated.is_set() or operator.ended.is_set() or info.orphaned):
-            operator.housekeep(time.monotonic())
+            now = time.monotonic()
+            operator.housekeep(now)
+            garbage.poll(now)
             operator.ended.wait(HOUSEKEEPING_INTERVAL)
     if operator.failure is not None:
         raise operator.failure

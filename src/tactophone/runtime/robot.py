@@ -22,7 +22,7 @@ from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import (
-    freeze_garbage_collector,
+    GarbageCollection,
     lock_memory,
     name_thread,
     prioritize_thread,
@@ -302,10 +302,12 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
-        freeze_garbage_collector()
+        garbage = GarbageCollection(time.monotonic())
         share_interpreter()
         while not (terminated.is_set() or robot.ended.is_set() or info.orphaned):
-            robot.housekeep(time.monotonic())
+            now = time.monotonic()
+            robot.housekeep(now)
+            garbage.poll(now)
             robot.ended.wait(HOUSEKEEPING_INTERVAL)
     if robot.failure is not None:
         raise robot.failure
