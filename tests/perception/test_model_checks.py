@@ -14,7 +14,7 @@ from onnx import TensorProto, helper, numpy_helper
 from tactophone.errors import ModelError
 from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, open_detector
 from tactophone.perception import model_checks as checks
-from tactophone.perception.model_file import read_model
+from tactophone.perception.model_file import _session, read_model
 from tactophone.types import AudioBlock
 from tests.models import CARD, write_tiny_model
 
@@ -122,6 +122,50 @@ def test_control_flow_is_refused_before_it_runs(tmp_path: Path) -> None:
         read_model(with_nodes(tmp_path / "loop.onnx", nodes, [steps, true, SHARES]))
 
 
+def test_an_operator_of_any_name_with_a_graph_of_its_own_is_refused(tmp_path: Path) -> None:
+    """As the runtime's searches for sequences, which run a graph as often as their inputs say."""
+    value = helper.make_tensor_value_info
+    body = helper.make_graph([helper.make_node("Identity", ["v"], ["w"])], "body",
+                             [value("v", TensorProto.FLOAT, [1])], [value("w", TensorProto.FLOAT, [1])])  # fmt: skip
+    node = helper.make_node("BeamSearch", [FEATURES], [LOG_PROBABILITIES], domain="com.microsoft", decoder=body)
+    with pytest.raises(ModelError, match="a graph of its own \\(BeamSearch\\)"):
+        read_model(with_nodes(tmp_path / "search.onnx", [node], []))
+
+
+def test_weights_in_another_file_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "secret").write_bytes(bytes(12))
+    for location in (str(tmp_path / "secret"), "../../../../etc/passwd", "/dev/zero"):
+        outside = TensorProto(name="shares", data_type=TensorProto.FLOAT, dims=[1, 3])
+        outside.data_location = TensorProto.EXTERNAL
+        for key, entry in (("location", location), ("offset", "0"), ("length", "12")):
+            outside.external_data.add(key=key, value=entry)
+        graph = helper.make_graph(
+            ADD, "hostile", [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, (1, 257))],
+            [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3))], [outside],
+        )  # fmt: skip
+        model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+        path = tmp_path / "hostile.onnx"
+        path.write_bytes(model.SerializeToString())
+        with pytest.raises(ModelError, match="not a whole ONNX model"):
+            read_model(path)
+
+
+def test_the_runtimes_own_format_is_refused_though_its_bytes_may_also_be_a_protocol_buffer(tmp_path: Path) -> None:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.add_session_config_entry("session.save_model_format", "ORT")
+    options.optimized_model_filepath = str(tmp_path / "model.ort")
+    options.log_severity_level = 3
+    onnxruntime.InferenceSession(str(write_tiny_model(tmp_path / "model.onnx")), options, ["CPUExecutionProvider"])
+    content = (tmp_path / "model.ort").read_bytes()
+    assert content[4:8] == b"ORTM"
+    with pytest.raises(ModelError, match="not a whole ONNX model"):
+        read_model(tmp_path / "model.ort")
+    with pytest.raises(ModelError, match="not a whole ONNX model"):
+        _session(tmp_path / "model.ort", content)  # what passes `check_graph` is refused by the runtime
+
+
 def test_functions_are_refused() -> None:
     with pytest.raises(ValueError, match="functions"):
         checks.check_graph(bytes([checks._FUNCTION << 3 & 0x7F | 2 | 0x80, checks._FUNCTION >> 4, 0]))
@@ -159,7 +203,11 @@ def test_a_network_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
         read_model(with_nodes(tmp_path / "bomb.onnx", nodes, [shape, SHARES]))
 
 
-def test_an_inference_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("optimised", [False, True])
+def test_an_inference_that_takes_too_long_is_ended(
+    optimised: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of it is constant, so that the runtime would compute it while it loads, where nothing ends it."""
     monkeypatch.setattr(checks, "PROBE_TIMEOUT", 0.05)
     size = 1_500
     nodes = [helper.make_node("Expand", ["one", "shape"], ["x0"])]
@@ -172,7 +220,8 @@ def test_an_inference_that_takes_too_long_is_ended(tmp_path: Path, monkeypatch: 
     ]
     one = numpy_helper.from_array(np.full((1, 1), 1e-3, np.float32), "one")
     shape = numpy_helper.from_array(np.array([size, size], np.int64), "shape")
-    monkeypatch.setattr("tactophone.perception.model_file._options", _unoptimised)
+    if not optimised:
+        monkeypatch.setattr("tactophone.perception.model_file._options", _unoptimised)
     with pytest.raises(ModelError, match="takes over"):
         read_model(with_nodes(tmp_path / "slow.onnx", nodes, [one, shape, SHARES]))
 

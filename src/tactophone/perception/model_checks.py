@@ -38,8 +38,9 @@ CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 
 _HOP = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
-_GRAPH, _FUNCTION, _NODE, _OPERATOR = 7, 25, 1, 4
-"""Field numbers of ONNX's ModelProto, GraphProto and NodeProto."""
+_GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5
+_SUBGRAPHS = {6, 11}
+"""Field numbers of ONNX's ModelProto, GraphProto and NodeProto, and those of AttributeProto that hold graphs."""
 
 
 def check_graph(content: bytes) -> None:
@@ -58,6 +59,10 @@ def _check_node(node: memoryview) -> None:
     operators = [bytes(value or b"").decode(errors="replace") for field, value in _fields(node) if field == _OPERATOR]
     if forbidden := CONTROL_FLOW.intersection(operators):
         raise ValueError(f"it has control flow ({', '.join(sorted(forbidden))})")
+    for attribute in (value for field, value in _fields(node) if field == _ATTRIBUTE and value is not None):
+        # Also the runtime's own operators of this kind, such as searches, whatever their names will be.
+        if any(field in _SUBGRAPHS for field, _ in _fields(attribute)):
+            raise ValueError(f"an operator with a graph of its own ({', '.join(operators)})")
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, memoryview | None]]:

@@ -5,7 +5,7 @@ of the live commands can disagree. docs/reference/model-files.md describes the f
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -164,18 +164,25 @@ def read_model(path: Path) -> Model:
         check_graph(content)
     except ValueError as error:
         raise ModelError(f"{path}: not a whole ONNX model ({error}); copy or export it again") from None
-    import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
-
-    try:
-        session = onnxruntime.InferenceSession(content, _options(), providers=["CPUExecutionProvider"])
-    except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
-        raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
+    # ONNX Runtime computes what is constant while it loads, without any limit of time. So first everything is left to
+    # the inference that is checked, and has one; folding its constants then takes no longer than that did.
+    session = _session(path, content, without=["ConstantFolding"])
     card = _card(path, session)
     try:
         check_network(session, features=FEATURES, output=LOG_PROBABILITIES, classes=len(CLASSES))
     except ValueError as error:
         raise ModelError(f"{path}: cannot be used ({error}); export it again") from None
-    return Model(card, session)
+    return Model(card, _session(path, content))
+
+
+def _session(path: Path, content: bytes, *, without: Sequence[str] = ()) -> "onnxruntime.InferenceSession":
+    import onnxruntime  # here, as it takes longer than all other imports together and `--help` needs none of it
+
+    providers = ["CPUExecutionProvider"]
+    try:
+        return onnxruntime.InferenceSession(content, _options(), providers=providers, disabled_optimizers=without)
+    except Exception as error:  # ONNX Runtime raises a dozen types of its own, all of them about the file
+        raise ModelError(f"{path}: not a whole ONNX model ({_first_line(error)}); copy or export it again") from None
 
 
 def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
@@ -198,6 +205,8 @@ def _options() -> "onnxruntime.SessionOptions":
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    # Not the runtime's own format, which `check_graph` cannot read and which bytes of both kinds could pass for.
+    options.add_session_config_entry("session.load_model_format", "ONNX")
     options.log_severity_level = 3
     return options
 
