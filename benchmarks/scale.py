@@ -4,7 +4,9 @@
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is that of both processes together,
 in percent of one core, the median of one-second stretches; latency is from an impulse at all microphones to the
-vibration of the last finger. `ROWS` holds further settings: add to it what is to be measured by fingers.
+vibration of the last finger. The operator's memory is what is resident (RSS) without the memory of the JACK server,
+which maps and locks it whole in every client; in brackets with it, and the proportional share (PSS). `ROWS`
+holds further settings: add to it what is to be measured by fingers.
 """
 
 import argparse
@@ -63,7 +65,7 @@ def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
     goals = GOALS.get(fingers, ("",) * 4)
     cells = [
         str(fingers), name, f"{robot + operator:.1f} % (robot {robot:.1f}, operator {operator:.1f})", goals[0],
-        latency(measured), goals[1], str(measured.missed), f"{memory:.0f} MB", goals[2], f"{bitrate:.2f}", goals[3],
+        latency(measured), goals[1], str(measured.missed), memory, goals[2], f"{bitrate:.2f}", goals[3],
         "equal" if decisions_equal(fingers) else "DIFFERENT",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
@@ -74,8 +76,8 @@ def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":
     return with_fingers(settings, str(fingers)) if fingers > 1 else settings
 
 
-def running_cost(settings: "Settings", server: str, seconds: int) -> tuple[float, float, float, float]:
-    """Return the percent of a core of each end, the operator's memory in MB, and Mbit/s on the wire."""
+def running_cost(settings: "Settings", server: str, seconds: int) -> tuple[float, float, str, float]:
+    """Return the percent of a core of each end, the operator's memory in words, and Mbit/s on the wire."""
     with running_sides(settings, Graph(server)) as sides:
         processes = [psutil.Process(side.pid) for side in (sides.robot, sides.operator)]
         time.sleep(2)
@@ -86,9 +88,16 @@ def running_cost(settings: "Settings", server: str, seconds: int) -> tuple[float
             for share, process, earlier in zip(shares, processes, before, strict=True):
                 share.append(100 * (sum(process.cpu_times()[:2]) - earlier) / (time.monotonic() - begun))
         bitrate = Watcher(sides.operator.name).totals()[1]["bitrate_bps"]
-        memory = processes[1].memory_info().rss
+        memory = memory_of(processes[1])
     robot, operator = map(statistics.median, shares)
-    return robot, operator, memory / 1e6, bitrate / 1e6
+    return robot, operator, memory, bitrate / 1e6
+
+
+def memory_of(process: "psutil.Process") -> str:
+    whole = process.memory_full_info()
+    server = sum(part.rss for part in process.memory_maps() if "/dev/shm/jack-" in part.path)
+    own, rss, pss = ((size + 5e5) // 1e6 for size in (whole.rss - server, whole.rss, whole.pss))
+    return f"{own:.0f} MB ({rss:.0f}, PSS {pss:.0f})"
 
 
 def latency(measured: "ImpulseLatency") -> str:

@@ -71,3 +71,12 @@ def test_the_session_log_keeps_the_order_of_packets_and_controls(run: Run) -> No
     _, *records = read_records(watcher.log()[0])
     assert [type(record) for record in records] == [Controls, EventBatch, EventBatch, Controls, EventBatch]
     assert [record.time for record in records if isinstance(record, EventBatch)] == [0.0, 1.0, 2.0]
+
+
+def test_more_arrivals_than_one_write_of_the_log_takes_are_all_kept(run: Run) -> None:
+    deferred, recorder, watcher = run
+    for number in range(20):
+        recorder.arrival(float(number), [PacketReceived(bytes(10_000), report=False)])
+    deferred.write()
+    batches = [record for record in read_records(watcher.log()[0]) if isinstance(record, EventBatch)]
+    assert [batch.time for batch in batches] == [float(number) for number in range(20)]

@@ -17,6 +17,10 @@ _ATTEMPTS = 400
 _BETWEEN_ATTEMPTS = 0.025
 """Seconds; `jack_wait` checks only once a second."""
 
+_MOST_PORTS = "128"
+"""Ports of all clients: a hand of ten fingers has 40 at both ends. JACK's default, 2048, makes memory for 105 MB, which
+it locks in every client; this is 42 MB."""
+
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
 """Linux alone has it; looked up here, as a forked child must not load libraries."""
 
@@ -70,7 +74,7 @@ class DummyServer:
         if shutil.which("jackd") is None:
             raise DeviceError("jackd is not installed: `apt install jackd2`")
         schedule = ["-R", "-P", "70"] if _may_be_realtime() else ["-r"]
-        command = ["jackd", "-n", self.name, *schedule, *self._mode, "-d", "dummy"]
+        command = ["jackd", "-n", self.name, "-p", _MOST_PORTS, *schedule, *self._mode, "-d", "dummy"]
         self._process = subprocess.Popen(
             [*command, "-r", str(self.sample_rate), "-p", str(self.period), "-P", str(self._outputs)],
             stdout=self._log,

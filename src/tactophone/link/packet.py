@@ -266,6 +266,6 @@ def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
 
 def _kind(number: int) -> PayloadType:
     """Return the payload type; RED within RED is refused like an unknown type."""
-    if PayloadType.L16_MONO <= number <= PayloadType.HAND_PREDICTION and number != PayloadType.RED:
-        return PayloadType(number)
+    if (kind := _SOUND_KINDS.get(number)) is not None:
+        return kind
     raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known")

@@ -102,6 +102,11 @@ class ReceiveSession:
         }
 
     @property
+    def waiting(self) -> bool:
+        """Whether a packet waits for an earlier one, so that `poll` may return sound."""
+        return self._depacketizer.waiting
+
+    @property
     def origin(self) -> int:
         """The RTP timestamp of the first sample of this session."""
         return self._predictions.origin if self._predictions.begun else self._depacketizer.origin

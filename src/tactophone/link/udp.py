@@ -86,6 +86,7 @@ class UdpSocket:
         self._socket = _open(host, port)
         self._followed: tuple[Endpoint, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
+        self._peer_poll = select.poll()
         self._left: list[tuple[bytes, Endpoint]] = []
         self._closed_reads, self._closed = 0, False
         self._turns = 0
@@ -125,9 +126,9 @@ class UdpSocket:
             datagrams, self._left = self._left, []
             return datagrams + _read(self._socket, _MOST_AT_ONCE)
         if timeout > 0 and not self._left:
-            select.select([self._peer_socket], [], [], timeout)
+            self._peer_poll.poll(1000 * timeout)
         datagrams, self._left = self._left, []
-        datagrams += self._without_flood(_read_peer(self._peer_socket, self._followed[0]), timeout)
+        datagrams += self._without_flood(self._read_peer(self._peer_socket, self._followed[0]), timeout)
         # Strangers wait while the peer's sound comes: a look at their queue takes as long as a packet.
         self._turns += 1
         if datagrams and self._turns % FOREIGN_TURNS:
@@ -148,6 +149,21 @@ class UdpSocket:
         """Free the port."""
         self._connect(None)
         self._socket.close()
+
+    def _read_peer(self, source: socket.socket, peer: Endpoint) -> list[tuple[bytes, Endpoint]]:
+        """Read from the connected socket, whose datagrams all come from ``peer``."""
+        datagrams: list[tuple[bytes, Endpoint]] = []
+        for _ in range(_MOST_AT_ONCE):
+            try:
+                datagrams.append((source.recv(_LARGEST), peer))
+            except BlockingIOError:
+                break
+            except OSError:  # of an earlier datagram, as in `_read`
+                continue
+            # Asking takes less than the exception of an empty queue, and nearly always there is one datagram.
+            if not self._peer_poll.poll(0):
+                break
+        return datagrams
 
     def _without_flood(self, datagrams: list[tuple[bytes, Endpoint]], waited: float) -> list[tuple[bytes, Endpoint]]:
         """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
@@ -182,7 +198,8 @@ class UdpSocket:
             self._peer_socket = None
         if peer is not None:
             with contextlib.suppress(OSError):
-                self._peer_socket = _share(self._socket, peer)
+                self._peer_socket, self._peer_poll = _share(self._socket, peer), select.poll()
+                self._peer_poll.register(self._peer_socket, select.POLLIN)
 
 
 def resolve(host: str, port: int) -> Endpoint:
@@ -271,19 +288,6 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
 
 def _is_handshake(datagram: bytes) -> bool:
     return DatagramKind.of(datagram) is DatagramKind.DTLS
-
-
-def _read_peer(source: socket.socket, peer: Endpoint) -> list[tuple[bytes, Endpoint]]:
-    """Read from a connected socket, whose datagrams all come from ``peer``."""
-    datagrams: list[tuple[bytes, Endpoint]] = []
-    for _ in range(_MOST_AT_ONCE):
-        try:
-            datagrams.append((source.recv(_LARGEST), peer))
-        except BlockingIOError:
-            break
-        except OSError:  # of an earlier datagram, as in `_read`
-            continue
-    return datagrams
 
 
 def _endpoint(address: tuple[Any, ...]) -> Endpoint:

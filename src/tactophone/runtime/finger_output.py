@@ -54,6 +54,7 @@ class FingerOutput:
         self.requests = RequestHandler(self.gate, renderer, endpoint, actuator_response(settings), finger=index)
         self.roughness = 0.0
         self.floor_dbfs = -math.inf
+        self._seen: tuple[int, Pipeline | None] = 0, None
 
     @property
     def pipeline(self) -> Pipeline:
@@ -73,6 +74,12 @@ class FingerOutput:
         for prediction in step.predictions:
             self.floor_dbfs = _noise_floor(self.floor_dbfs, prediction)
         return PipelineStep(step.block, step.predictions, commands, step.finger)
+
+    def changed(self) -> bool:
+        """Whether `controls` may differ from those at the last call; true at the first."""
+        # Asked twice a packet: comparing the controls themselves takes five times as long.
+        before, self._seen = self._seen, (self.requests.changes, self.pipeline)
+        return before[0] != self._seen[0] or before[1] is not self._seen[1]
 
     def controls(self) -> tuple[bool, float, float, float, str, float | None]:
         """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""

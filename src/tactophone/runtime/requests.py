@@ -18,6 +18,11 @@ class RequestHandler:
 
     The gate's decisions are then applied to the renderer, which drives the actuator in another thread, and to the
     pipeline, which scales the profile to the ceiling.
+
+    Attributes
+    ----------
+    changes
+        Grows with each call that may have changed anything.
     """
 
     def __init__(
@@ -32,6 +37,7 @@ class RequestHandler:
         self.gate = gate
         self._response = response
         self._renderer, self._endpoint, self._finger = renderer, endpoint, finger
+        self.changes = 0
         self._enforce()
 
     @property
@@ -50,12 +56,15 @@ class RequestHandler:
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
+        # Counted last, and whatever was refused: who sees the count sees the change.
+        self.changes += bool(requests)
         return refused
 
     def stop(self) -> None:
         """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
         self.gate.stop()
         self._renderer.stop()
+        self.changes += 1
 
     def _adjust(self, request: Request) -> bool:
         """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""

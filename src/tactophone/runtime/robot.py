@@ -8,6 +8,7 @@ import dataclasses
 import signal
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Protocol, Self, runtime_checkable
@@ -46,7 +47,7 @@ from tactophone.runtime.wiring import (
     send_outgoing,
 )
 from tactophone.telemetry import MARKS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -56,6 +57,9 @@ BUDGET_INTERVAL = 1.0
 
 LONGEST_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram before it polls the session."""
+
+MOST_UNCHECKED = 1 << 14
+"""Blocks that may wait to be checked for microphone faults: seconds of them, where the main thread is late."""
 
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
 
@@ -127,6 +131,7 @@ class Robot:
         rehearse_encoder(self._session.codec)
         rehearse_statistics()
         self._lock = threading.Lock()
+        self._unchecked: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
         self._info = info
         self._budgeted_at = 0.0
         self._warnings: tuple[Fault, ...] = ()
@@ -181,6 +186,7 @@ class Robot:
             for stage, duration in robot_stages(self._watcher, self._session.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults()]
+        self._check_microphones()
         for name, check in zip(names_of(self._settings), self._checks, strict=True):
             if check:
                 faults += [finger_fault(name, fault.code, str(fault)) for fault in check.faults]
@@ -210,6 +216,13 @@ class Robot:
                 "of each in turn: give --fingers as many, or another source"
             )
         return fingers
+
+    def _check_microphones(self) -> None:
+        """Measure the sound since the last call: eight times a second that takes as long as several packets."""
+        while self._unchecked:
+            step = self._unchecked.popleft()
+            if check := self._checks[step.finger]:
+                check.push(step.block)
 
     def _device_faults(self) -> Iterator[Fault]:
         if isinstance(self._source, LiveSource):
@@ -262,10 +275,10 @@ class Robot:
             position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
             self._deferred.mark(_CAPTURED, position, now=captured)
             self._deferred.mark(_SENT, position, now=now)
-        for step, check in zip(steps, self._checks, strict=True):
+        for step in steps:
             self._deferred.publish(step, now=now, truth=self._truth(step.finger))
-            if check:
-                check.push(step.block)
+            if self._checks[step.finger]:
+                self._unchecked.append(step)
         if self._deferred.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:

@@ -2,10 +2,11 @@
 
 import hashlib
 import importlib.metadata
+import itertools
 import math
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from tactophone.config import Settings
 from tactophone.hand_file import each_finger
 from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
-from tactophone.telemetry import Controls, EventBatch, Record, RunStart, Telemetry, write_record
+from tactophone.telemetry import LARGEST_RECORD, Controls, EventBatch, Record, RunStart, Telemetry, write_record
 
 _MOST_WAITING = 32
 """Arrivals that may wait for a `SessionRecorder.write`, where nothing else asks for it, as without any sound."""
@@ -38,7 +39,7 @@ class SessionRecorder:
         self._telemetry = telemetry
         self._controls: dict[int, tuple[object, ...]] = {}
         self._waiting: list[Controls | tuple[float, list[Event], bool]] = []
-        self._write(describe_run(settings, role=role))
+        self._write([describe_run(settings, role=role)])
 
     def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
         """Log events that are processed together at ``now`` (s), at the next `write`."""
@@ -65,16 +66,25 @@ class SessionRecorder:
     def write(self) -> None:
         """Write what waits; in the order in which it came."""
         waiting, self._waiting = self._waiting, []
-        for record in waiting:
-            if isinstance(record, Controls):
-                self._write(record)
-            else:
-                now, events, polled = record
-                self._write(EventBatch(now, tuple(map(write_event, events)), polled))
+        self._write(map(_as_record, waiting))
 
-    def _write(self, record: Record) -> None:
-        for part in write_record(record):
-            self._telemetry.log(part)
+    def _write(self, records: Iterable[Record]) -> None:
+        joined = b""
+        for part in itertools.chain.from_iterable(map(write_record, records)):
+            # Many in one call: each call takes as long as ten records.
+            if len(joined) + len(part) > LARGEST_RECORD:
+                self._telemetry.log(joined)
+                joined = b""
+            joined += part
+        if joined:
+            self._telemetry.log(joined)
+
+
+def _as_record(waiting: Controls | tuple[float, list[Event], bool]) -> Record:
+    if isinstance(waiting, Controls):
+        return waiting
+    now, events, polled = waiting
+    return EventBatch(now, tuple(map(write_event, events)), polled)
 
 
 def describe_run(settings: Settings, *, role: str) -> RunStart:

@@ -6,7 +6,15 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 """
 
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.memory import MARK, PREDICTION, STEP, is_alive, remove_leftovers, remove_memory
+from tactophone.telemetry.memory import (
+    LARGEST_RECORD,
+    MARK,
+    PREDICTION,
+    STEP,
+    is_alive,
+    remove_leftovers,
+    remove_memory,
+)
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, events_of, read_timeline
 from tactophone.telemetry.registry import (
     COUNTERS,
@@ -26,6 +34,7 @@ from tactophone.telemetry.writer import Telemetry
 __all__ = [
     "COUNTERS",
     "GAUGES",
+    "LARGEST_RECORD",
     "MARK",
     "MARKS",
     "PREDICTION",
