@@ -25,9 +25,9 @@ def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
     garbage = GarbageCollection(0.0)
     try:
         before = gc.get_stats()[2]["collections"]
-        assert not garbage.poll(0.9 * COLLECTION_INTERVAL)
-        assert garbage.poll(COLLECTION_INTERVAL)
-        assert not garbage.poll(1.9 * COLLECTION_INTERVAL)
+        assert not garbage.collect(0.9 * COLLECTION_INTERVAL)
+        assert garbage.collect(COLLECTION_INTERVAL)
+        assert not garbage.collect(1.9 * COLLECTION_INTERVAL)
         assert gc.get_stats()[2]["collections"] == before + 1
     finally:
         gc.unfreeze()

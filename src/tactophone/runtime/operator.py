@@ -400,7 +400,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
         while not (terminated.is_set() or operator.ended.is_set() or info.orphaned):
             now = time.monotonic()
             operator.housekeep(now)
-            garbage.poll(now)
+            garbage.collect(now)
             operator.ended.wait(HOUSEKEEPING_INTERVAL)
     if operator.failure is not None:
         raise operator.failure

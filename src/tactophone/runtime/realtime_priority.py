@@ -37,7 +37,7 @@ class GarbageCollection:
         gc.freeze()
         self._collected_at = now
 
-    def poll(self, now: float) -> bool:
+    def collect(self, now: float) -> bool:
         """Collect if it is time to; returns whether it was. Call it from the main thread, at any interval."""
         due = now - self._collected_at >= COLLECTION_INTERVAL
         if due:

@@ -320,7 +320,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
         while not (terminated.is_set() or robot.ended.is_set() or info.orphaned):
             now = time.monotonic()
             robot.housekeep(now)
-            garbage.poll(now)
+            garbage.collect(now)
             robot.ended.wait(HOUSEKEEPING_INTERVAL)
     if robot.failure is not None:
         raise robot.failure
