@@ -131,6 +131,19 @@ def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: 
     assert starts[-1] / LIVE_SAMPLE_RATE == pytest.approx(3.0 + duration, abs=0.1)
 
 
+def test_times_go_on_after_a_stall_that_ended_the_session() -> None:
+    """After more than five seconds the stream is a new one; in a log, its times are still those of one run."""
+    world = World({"robot": ((1.5, 8.5),)})
+    world.run(10.5)
+    assert world.connections == 2
+    starts = [audio.block.start for _, audio in world.decoded]
+    assert starts == sorted(starts)
+    assert starts[-1] / LIVE_SAMPLE_RATE == pytest.approx(10.5, abs=0.2)
+    assert world.robot.origin is not None
+    sent = (world.operator.origin + starts[-1] - world.robot.origin) % (1 << 32)
+    assert sent / LIVE_SAMPLE_RATE == pytest.approx(10.5, abs=0.2)
+
+
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
 def test_stalls_one_after_another_do_not_add_up(part: str) -> None:
     stalls = tuple((1.5 + 0.6 * k, 1.5 + 0.6 * k + 0.15) for k in range(8))

@@ -61,9 +61,11 @@ class Depacketizer:
     ----------
     reorder
         Packets that may wait for a missing one: 0 or 1.
+    start
+        Position of the first sample, in samples.
     """
 
-    def __init__(self, *, reorder: int = 1) -> None:
+    def __init__(self, *, reorder: int = 1, start: int = 0) -> None:
         if reorder not in (0, 1):
             raise ValueError(f"a reorder window of {reorder} packets, but it is 0 or 1")
         self.reception = Reception()
@@ -71,15 +73,15 @@ class Depacketizer:
         self.skew = Skew()
         self._delay = MinDelayFilter()
         self._decoder: Decoder | None = None
-        self._timestamps = TimestampUnwrapper()
-        self._next = 0
+        self._timestamps = TimestampUnwrapper(start)
+        self._next = start
         self._size = 0
         self._waiting: dict[int, _Waiting] = {}
         self._waiting_since = 0.0
 
     @property
     def origin(self) -> int:
-        """The RTP timestamp of the first sample of the stream."""
+        """The RTP timestamp at position 0."""
         return self._timestamps.origin
 
     @property

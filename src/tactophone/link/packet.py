@@ -175,10 +175,15 @@ def ahead(value: int, reference: int, *, bits: int) -> int:
 class TimestampUnwrapper:
     """Turns wrapping timestamps into samples since the first timestamp.
 
+    Parameters
+    ----------
+    start
+        Position of the first timestamp.
+
     Attributes
     ----------
     origin
-        The first timestamp; 0 before the first call.
+        The timestamp at position 0; 0 before the first call.
 
     Examples
     --------
@@ -187,14 +192,15 @@ class TimestampUnwrapper:
     [0, 240, 120]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, start: int = 0) -> None:
         self.origin = 0
+        self._start = start
         self._newest: int | None = None
 
     def position(self, timestamp: int) -> int:
-        """Return the samples since the first timestamp; negative for an older one."""
+        """Return the samples since the first timestamp, whose position is ``start``; less for an older one."""
         if self._newest is None:
-            self.origin = self._newest = timestamp
+            self._newest, self.origin = timestamp, timestamp - self._start
         reached = self._newest + ahead(timestamp, self._newest % (1 << 32), bits=32)
         self._newest = max(self._newest, reached)
         return reached - self.origin

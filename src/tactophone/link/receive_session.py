@@ -71,6 +71,7 @@ class ReceiveSession:
         self.bandwidth = 0
         self._ssrcs = (0, 0)
         self._next_report = 0.0
+        self._zero: float | None = None
         self._begin(Counter(handshakes=0, link_losses=0, packets_broken=0))
 
     @property
@@ -108,7 +109,7 @@ class ReceiveSession:
 
     @property
     def origin(self) -> int:
-        """The RTP timestamp of the first sample of this session."""
+        """The RTP timestamp at time 0."""
         return self._predictions.origin if self._predictions.begun else self._depacketizer.origin
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
@@ -152,12 +153,12 @@ class ReceiveSession:
         """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
 
-    def _begin(self, past: Counter[str]) -> None:
+    def _begin(self, past: Counter[str], *, start: int = 0) -> None:
         # One assignment, so that a thread that reads `counters` meanwhile counts the old stream exactly once.
-        self._totals = past, Depacketizer(reorder=self._reorder)
+        self._totals = past, Depacketizer(reorder=self._reorder, start=start)
         self._past, self._depacketizer = self._totals
         self.playout = None
-        self._predictions = _PredictionStream()
+        self._predictions = _PredictionStream(start)
         self._meter = _Meter()
         self._depth, self._loss = 0, 0.0
 
@@ -174,7 +175,7 @@ class ReceiveSession:
             elif not isinstance(event, PacketReceived):
                 received += self._depacketizer.push(packets, now=now)
                 packets = []
-                self._handle_connection(event)
+                self._handle_connection(event, now)
                 received.append(event)
             elif event.report:
                 self._handle_report(event.packet, now)
@@ -206,7 +207,7 @@ class ReceiveSession:
             self._past["packets_broken"] += 1
             return []
 
-    def _handle_connection(self, event: Connected | Disconnected) -> None:
+    def _handle_connection(self, event: Connected | Disconnected, now: float) -> None:
         if isinstance(event, Disconnected):
             self._past["link_losses"] += 1
             return
@@ -214,7 +215,9 @@ class ReceiveSession:
         totals = _stream_counters(self.stats)
         totals.update(self._past)
         totals["handshakes"] += 1
-        self._begin(totals)
+        # The times of a later stream go on by this end's clock: in a log they would otherwise begin at 0 again.
+        self._zero = now if self._zero is None else self._zero
+        self._begin(totals, start=round((now - self._zero) * CLOCK_RATE))
 
     def _handle_report(self, packet: bytes, now: float) -> None:
         try:
@@ -233,8 +236,8 @@ def _ignore(now: float, events: list[Event], polled: bool) -> None:
 class _PredictionStream:
     """Orders predictions by the end of their windows; one older than the newest of its finger is dropped."""
 
-    def __init__(self) -> None:
-        self._timestamps = TimestampUnwrapper()
+    def __init__(self, start: int = 0) -> None:
+        self._timestamps = TimestampUnwrapper(start)
         self._newest: dict[int, int] = {}
         self._delay = MinDelayFilter()
 

@@ -108,9 +108,9 @@ class PredictionLog(RunFollower):
     """Writes each prediction of a live run to a CSV file, from outside the run's process; a context manager.
 
     Lines are flushed at each read (`follower.READ_INTERVAL`), so a kill of either process loses less than 1 s. A
-    process that the watchdog has replaced is followed on; its times begin at 0 again, as with each new session. Where
-    there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and ``amplitude``
-    are ``nan``.
+    process that the watchdog has replaced is followed on; its times begin at 0 again, those of a new session go on.
+    Where there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and
+    ``amplitude`` are ``nan``.
 
     Parameters
     ----------

@@ -180,21 +180,16 @@ def _complete(step: PipelineStep) -> PipelineStep:
 
 
 class _TimeAxis:
-    """Places the sessions of a run after one another: each begins at 0 by its own count."""
+    """Places the processes of a run after one another: each begins at 0 by its own count."""
 
     def __init__(self) -> None:
-        self._offset = self._end = self._newest = 0
+        self._offset = self._end = 0
 
     def restart(self) -> None:
-        self._offset, self._newest = self._end, 0
+        self._offset = self._end
 
     def place(self, replayed: ReplayedStep) -> PipelineStep:
-        step = replayed.step
-        # A new session counts from 0 again; within a session, time goes on.
-        if step.block.end < self._newest:
-            self.restart()
-        self._newest = step.block.end
-        offset = self._offset
+        step, offset = replayed.step, self._offset
         shift = offset / step.block.sample_rate
         self._end = max(self._end, step.block.end + offset)
         if not offset:
