@@ -1,8 +1,8 @@
 """Does anything grow, wrap wrongly or stop in a long run? ``python benchmarks/endurance.py``, about three minutes.
 
 Two parts. *Virtual*: both ends of a link in virtual time, checked sample by sample, across the wraps of sequence number
-and RTP timestamp and through renewed keys; ``--virtual-hours 168 --duty 0.1`` is a week in which the robot sends six
-seconds of each minute and is connected but quiet in the rest, and takes about fifteen minutes. *Live*:
+and RTP timestamp and through renewed keys; ``--virtual-hours 168 --duty 0.02`` is a week in which the robot sends 1.2
+seconds of each minute and is connected but quiet in the rest, and takes five minutes of processor time. *Live*:
 ``tactophone loopback`` with the simulated finger, its processes measured every few seconds; ``--live-minutes 60`` is
 the hour that the goals are meant for, as a start still settles in the first minutes.
 """
