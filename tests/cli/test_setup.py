@@ -28,6 +28,17 @@ def test_a_faulty_microphone_is_named_and_nothing_is_written(
     assert not path.exists()
 
 
+@pytest.mark.parametrize(("tip", "model"), [("plastic", "stylus"), ("stylus", "stylus"), ("rubber", "texture")])
+def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
+    tip: str, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "own.onnx"
+    objects = ["--smooth", "whiteboard", "--rough", "brick", "--tip", tip, "--finger-gain", "-30", "--finger-air-gain", "-30"]
+    assert main([*QUICK, *objects, "--out", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["from"] == model
+    assert read_model(path).card.tip == tip
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"), [(["--seconds", "1"], "from 2 to 60"), (["--smooth", " , "], "name a smooth object")]
 )

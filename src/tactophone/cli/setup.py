@@ -20,11 +20,11 @@ from tactophone.perception import (
     CalibrationSounds,
     Finding,
     Model,
+    default_model,
     measure_calibration,
     measure_floor,
     model_path,
     read_model,
-    shipped_models,
 )
 from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
 
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
     add("--out", type=Path, default=Path("finger.onnx"), metavar="FILE", help="model file to write")
-    add("--model", default="", metavar="NAME|FILE", help="model to start from: of kind texture; default: by the tip")
+    add("--model", default="", metavar="NAME|FILE", help="model to start from: of kind texture; default: the shipped model for the tip")
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         add(
             f"--{label}", default=", ".join(names), metavar="NAMES",
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     with keyboard.single_keys() as has_keyboard:
         tip = _ask_tip(args, ask=has_keyboard and not args.yes)
         recorded = _record(args, objects, has_keyboard=has_keyboard)
-    start = model_path(args.model or _model_for(tip))
+    start = model_path(args.model or default_model(recorded.silence.shape[1], tip))
     model = read_model(start)
     if model.card.kind != KIND:
         raise ModelError(
@@ -169,13 +169,6 @@ def _check(recorded: _Recorded) -> list[Finding]:
     sounds = CalibrationSounds(recorded.sample_rate, recorded.silence, strokes, recorded.objects[0][2])
     result = measure_calibration(sounds, made=made, source=recorded.source)
     return [finding for finding in result.findings if finding.code not in NOT_ASKED]
-
-
-def _model_for(tip: str) -> str:
-    """Return the shipped model of the kind that can be fitted, for a tip if there is one."""
-    cards = {name: read_model(model_path(name)).card for name in shipped_models()}
-    fitting = [name for name, card in cards.items() if card.kind == KIND and card.tip == tip]
-    return fitting[0] if fitting else "texture"
 
 
 def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) -> "SetUpFit":

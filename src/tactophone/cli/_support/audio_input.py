@@ -28,6 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="extra gain of the simulated contact microphone, -40 to 40 dB",
     )  # fmt: skip
     group.add_argument(
+        "--finger-air-gain", type=float, default=0.0, metavar="DB",
+        help="the same of the simulated air microphone, which a stylus may drive too far",
+    )  # fmt: skip
+    group.add_argument(
         "--fault", action="append", default=[], metavar="CODE[@S-S]",
         help="fault of a simulated microphone, always or between two times in s: contact-dead, air-hum@3-5, ...",
     )  # fmt: skip
@@ -64,7 +68,11 @@ class AudioInput:
             from tactophone.simulation import FaultSpan, FaultySource, SimulatedParticipant, find
 
             self._participant = SimulatedParticipant(
-                find(object_name), gain_db=args.finger_gain, seed=args.seed, tip=settings.capture.tip
+                find(object_name),
+                gain_db=args.finger_gain,
+                air_gain_db=args.finger_air_gain,
+                seed=args.seed,
+                tip=settings.capture.tip,
             )
             faults = [FaultSpan.parse(text) for text in args.fault]
             self.source: Source = FaultySource(self._participant, faults)

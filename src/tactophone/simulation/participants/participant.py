@@ -36,8 +36,8 @@ class SimulatedParticipant(AlwaysOpen):
     ----------
     obj, mounting
         The touched object, and its mounting (default: the catalogue's).
-    gain_db
-        Extra gain of the contact microphone's preamplifier; negative attenuates.
+    gain_db, air_gain_db
+        Extra gain of the contact and of the air microphone's preamplifier; negative attenuates.
     seed
         Of set-up, movement and noise.
     tip
@@ -61,13 +61,15 @@ class SimulatedParticipant(AlwaysOpen):
         mounting: Mounting | None = None,
         *,
         gain_db: float = 0.0,
+        air_gain_db: float = 0.0,
         seed: int = 0,
         tip: str = DEFAULT_TIP,
     ) -> None:
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        session = SessionVariation.draw(seed, amplified(tip_named(tip).electronics, gain_db), tip=tip)
+        electronics = amplified(tip_named(tip).electronics, gain_db, air_gain_db)
+        session = SessionVariation.draw(seed, electronics, tip=tip)
         self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
         self._now = 0.0
 
@@ -113,12 +115,16 @@ class SimulatedParticipant(AlwaysOpen):
             self._finger.move(move.x, move.y, move.force, move.time)
 
 
-def amplified(electronics: Electronics, gain_db: float) -> Electronics:
-    """Add gain to the contact microphone's preamplifier: signal and noise before it are amplified alike."""
+def amplified(electronics: Electronics, gain_db: float, air_gain_db: float = 0.0) -> Electronics:
+    """Add gain to both microphones' preamplifiers: signal and noise before them are amplified alike."""
     return electronics._replace(
         contact_gain=electronics.contact_gain * 10 ** (gain_db / 20),
         contact_hum_dbfs=electronics.contact_hum_dbfs + gain_db,
         contact_noise_dbfs=electronics.contact_noise_dbfs + gain_db,
         contact_rumble_dbfs=electronics.contact_rumble_dbfs + gain_db,
         motor_contact_dbfs=electronics.motor_contact_dbfs + gain_db,
+        air_gain=electronics.air_gain * 10 ** (air_gain_db / 20),
+        room_dbfs=electronics.room_dbfs + air_gain_db,
+        air_noise_dbfs=electronics.air_noise_dbfs + air_gain_db,
+        motor_air_dbfs=electronics.motor_air_dbfs + air_gain_db,
     )
