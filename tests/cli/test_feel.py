@@ -90,3 +90,22 @@ def test_a_threshold_over_everything_renders_nothing_and_says_why(
     assert main(["feel", path, "--model", model, "--out", str(tmp_path), "--threshold", "0"]) == 0
     assert "loudest window: -9.0 dBFS" in capsys.readouterr().out
     assert not soundfile.read(tmp_path / "a.haptic.wav")[0].any()
+
+
+def test_a_microphone_in_one_channel_of_a_stereo_file_is_found_and_said(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mono = Path(record(tmp_path / "mono.wav"))
+    samples, rate = soundfile.read(mono, dtype="float32")
+    soundfile.write(tmp_path / "right.wav", np.stack([0 * samples, samples], axis=1), rate)
+    paths = [str(mono), str(tmp_path / "right.wav")]
+    assert main(["feel", *paths, "--model", model, "--out", str(tmp_path), "--json"]) == 0
+    one, other = json.loads(capsys.readouterr().out)
+    assert (one["contact"], one["rough"]) == (other["contact"], other["rough"])
+    assert (one["notes"], len(other["notes"])) == ([], 1)
+
+
+def test_a_rate_under_the_models_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = record(tmp_path / "a.wav", sample_rate=8000)
+    assert main(["feel", path, "--tip", "stylus", "--out", str(tmp_path)]) == 0
+    assert "recorded at 8000 Hz" in " ".join(capsys.readouterr().out.split())

@@ -33,8 +33,9 @@ def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
     tip: str, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "own.onnx"
-    objects = ["--smooth", "whiteboard", "--rough", "brick", "--tip", tip, "--finger-gain", "-30", "--finger-air-gain", "-30"]
-    assert main([*QUICK, *objects, "--out", str(path), "--json"]) == 0
+    objects = ["--smooth", "whiteboard", "--rough", "brick", "--tip", tip]
+    gains = ["--finger-gain", "-30", "--finger-air-gain", "-30"]
+    assert main([*QUICK, *gains, *objects, "--out", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["from"] == model
     assert read_model(path).card.tip == tip
 

@@ -55,3 +55,16 @@ def test_blocks_of_any_size_give_the_same_floor(size: int) -> None:
 
 def test_a_recording_shorter_than_a_cell_has_no_floor() -> None:
     assert not measure_floor([AudioBlock(np.zeros((10, 1), np.float32), RATE)], sample_rate=RATE, rule="rms").known
+
+
+def test_a_stroke_that_is_steady_for_a_moment_is_no_floor() -> None:
+    steady = noise(level_dbfs=-24, duration=0.6, channels=1)
+    swell = 0.02 + 0.08 * np.abs(np.sin(2 * np.pi * 2.5 * np.arange(3 * RATE) / RATE))[:, None]
+    stroke = (swell * noise(level_dbfs=0, duration=3.0, channels=1, seed=3)).astype(np.float32)
+    assert not floor_of(np.concatenate([stroke, steady, stroke])).known
+
+
+def test_a_fade_at_the_end_leaves_the_floor_known() -> None:
+    samples = touched()
+    samples[-4800:] *= np.linspace(1, 0, 4800, dtype=np.float32)[:, None]
+    assert floor_of(samples).known

@@ -16,9 +16,17 @@ from tactophone.cli._support import dashboard_options, haptic_file_option, termi
 from tactophone.dataset import Segment, ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
-from tactophone.offline import OutputFiles, RunSummary, draw_recording, process_recording
+from tactophone.offline import (
+    OutputFiles,
+    Preparation,
+    PreparedSource,
+    RunSummary,
+    draw_recording,
+    process_recording,
+)
 from tactophone.perception import (
     SILENT_DBFS,
+    ModelCard,
     RecordingFloor,
     default_model,
     measure_floor,
@@ -135,6 +143,7 @@ class _Result:
     summary: RunSummary
     files: dict[str, Path]
     floor: RecordingFloor | None
+    notes: list[str]
     events: Counter[str] = field(default_factory=Counter)
 
 
@@ -147,6 +156,7 @@ def _as_json(result: _Result) -> dict[str, Any]:
         **asdict(result.summary),
         "threshold_dbfs": result.pipeline.threshold_dbfs,
         "noise_floor_dbfs": result.floor.floor_dbfs if result.floor and result.floor.known else None,
+        "notes": result.notes,
         "events": dict(result.events),
         "speed": result.summary.speed,
         "files": {kind: str(path) for kind, path in result.files.items()},
@@ -168,9 +178,12 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
 
 def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     source = FileSource(path)
-    pipeline, floor = _open_pipeline(source, args)
     model = args.model or default_model(source.channels, args.tip)
-    if warning := tip_mismatch(read_model(model_path(model)).card, args.tip):
+    card = read_model(model_path(model)).card
+    preparation, floor = _prepare(path, card, args)
+    sound = PreparedSource(source, preparation)
+    pipeline = _open_pipeline(sound, model, floor, args)
+    if warning := tip_mismatch(card, args.tip):
         terminal.log().print(f"{path}: {warning}", soft_wrap=True)
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
@@ -183,7 +196,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     with terminal.progress("processing") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
         summary, renderer = process_recording(
-            source,
+            sound,
             pipeline,
             outputs,
             passthrough=passthrough,
@@ -209,9 +222,10 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
             title=f"{path.name}{labelled}; model {pipeline.detector_name}, profile {pipeline.profile.name}",
             truth=truth,
         )
-    mono = source.channels == 1 and not args.model and args.tip == DEFAULT_TIP
+    mono = sound.channels == 1 and not args.model and args.tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
-    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, counts)
+    notes = preparation.notes(source.channels) + _missing_treble(source, card)
+    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, notes, counts)
 
 
 def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
@@ -220,26 +234,46 @@ def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
     return path
 
 
-def _open_pipeline(source: FileSource, args: argparse.Namespace) -> tuple[Pipeline, RecordingFloor | None]:
-    model = args.model or default_model(source.channels, args.tip)
+def _prepare(path: Path, card: ModelCard, args: argparse.Namespace) -> tuple[Preparation, RecordingFloor | None]:
+    """Read a recording before it is processed: what to correct in it, and its contact threshold if none is given."""
+    preparation = Preparation.of(FileSource(path))
+    if args.threshold is not None:
+        return preparation, None
+    floor = _measure_floor(path, preparation, card)
+    # Sound that is rendered itself keeps its level.
+    louder = preparation if args.profile in PASSTHROUGH else preparation.amplified(floor.loudest_dbfs)
+    return louder, floor if louder == preparation else _measure_floor(path, louder, card)
+
+
+def _measure_floor(path: Path, preparation: Preparation, card: ModelCard) -> RecordingFloor:
+    with PreparedSource(FileSource(path), preparation) as sound:
+        return measure_floor(sound, sample_rate=sound.sample_rate, rule=card.gate.rule)
+
+
+def _missing_treble(source: FileSource, card: ModelCard) -> list[str]:
+    if source.sample_rate >= card.sample_rate:
+        return []
+    return [
+        f"recorded at {source.sample_rate} Hz, so without what the model uses up to {card.sample_rate // 2} Hz: rough "
+        "may be rendered smooth; record at a higher rate"
+    ]
+
+
+def _open_pipeline(
+    sound: PreparedSource, model: str, floor: RecordingFloor | None, args: argparse.Namespace
+) -> Pipeline:
     pipeline = open_pipeline(
         model,
-        sample_rate=source.sample_rate,
-        channels=source.channels,
+        sample_rate=sound.sample_rate,
+        channels=sound.channels,
         profile="paper" if args.profile in PASSTHROUGH else args.profile,
         limits=Limits(ceiling=args.ceiling),
         fast_contact=args.contact == "fast",
         follow_floor=False,
         events=args.events,
     )
-    if args.threshold is not None:
-        pipeline.threshold_dbfs = args.threshold
-        return pipeline, None
-    rule = read_model(model_path(model)).card.gate.rule
-    with FileSource(source.path) as blocks:
-        floor = measure_floor(blocks, sample_rate=source.sample_rate, rule=rule)
-    pipeline.threshold_dbfs = floor.threshold_dbfs
-    return pipeline, floor
+    pipeline.threshold_dbfs = floor.threshold_dbfs if floor else args.threshold
+    return pipeline
 
 
 def _print(result: _Result) -> None:
@@ -251,6 +285,8 @@ def _print(result: _Result) -> None:
         show("             (taken as the contact microphone; of a rod with its microphone on it, state --tip stylus)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
     show(f"  threshold  {_threshold(result)}", soft_wrap=True)
+    for note in result.notes:
+        show(f"  [yellow]note[/]       {note}", soft_wrap=True)
     if result.events:
         show("  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(result.events.items())))
     if summary.faults:

@@ -73,7 +73,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
     add("--out", type=Path, default=Path("finger.onnx"), metavar="FILE", help="model file to write")
-    add("--model", default="", metavar="NAME|FILE", help="model to start from: of kind texture; default: the shipped model for the tip")
+    add(
+        "--model",
+        default="",
+        metavar="NAME|FILE",
+        help="model of kind texture to start from; default: the shipped one for the tip",
+    )
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         add(
             f"--{label}", default=", ".join(names), metavar="NAMES",

@@ -29,6 +29,13 @@ SAME_FLOOR_DB = 2.0
 LEAST_CELLS = 2
 """Steady cells (0.2 s each) that show a floor: strokes have single ones too."""
 
+UNDER_DB, MOST_UNDER = 3.0, 0.02
+"""Nothing is quieter than silence: the share of levels that may lie so far under the floor. Of steady simulated noise
+none does; a stroke that was steady for a moment has quieter ones before and after."""
+
+FADE = 10
+"""Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter than silence."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordingFloor:
@@ -83,6 +90,9 @@ def measure_floor(
     if len(same) < LEAST_CELLS or same[0][0] > _quietest(cells) + SAME_FLOOR_DB:
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     floor = statistics.fmean(mean for mean, _ in same)
+    inner = levels[FADE:-FADE]
+    if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
+        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread in same))
     threshold = min(max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS)
     return RecordingFloor(threshold, floor, loudest)

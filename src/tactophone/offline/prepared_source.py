@@ -1,0 +1,114 @@
+"""A recording as models expect it: without a channel that is silent, without an offset, and loud enough.
+
+A recording can be read twice. So what a live run only reports as a fault of a microphone is corrected here: a
+microphone in one channel of a stereo file, a converter's offset, a gain far from any in training.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from tactophone.types import AudioBlock, Source
+
+SILENT = 1e-6
+"""Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a twentieth of the last bit of 16."""
+
+LEAST_OFFSET = 1e-3
+"""Mean of a channel, -60 dBFS, from which it is removed: a smaller one moves no feature, and sound stays bit-equal."""
+
+QUIET_DBFS = -50.0
+"""Banded level of the loudest 32 ms under which sound is amplified: in training it is -10 to -44 dBFS."""
+
+LEVEL_DBFS = -35.0
+"""Level to which it is amplified: amid those of training."""
+
+MOST_GAIN_DB = 60.0
+"""Over that, it is a converter's noise that would be amplified."""
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What is changed in a recording.
+
+    Parameters
+    ----------
+    channels
+        Numbers of the channels that are kept.
+    offset
+        Mean of each of these, which is removed; 0 where it is negligible.
+    gain_db
+        Of all of them.
+    """
+
+    channels: tuple[int, ...]
+    offset: tuple[float, ...]
+    gain_db: float = 0.0
+
+    @classmethod
+    def of(cls, source: Source) -> Self:
+        """Read a source to its end, and return what to change but for the gain."""
+        peak, total, count = np.zeros(source.channels), np.zeros(source.channels), 0
+        with source:
+            for block in source:
+                peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
+                total += block.samples.sum(axis=0, dtype=np.float64)
+                count += block.size
+        live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
+        channels = live or tuple(range(source.channels))
+        mean = total / max(count, 1)
+        # Invalid samples leave no mean to remove: the comparison with NaN is false.
+        return cls(channels, tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels))
+
+    def amplified(self, loudest_dbfs: float) -> Self:
+        """Return this with the gain for sound whose loudest 32 ms have this banded level."""
+        quiet = loudest_dbfs < QUIET_DBFS and loudest_dbfs > LEVEL_DBFS - MOST_GAIN_DB
+        return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
+
+    def notes(self, channels: int) -> list[str]:
+        """Say what is changed in a recording of so many channels."""
+        notes = []
+        if len(self.channels) < channels:
+            notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
+        if any(self.offset):
+            notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
+        if self.gain_db:
+            notes.append(f"very quiet: amplified by {self.gain_db:.0f} dB; record with more gain")
+        return notes
+
+
+class PreparedSource:
+    """A source with the changes of a preparation; a :class:`~tactophone.types.Source` itself.
+
+    Examples
+    --------
+    >>> from tactophone.capture import FileSource
+    >>> def prepared(path):
+    ...     return PreparedSource(FileSource(path), Preparation.of(FileSource(path)))
+    """
+
+    def __init__(self, source: Source, preparation: Preparation) -> None:
+        self.sample_rate, self.channels = source.sample_rate, len(preparation.channels)
+        self._source = source
+        self._channels = list(preparation.channels) if self.channels < source.channels else None
+        self._offset = np.array(preparation.offset, np.float32)
+        self._gain = np.float32(10 ** (preparation.gain_db / 20))
+
+    def __enter__(self) -> Self:
+        self._source.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._source.__exit__(None, None, None)
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        return map(self._prepared, self._source)
+
+    def _prepared(self, block: AudioBlock) -> AudioBlock:
+        samples = block.samples if self._channels is None else block.samples[:, self._channels]
+        if self._offset.any():
+            samples = samples - self._offset
+        if self._gain != 1:
+            samples = samples * self._gain
+        return block if samples is block.samples else replace(block, samples=np.ascontiguousarray(samples))
