@@ -48,7 +48,7 @@ def of_finger(steps: list[PipelineStep], finger: int) -> list[object]:
     return [pair for step in mine for pair in zip(step.predictions, step.commands, strict=True)]
 
 
-@pytest.mark.parametrize(("fingers", "size"), [(2, ODD_SIZES[0]), (5, 240), (10, 128)])
+@pytest.mark.parametrize(("fingers", "size"), [(1, 240), (2, ODD_SIZES[0]), (5, 240), (10, 128)])
 @pytest.mark.parametrize("name", ["tiny", "texture"])
 def test_each_finger_computes_what_it_computes_alone(model: str, name: str, fingers: int, size: int) -> None:
     chosen = model if name == "tiny" else name

@@ -25,7 +25,7 @@ from tactophone.link import (
     ReceiveSession,
     SendSession,
 )
-from tactophone.perception import AnyTouchDetector
+from tactophone.perception import AnyTouchDetector, process_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Prediction
 
@@ -63,7 +63,8 @@ class RobotEndpoint:
         if not self.detectors:
             self.session.push(block)
             return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
-        found = [tuple(detector.push(part)) for detector, part in zip(self.detectors, blocks, strict=True)]
+        together = zip(self.detectors, blocks, strict=True)
+        found = list(map(tuple, process_together([detector.process(part) for detector, part in together])))
         if self._channels:
             self._send_hand(found)
         else:

@@ -15,7 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 from tactophone.haptics import Limits, open_profile, peak_amplitude
-from tactophone.perception import AnyTouchDetector, EventDetector, EventMerger, default_model, open_detector
+from tactophone.perception import (
+    AnyTouchDetector,
+    EventDetector,
+    EventMerger,
+    ModelCard,
+    default_model,
+    open_detector,
+    process_together,
+)
 from tactophone.types import DEFAULT_TIP, AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
 
 
@@ -75,6 +83,12 @@ class Pipeline:
         return self.detector.detector.name
 
     @property
+    def card(self) -> ModelCard:
+        """Description of the model."""
+        card: ModelCard = self.detector.detector.card
+        return card
+
+    @property
     def bandwidth(self) -> float:
         """The highest frequency, in Hz, that the model uses."""
         return self.detector.detector.bandwidth
@@ -100,7 +114,10 @@ class Pipeline:
 
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block of sound; returns its predictions and commands."""
-        predictions = self.detector.push(block)
+        return self.complete(block, self.detector.push(block))
+
+    def complete(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
+        """Return the step of a block from the predictions that the detector made of it."""
         if self._events:
             predictions = self._events.merge(block, predictions, latency=self.detector.latency)
         return self._step(block, predictions)
@@ -158,9 +175,12 @@ class Hand:
         return len(self.pipelines)
 
     def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
-        """Process a block of sound of all fingers; each step is computed when the iterator comes to it."""
-        for finger, (part, pipeline) in enumerate(zip(self.split(block), self.pipelines, strict=True)):
-            step = pipeline.push(part)
+        """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it."""
+        parts = self.split(block)
+        together = zip(self.pipelines, parts, strict=True)
+        predictions = process_together([pipeline.detector.process(part) for pipeline, part in together])
+        for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
+            step = pipeline.complete(part, found)
             yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
 
     def split(self, block: AudioBlock) -> list[AudioBlock]:
@@ -239,7 +259,7 @@ def open_pipeline(
         If there is no such profile.
     """
     detector = open_detector(
-        model or default_model(channels, tip),
+        model or default_model(tip),
         sample_rate=sample_rate,
         fast_contact=fast_contact,
         follow_floor=follow_floor,

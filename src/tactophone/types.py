@@ -5,10 +5,10 @@ Values are frozen. Arrays inside them are shared, never copied: a receiver does 
 
 import enum
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,6 +242,10 @@ class Detector(Protocol):
         """As ``feel --model`` takes it."""
 
     @property
+    def card(self) -> Any:
+        """The model's `tactophone.perception.ModelCard`."""
+
+    @property
     def hop(self) -> float:
         """Seconds between two predictions."""
 
@@ -266,6 +270,9 @@ class Detector(Protocol):
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Process a block; returns the predictions that it completes, oldest first."""
+
+    def process(self, block: AudioBlock) -> Generator[Any, list[Prediction], list[Prediction]]:
+        """Do as `push`, one of several detectors (`tactophone.perception.batching`)."""
 
     def flush(self) -> list[Prediction]:
         """Return what the end of the stream still completes."""

@@ -95,7 +95,7 @@ def calibrations() -> tuple[Sequence[bytes], Run]:
 
 
 def cards() -> tuple[Sequence[bytes], Run]:
-    card = json.loads(read_model(model_path(default_model(2))).card.to_json())
+    card = json.loads(read_model(model_path(default_model())).card.to_json())
     small = card | {"training": {}, "scores": {}, "settings": {}}
     return [json.dumps(small).encode()], lambda data: ModelCard.from_json(data.decode(errors="replace"))
 

@@ -1,6 +1,8 @@
 """Contact gate and window detector together, with a detector whose predictions are given."""
 
 from collections import Counter
+from collections.abc import Generator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ RATE, HOP = 8000, 80
 class Scripted:
     """Predicts from a list, every 10 ms."""
 
-    name, hop, latency, bandwidth, threshold_dbfs = "scripted", 0.01, 0.0, 4000.0, -40.0
+    name, card, hop, latency, bandwidth, threshold_dbfs = "scripted", None, 0.01, 0.0, 4000.0, -40.0
 
     def __init__(self, touches: list[Touch], level_dbfs: float = -20.0) -> None:
         self._touches, self._level_dbfs, self._done = touches, level_dbfs, 0
@@ -24,6 +26,10 @@ class Scripted:
     def push(self, block: AudioBlock) -> list[Prediction]:
         first, self._done = self._done, block.end // HOP
         return [self._predict(number) for number in range(first, min(self._done, len(self._touches)))]
+
+    def process(self, block: AudioBlock) -> Generator[Any, list[Prediction], list[Prediction]]:
+        yield from ()
+        return self.push(block)
 
     def _predict(self, number: int) -> Prediction:
         touch, end = self._touches[number], (number + 1) * self.hop

@@ -85,8 +85,7 @@ def test_the_card_of_the_stylus_names_the_sources_and_their_terms() -> None:
 
 @pytest.mark.parametrize("tip", TIP_NAMES)
 def test_each_tip_has_its_model_and_a_mismatch_is_reported(tip: str) -> None:
-    for channels in (1, 2):
-        assert default_model(channels, tip) == TIP_MODELS.get(tip, "texture")
+    assert default_model(tip) == TIP_MODELS.get(tip, "texture")
     texture, stylus = (read_model(model_path(name)).card for name in ("texture", "stylus"))
     assert bool(tip_mismatch(texture, tip)) == (tip != "pad")
     assert bool(tip_mismatch(stylus, tip)) == (tip in ("pad", "rubber"))

@@ -178,7 +178,7 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
 
 def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     source = FileSource(path)
-    model = args.model or default_model(source.channels, args.tip)
+    model = args.model or default_model(args.tip)
     card = read_model(model_path(model)).card
     preparation, floor = _prepare(path, card, args)
     sound = PreparedSource(source, preparation)

@@ -1,5 +1,6 @@
 """Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
 
+from tactophone.perception.batching import process_together
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, Decision, DecisionRule, rough_share
 from tactophone.perception.detector import WindowDetector
@@ -119,6 +120,7 @@ __all__ = [
     "measure_floor",
     "model_path",
     "open_detector",
+    "process_together",
     "read_model",
     "rough_share",
     "shipped_models",

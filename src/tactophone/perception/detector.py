@@ -6,10 +6,12 @@ another hop if the model's card says so, with one prediction each; predictions a
 
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from tactophone.errors import ModelError
+from tactophone.perception.batching import Processing, process_together
 from tactophone.perception.decision import Decision, Probabilities
 from tactophone.perception.features.extractors import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_meter
 from tactophone.perception.features.resample import LOWEST_RATE, Resampler
@@ -66,7 +68,10 @@ class WindowDetector:
         self._sample_rate = sample_rate
         self._decision = Decision(model.card.decision)
         self._extractor = _open_extractor(model.card)
+        self.network = model
+        """Detectors of one network compute their windows together."""
         self._engine = Engine(model.session)
+        self.describe, self.classify = self._extractor.describe, self._engine.run
         self._check_width()
         self._level_of = level_meter(self._extractor, model.card.gate.rule)
         self.reset()
@@ -109,6 +114,8 @@ class WindowDetector:
         self._invalid_samples = InvalidSampleFilter()
         self._resampler = Resampler(self._sample_rate, card.sample_rate, channels=card.channels)
         self._windower = Windower(card.window_size, card.hop, channels=card.channels)
+        self._arrived: list[FloatArray] = []
+        self._missing = self._resampler.missing_until(self._windower.next_end)
         self._decision.reset()
         self._extractor.reset()
         if self.floor:
@@ -122,6 +129,10 @@ class WindowDetector:
         ModelError
             If the block has fewer channels than the model needs, or not the announced rate.
         """
+        return process_together([self.process(block)])[0]
+
+    def process(self, block: AudioBlock) -> Processing:
+        """Do as :meth:`push`, one of several detectors (`tactophone.perception.batching`)."""
         if block.sample_rate != self._sample_rate:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
@@ -131,17 +142,37 @@ class WindowDetector:
                 f"sound with {block.channels} channel, but the model {self.card.name} needs {self.card.channels} "
                 "(contact and air); choose a one-channel model"
             )
-        samples = self._select_channels(self._invalid_samples.clean(block).samples)
-        return self._predict_all(self._resampler.push(samples))
+        if self._arrived and self._arrived[0].shape[1] != block.channels:
+            self._complete_windows()  # none: they fall due below
+        # Kept as it is until a window falls due: a packet is a quarter of a hop, and each call on it costs.
+        self._arrived.append(block.samples)
+        self._missing -= block.size
+        if self._missing > 0 or not (windows := self._complete_windows()):
+            return []
+        return (yield self, windows)
 
     def flush(self) -> list[Prediction]:
         """Return the predictions that only the end of the stream completes."""
-        return self._predict_all(self._resampler.flush())
+        return process_together([self._process_end()])[0]
+
+    def _process_end(self) -> Processing:
+        windows = self._complete_windows() if self._arrived else []
+        windows += self._windower.push(self._resampler.flush())
+        return (yield self, windows) if windows else []
+
+    def _complete_windows(self) -> list[tuple[int, FloatArray]]:
+        """Resample all that arrived; return the windows that it completes."""
+        samples = self._arrived[0] if len(self._arrived) == 1 else np.concatenate(self._arrived)
+        self._arrived = []
+        samples = self._select_channels(self._invalid_samples.clean(samples))
+        windows = self._windower.push(self._resampler.push(samples))
+        self._missing = self._resampler.missing_until(self._windower.next_end)
+        return windows
 
     def _check_width(self) -> None:
         """Raise `ModelError` if the network does not take as many features as its kind computes."""
-        window = np.zeros((self.card.window_size, self.card.channels), np.float32)
-        found = self._extractor.push(window, contact=False).shape
+        windows = np.zeros((1, self.card.window_size, self.card.channels), np.float32)
+        found = self._extractor.push(self.describe(windows)[0], contact=False).shape
         if found != (self._engine.width,):
             raise ModelError(
                 f"model {self.card.name}: its network takes {self._engine.width} features, but its kind "
@@ -155,16 +186,18 @@ class WindowDetector:
         first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def _predict_all(self, resampled: FloatArray) -> list[Prediction]:
-        return [self._predict(end, window) for end, window in self._windower.push(resampled)]
-
-    def _predict(self, end: int, window: FloatArray) -> Prediction:
-        level_dbfs = self._level_of(window)
+    def measure(self, window: FloatArray, description: Any) -> tuple[float, bool, FloatArray]:
+        """Return a window's level, whether that is contact, and the features of the touch so far."""
+        level_dbfs = self._level_of(window, description)
         loud = level_dbfs >= self.threshold_dbfs
         if self.floor:
             self.floor.push(level_dbfs, touching=loud)
-        features = self._extractor.push(window, contact=loud)
-        probabilities = self._engine.run(features)
+        return level_dbfs, loud, self._extractor.push(description, contact=loud)
+
+    def decide(
+        self, end: int, probabilities: Probabilities, level_dbfs: float, loud: bool, features: FloatArray
+    ) -> Prediction:
+        """Return the prediction of the next window, from the model's probabilities and what :meth:`measure` found."""
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = CERTAINLY_NONE

@@ -121,7 +121,7 @@ class EventDetector:
         """Return to the initial state."""
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
         self._count, self._origin, self._next = 0, 0, 0
-        self._background: Floats | None = None
+        self._background: Floats = np.zeros((self._band_count, self._channels))
         self._first_levels: list[Floats] = []
         self._floor: Floats = np.zeros((self._band_count, self._channels))
         # Of each step: excess of its bands in contact, and the mean over the bands of each channel.
@@ -162,8 +162,8 @@ class EventDetector:
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
         bands = np.add.reduceat(spectrum, self._edges, axis=0)[: self._band_count] / np.square(len(sound))
         level = 10 * np.log10(bands + FLOOR)
-        if self._background is None:
-            self._background = level.copy()
+        if not self._count:
+            self._background = level
         events = [*self._find_onset(level), *self._follow_sliding(level)]
         self._count += 1
         return events
@@ -251,20 +251,14 @@ class EventDetector:
         median = np.median(fluxes)
         return float(median + max(LEAST_FLUX_DB, DEVIATIONS * np.abs(fluxes - median).mean()))
 
-    def _excess_of(self, level: Floats) -> Floats:
-        """Return by how much each channel exceeds its background, in dB, mean of the bands."""
-        background = level if self._background is None else self._background
-        return np.asarray((level - background).mean(axis=0))
-
     def _follow_sliding(self, level: Floats) -> list[TouchEvent]:
-        excess = self._excess_of(level)[CONTACT]
-        self._excess.append(float(excess))
+        # By how much the bands exceed their background, in dB, on average.
+        self._excess.append(float((level - self._background)[:, CONTACT].mean()))
         median = float(np.median(self._excess))
         # The sound of a tap is no background.
         if self._count - self._landed >= REFRACTORY:
             rate = max(1 / (self._count + 1), SLIDING_RATE if self._sliding else QUIET_RATE)
-            background = level if self._background is None else self._background
-            self._background = background + rate * (level - background)
+            self._background = self._background + rate * (level - self._background)
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._landed >= REFRACTORY
         if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > HISTORY // 2:

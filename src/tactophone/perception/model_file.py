@@ -4,12 +4,14 @@ What the network is trained for (rate, window, hop, channels, gate) is stored in
 of the live commands can disagree. docs/reference/model-files.md describes the format.
 """
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule
@@ -133,12 +135,16 @@ class ModelCard:
         return cls(**entries)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Model:
     """A model file that was read: its card, and its network ready to run on one thread."""
 
     card: ModelCard
     session: "onnxruntime.InferenceSession"
+
+
+_OPEN_MODELS: WeakValueDictionary[bytes, Model] = WeakValueDictionary()
+"""Models in use, by the hash of their file."""
 
 
 def read_model(path: Path) -> Model:
@@ -160,6 +166,10 @@ def read_model(path: Path) -> Model:
             f"{path}: a PyTorch or pickle file, which may run code when read and is never opened here; convert the "
             "authors' published models with `tactophone model import`"
         )
+    # The fingers of a hand, and a detector and its fallback, share the network of one file: its memory, and its calls.
+    digest = hashlib.sha256(content).digest()
+    if (model := _OPEN_MODELS.get(digest)) is not None:
+        return model
     try:
         check_graph(content)
     except ValueError as error:
@@ -172,7 +182,7 @@ def read_model(path: Path) -> Model:
         check_network(session, features=FEATURES, output=LOG_PROBABILITIES, classes=len(CLASSES))
     except ValueError as error:
         raise ModelError(f"{path}: cannot be used ({error}); export it again") from None
-    return Model(card, _session(path, content))
+    return _OPEN_MODELS.setdefault(digest, Model(card, _session(path, content)))
 
 
 def _session(path: Path, content: bytes, *, without: Sequence[str] = ()) -> "onnxruntime.InferenceSession":

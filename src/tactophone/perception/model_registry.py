@@ -46,12 +46,11 @@ def model_path(name: str) -> Path:
     )
 
 
-def default_model(channels: int, tip: str = DEFAULT_TIP) -> str:
+def default_model(tip: str = DEFAULT_TIP) -> str:
     """Return the name of the shipped model for a tip; each works with one channel as with two.
 
     A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
     """
-    del channels
     return TIP_MODELS.get(tip, TIP_MODELS[DEFAULT_TIP])
 
 

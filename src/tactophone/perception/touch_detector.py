@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+from tactophone.perception.batching import Processing, process_together
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.types import AudioBlock, Detector, Prediction, Touch
@@ -95,8 +96,12 @@ class TouchDetector:
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
+        return process_together([self.process(block)])[0]
+
+    def process(self, block: AudioBlock) -> Processing:
+        """Do as :meth:`push`, one of several detectors (`tactophone.perception.batching`)."""
         self._follow(block)
-        predictions = self.detector.push(block)
+        predictions = yield from self.detector.process(block)
         if self._gate is None:
             return [self._revise(self._shifted(prediction)) for prediction in predictions]
         return self._merge(predictions, self._gate.push(block), block.sample_rate)

@@ -111,8 +111,8 @@ class Operator:
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
             for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
         ]
-        # Reads the models' files: here, not once the side runs.
-        self._tip_warning = "; ".join(dict.fromkeys(filter(None, map(tip_warning, fingers))))
+        warnings = [tip_warning(own, finger.pipeline) for own, finger in zip(fingers, self._fingers, strict=True)]
+        self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
         self._rehearse()
         info.progress("opening the actuator and the port")

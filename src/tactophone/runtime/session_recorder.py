@@ -90,7 +90,7 @@ def _as_record(waiting: Controls | tuple[float, list[Event], bool]) -> Record:
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     fingers = each_finger(settings)
-    models = {own.detector.model or default_model(2, own.capture.tip): "" for own in fingers}
+    models = {own.detector.model or default_model(own.capture.tip): "" for own in fingers}
     tables = asdict(replace(settings, fingers=()))
     del tables["fingers"]
     return RunStart(

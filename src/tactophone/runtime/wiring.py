@@ -48,9 +48,7 @@ from tactophone.perception import (
     FallbackDetector,
     FaultDetector,
     default_model,
-    model_path,
     open_detector,
-    read_model,
     tip_mismatch,
     with_fallback,
 )
@@ -165,7 +163,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     Its detector falls back safely when a microphone is faulty, unless the settings say otherwise.
     """
     chosen, profile = settings.detector, settings.rendering.profile
-    model = chosen.model or default_model(channels, settings.capture.tip)
+    model = chosen.model or default_model(settings.capture.tip)
     calibration = _calibration(chosen.calibration, channels)
     detector: AnyTouchDetector
     detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
@@ -176,7 +174,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         )
     if not math.isnan(chosen.threshold_dbfs):
         detector.threshold_dbfs = chosen.threshold_dbfs
-    elif calibration and (level := calibration.threshold_for(read_model(model_path(model)).card.gate.rule)) is not None:
+    elif calibration and (level := calibration.threshold_for(detector.detector.card.gate.rule)) is not None:
         # A model whose rule was not calibrated follows the noise floor.
         detector.threshold_dbfs = level
     return Pipeline(
@@ -189,10 +187,9 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     )
 
 
-def tip_warning(settings: Settings) -> str:
+def tip_warning(settings: Settings, pipeline: Pipeline) -> str:
     """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
-    model = settings.detector.model or default_model(2, settings.capture.tip)
-    return tip_mismatch(read_model(model_path(model)).card, settings.capture.tip)
+    return tip_mismatch(pipeline.card, settings.capture.tip)
 
 
 def microphone_faults(detector: AnyTouchDetector, *, finger: str = "") -> Iterator[Fault]:

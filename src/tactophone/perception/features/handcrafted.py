@@ -7,7 +7,6 @@ the median frequency of a microphone's signal drives the stimulus in Svensson et
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception.model_file import ModelCard
 from tactophone.types import AIR, CONTACT, FloatArray
 
 CUES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "median_octaves", "air_to_contact_db")
@@ -21,21 +20,6 @@ PIECE_DURATION = 0.004
 
 FAINT = 1e-10
 """Power, -100 dBFS, added to every power: it counts as silence."""
-
-
-class HandcraftedExtractor:
-    """Returns the cues of each window; features of kind ``cues``."""
-
-    def __init__(self, card: ModelCard) -> None:
-        self._sample_rate = card.sample_rate
-
-    def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
-        """Return the cues, in the order of :data:`CUES`; the last is NaN for sound of one channel."""
-        del contact
-        return cues(window, self._sample_rate).astype(np.float32)
-
-    def reset(self) -> None:
-        """Do nothing: there is no state."""
 
 
 def cues(window: FloatArray, sample_rate: int) -> NDArray[np.float64]:

@@ -69,6 +69,17 @@ class Resampler:
         self._kept = np.concatenate((self._kept, samples.T), axis=1)
         return self._samples_before(self._first + self._kept.shape[1] - self.reach)
 
+    def missing_until(self, end: int) -> int:
+        """Return how many more input samples must be pushed for the output samples before ``end`` to be returned.
+
+        >>> resampler = Resampler(48_000, 16_000, channels=1)
+        >>> silence = np.zeros((resampler.missing_until(160), 1), np.float32)
+        >>> len(resampler.push(silence[1:])), len(resampler.push(silence[:1]))
+        (159, 1)
+        """
+        missing: int = (end - 1) * self._down // self._up + 1 + self.reach - self._first - self._kept.shape[1]
+        return missing
+
     def flush(self) -> FloatArray:
         """Return the output samples that only silence after the end completes."""
         end = self._first + self._kept.shape[1]

@@ -14,12 +14,13 @@ A channel that is digital silence is missing: its features are NaN, and the mode
 
 from collections import deque
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.perception.decision import FORGET_AFTER
-from tactophone.perception.features.bands import BAND_VALUES, BandFeatures, WindowSpectrum
+from tactophone.perception.features.bands import BAND_VALUES, BandFeatures
 from tactophone.perception.features.loudness import band_of_powers
 from tactophone.perception.model_file import ModelCard
 from tactophone.types import CONTACT, FloatArray
@@ -144,6 +145,14 @@ class RunningStatistics:
         self._both = np.stack(((1 - self.prior_weight) * self._both[1], self._both[1]))
 
 
+class Description(NamedTuple):
+    """A window as :class:`~tactophone.perception.features.bands.WindowSpectrum` has it, and its ``BAND_VALUES``."""
+
+    sound: FloatArray
+    powers: FloatArray
+    values: FloatArray
+
+
 class TextureExtractor:
     """Returns the features of kind ``texture``: channel after channel, means then deviations, ``2 * BAND_VALUES`` each.
 
@@ -157,37 +166,33 @@ class TextureExtractor:
     def __init__(self, card: ModelCard) -> None:
         channels = card.channels
         self._bands = BandFeatures(card.window_size, card.sample_rate)
-        self._window: FloatArray | None = None
-        self._spectrum = self._bands.spectrum(np.zeros((card.window_size, channels), np.float32))
         self._prior = _read_array(card, "prior", (2, channels, BAND_VALUES))
         change_metric = _read_array(card, "change_metric", (channels, BAND_VALUES, BAND_VALUES))
         fading = fading_of(float(card.settings.get("memory", MEMORY)), float(card.hop / card.sample_rate))
         self._statistics = RunningStatistics(change_metric, fading=fading)
 
-    def level_dbfs(self, window: FloatArray) -> float:
-        """Return the banded level of the first channel, from the spectrum that the features need too."""
-        return band_of_powers(self._spectrum_of(window).powers[CONTACT], len(window))
+    def describe(self, windows: FloatArray) -> list[Description]:
+        """Describe windows, each by itself."""
+        spectrum = self._bands.spectrum(windows)
+        return list(map(Description, spectrum.sound, spectrum.powers, self._bands.describe(spectrum)))
 
-    def push(self, window: FloatArray, *, contact: bool) -> FloatArray:
+    def level_dbfs(self, description: Description) -> float:
+        """Return the banded level of the first channel, from the spectrum that the features need too."""
+        return band_of_powers(description.powers[CONTACT], description.sound.shape[1])
+
+    def push(self, description: Description, *, contact: bool) -> FloatArray:
         """Return the features of the touch so far; NaN for a channel that is missing."""
-        spectrum, self._window = self._spectrum_of(window), None
-        statistics = self._statistics
-        statistics.push(self._bands.describe(spectrum), contact=contact)
+        statistics, sound = self._statistics, description.sound
+        statistics.push(description.values, contact=contact)
         features = texture_features(statistics.moments + statistics.prior_weight * self._prior)
-        energies = np.vecdot(spectrum.sound, spectrum.sound)
-        if min(energies.tolist()) < SILENT_POWER * len(window):
-            features[energies < SILENT_POWER * len(window)] = np.nan
+        energies = np.vecdot(sound, sound)
+        if min(energies.tolist()) < SILENT_POWER * sound.shape[1]:
+            features[energies < SILENT_POWER * sound.shape[1]] = np.nan
         return features.reshape(-1)
 
     def reset(self) -> None:
         """Return to the initial state."""
         self._statistics.reset()
-
-    def _spectrum_of(self, window: FloatArray) -> WindowSpectrum:
-        """Compute a window's spectrum once, for its level and its features."""
-        if window is not self._window:
-            self._window, self._spectrum = window, self._bands.spectrum(window)
-        return self._spectrum
 
 
 def fading_of(memory: float, hop: float) -> float:

@@ -55,15 +55,17 @@ class Windower:
             return []
         self._kept = np.concatenate((self._kept, samples))
         windows = []
-        while (end := self._next_end()) <= self._first + len(self._kept):
+        while (end := self.next_end) <= self._first + len(self._kept):
             start = end - self._size - self._first
             windows.append((end, self._kept[start : start + self._size]))
             self._count += 1
-        unneeded = max(0, self._next_end() - self._size - self._first)
+        unneeded = max(0, self.next_end - self._size - self._first)
         self._kept = self._kept[unneeded:]
         self._first += unneeded
         return windows
 
-    def _next_end(self) -> int:
+    @property
+    def next_end(self) -> int:
+        """Index in the stream of the sample after the last of the next window."""
         # In integers, as products of fractions take as long as a spectrum.
         return self._size + self._count * self._hop.numerator // self._hop.denominator

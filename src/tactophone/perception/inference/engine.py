@@ -1,6 +1,7 @@
 """Runs a model's network with ONNX Runtime, on one thread."""
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,29 +14,50 @@ if TYPE_CHECKING:
     import onnxruntime
 
 
+MOST_ROWS = 10
+"""Rows in one call: the windows of so many fingers; a recording's many windows take several calls."""
+
+
 class Engine:
-    """Turns features into probabilities; input and output arrays are allocated once."""
+    """Turns features into probabilities; input and output arrays are allocated once for each number of rows.
+
+    A network whose file names the number of rows instead of stating 1 computes several at once, each as it would alone,
+    bit for bit; for others, each row is a call.
+    """
 
     def __init__(self, session: "onnxruntime.InferenceSession") -> None:
-        self.width = int(session.get_inputs()[0].shape[-1])
+        rows, width = session.get_inputs()[0].shape
+        self.width = int(width)
         """Features that the network takes."""
-        self._features = np.zeros((1, self.width), np.float32)
-        self._log_probabilities = np.zeros((1, len(CLASSES)), np.float32)
-        self._session, self._binding = session, session.io_binding()
-        # Bound once: naming and wrapping the arrays at every run takes longer than a small network itself.
-        for bind, name, array in (
-            (self._binding.bind_input, FEATURES, self._features),
-            (self._binding.bind_output, LOG_PROBABILITIES, self._log_probabilities),
-        ):
-            bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        self._session, self._most_rows = session, 1 if rows == 1 else MOST_ROWS
+        self._bound: dict[int, tuple[onnxruntime.IOBinding, FloatArray, FloatArray]] = {}
 
-    def run(self, features: FloatArray) -> Probabilities:
-        """Return the probabilities of none, smooth and rough for features of shape ``(features,)``.
+    def run(self, features: Sequence[FloatArray]) -> list[Probabilities]:
+        """Return the probabilities of none, smooth and rough for each row of features, of shape ``(features,)``.
 
         A broken network returns NaN, or numbers that do not sum to 1: the caller checks.
         """
-        self._features[0] = features
-        self._session.run_with_iobinding(self._binding)
+        most = self._most_rows
+        if len(features) > most:
+            return [each for at in range(0, len(features), most) for each in self.run(features[at : at + most])]
+        binding, rows, log_probabilities = self._bound.get(len(features)) or self._bind(len(features))
+        for row, values in zip(rows, features, strict=True):
+            row[:] = values
+        self._session.run_with_iobinding(binding)
         # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
-        none, smooth, rough = (math.exp(min(value, 1.0)) for value in self._log_probabilities[0].tolist())
-        return none, smooth, rough
+        return [
+            (math.exp(min(none, 1.0)), math.exp(min(smooth, 1.0)), math.exp(min(rough, 1.0)))
+            for none, smooth, rough in log_probabilities.tolist()
+        ]
+
+    def _bind(self, count: int) -> tuple["onnxruntime.IOBinding", FloatArray, FloatArray]:
+        # Bound once: naming and wrapping the arrays at every run takes longer than a small network itself.
+        binding = self._session.io_binding()
+        rows, log_probabilities = np.zeros((count, self.width), np.float32), np.zeros((count, len(CLASSES)), np.float32)
+        for bind, name, array in (
+            (binding.bind_input, FEATURES, rows),
+            (binding.bind_output, LOG_PROBABILITIES, log_probabilities),
+        ):
+            bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+        self._bound[count] = binding, rows, log_probabilities
+        return self._bound[count]

@@ -13,6 +13,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TypeAlias
 
+from tactophone.perception.batching import Processing, process_together
 from tactophone.perception.model_registry import fallback_model, open_detector
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.sensor_health.faults import FaultDetector, FaultKind, Reference, SensorFault
@@ -154,11 +155,18 @@ class FallbackDetector:
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
+        return process_together([self.process(block)])[0]
+
+    def process(self, block: AudioBlock) -> Processing:
+        """Do as :meth:`push`, one of several detectors (`tactophone.perception.batching`)."""
         if block.start != self._next:
             self._fault_detector.reset()
             self._left = self._fault_detector.cell_size
         self._next = block.end
-        return [prediction for part in self._parts(block) for prediction in self._push(part)]
+        predictions = []
+        for part in self._parts(block):
+            predictions += yield from self._process(part)
+        return predictions
 
     def flush(self) -> list[Prediction]:
         """Return the predictions that only the end of the stream completes."""
@@ -195,7 +203,7 @@ class FallbackDetector:
             start += size
             self._left = self._left - size or self._fault_detector.cell_size
 
-    def _push(self, part: AudioBlock) -> list[Prediction]:
+    def _process(self, part: AudioBlock) -> Processing:
         active = self._active
         if self._spare is not None:
             if active is self._spare and not self._spare_in_use:
@@ -203,9 +211,9 @@ class FallbackDetector:
                 self._spare.adopt_floors(self._main)
             self._spare_in_use = active is self._spare
         # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
-        predictions = self._main.push(part)
+        predictions = yield from self._main.process(part)
         if active is not self._main:
-            predictions = active.push(replace(part, samples=part.samples[:, : CONTACT + 1]))
+            predictions = yield from active.process(replace(part, samples=part.samples[:, : CONTACT + 1]))
         revised = [self._revised(prediction) for prediction in predictions]
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed:

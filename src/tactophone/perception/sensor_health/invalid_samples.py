@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import FloatArray
 
 PLAUSIBLE_PEAK = 8.0
 """Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a broken driver or decoder."""
@@ -26,8 +26,7 @@ class InvalidSampleFilter:
     Examples
     --------
     >>> invalid = InvalidSampleFilter()
-    >>> block = AudioBlock(np.array([[0.1], [np.nan], [0.2]], np.float32), sample_rate=48_000)
-    >>> invalid.clean(block).samples[:, 0].tolist()
+    >>> invalid.clean(np.array([[0.1], [np.nan], [0.2]], np.float32))[:, 0].tolist()
     [0.10000000149011612, 0.0, 0.20000000298023224]
     >>> invalid.any_between(0, 2), invalid.any_between(2, 3)
     (True, False)
@@ -37,16 +36,16 @@ class InvalidSampleFilter:
         self._found = _NONE
         self._count = 0
 
-    def clean(self, block: AudioBlock) -> AudioBlock:
-        """Return the block with invalid samples set to 0; the block itself if there are none."""
-        here = find_invalid(block.samples)
-        position, self._count = self._count, self._count + block.size
+    def clean(self, samples: FloatArray) -> FloatArray:
+        """Return the next samples of the stream with invalid ones set to 0; the array itself if there are none."""
+        here = find_invalid(samples)
+        position, self._count = self._count, self._count + len(samples)
         if not len(here):
-            return block
+            return samples
         self._found = np.concatenate((self._found, position + here))
-        samples = block.samples.copy()
+        samples = samples.copy()
         samples[here] = 0
-        return AudioBlock(samples, block.sample_rate, block.start, block.concealed)
+        return samples
 
     def any_between(self, start: int, end: int) -> bool:
         """Whether any sample cleaned, from ``start`` to before ``end``, was invalid.

@@ -193,7 +193,8 @@ def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
         bands = BandFeatures(size, FEATURE_RATE)
         return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, BAND_VALUES)
     extractor = EXTRACTORS[spec.kind](ModelCard("", spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(0.0)))
-    return np.array([extractor.push(window, contact=True) for window in windows], np.float32)
+    descriptions = extractor.describe(windows)
+    return np.array([extractor.push(description, contact=True) for description in descriptions], np.float32)
 
 
 def accumulate(

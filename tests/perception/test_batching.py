@@ -1,0 +1,70 @@
+"""Windows computed together are what each is alone, bit for bit, and take one call."""
+
+import numpy as np
+import pytest
+
+from tactophone.perception import WindowDetector, model_path, process_together, read_model
+from tactophone.perception.inference import Engine
+from tactophone.types import AudioBlock, FloatArray, Prediction
+from tests.sounds import blocks, strokes
+
+RATE = 48_000
+
+
+def open_model(name: str) -> WindowDetector:
+    return WindowDetector(read_model(model_path(name)), sample_rate=RATE)
+
+
+def sounds(count: int) -> list[FloatArray]:
+    """Strokes that begin at another time for each detector, the fifth and later without air."""
+    contact = strokes()[:, 0]
+    rolled = [np.roll(contact, 4800 * n)[: RATE // 2] for n in range(count)]
+    return [np.stack((each, 0.1 * each * (n < 4)), axis=1) for n, each in enumerate(rolled)]
+
+
+def together(detectors: list[WindowDetector], samples: list[FloatArray], size: int) -> list[list[Prediction]]:
+    found: list[list[Prediction]] = [[] for _ in detectors]
+    for parts in zip(*(blocks(each, size) for each in samples), strict=True):
+        new = process_together([each.process(part) for each, part in zip(detectors, parts, strict=True)])
+        found = [before + after for before, after in zip(found, new, strict=True)]
+    return found
+
+
+@pytest.mark.parametrize("name", ["texture", "stylus", "paper"])
+@pytest.mark.parametrize("count", [1, 2, 5, 10])
+def test_detectors_together_predict_what_each_does_alone(name: str, count: int) -> None:
+    samples = sounds(count)
+    found = together([open_model(name) for _ in samples], samples, 240)
+    for own, each in zip(found, samples, strict=True):
+        alone = open_model(name)
+        assert own == [prediction for block in blocks(each, 240) for prediction in alone.push(block)]
+        assert own
+
+
+def test_windows_that_fall_due_together_take_one_call_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows: list[int] = []
+    run = Engine.run
+
+    def count(engine: Engine, features: list[FloatArray]) -> list[tuple[float, float, float]]:
+        rows.append(len(features))
+        return run(engine, features)
+
+    monkeypatch.setattr(Engine, "run", count)
+    found = together([open_model("texture") for _ in range(5)], sounds(5), 240)
+    assert rows == [5] * len(found[0])
+    rows.clear()
+    together([open_model(name) for name in ("texture", "stylus", "texture")], sounds(3), 240)
+    assert set(rows) == {1, 2}
+
+
+def test_blocks_without_air_among_others_are_blocks_of_silent_air() -> None:
+    samples = sounds(1)[0]
+    silent, absent = open_model("texture"), open_model("texture")
+    expected, found = [], []
+    for number, block in enumerate(blocks(samples, 240)):
+        channels = 1 + number % 2
+        without_air = block.samples * np.float32([1, channels - 1])
+        expected += silent.push(AudioBlock(without_air, RATE, block.start))
+        found += absent.push(AudioBlock(block.samples[:, :channels], RATE, block.start))
+    assert found == expected
+    assert found
