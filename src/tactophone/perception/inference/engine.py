@@ -8,28 +8,24 @@ import numpy as np
 
 from tactophone.perception.decision import Probabilities
 from tactophone.perception.model_file import CLASSES, FEATURES, LOG_PROBABILITIES
-from tactophone.types import FloatArray
+from tactophone.types import MOST_FINGERS, FloatArray
 
 if TYPE_CHECKING:
     import onnxruntime
-
-
-MOST_ROWS = 10
-"""Rows in one call: the windows of so many fingers; a recording's many windows take several calls."""
 
 
 class Engine:
     """Turns features into probabilities; input and output arrays are allocated once for each number of rows.
 
     A network whose file names the number of rows instead of stating 1 computes several at once, each as it would alone,
-    bit for bit; for others, each row is a call.
+    bit for bit: the windows of a whole hand, at most. For others, each row is a call.
     """
 
     def __init__(self, session: "onnxruntime.InferenceSession") -> None:
         rows, width = session.get_inputs()[0].shape
         self.width = int(width)
         """Features that the network takes."""
-        self._session, self._most_rows = session, 1 if rows == 1 else MOST_ROWS
+        self._session, self._most_rows = session, 1 if rows == 1 else MOST_FINGERS
         self._bound: dict[int, tuple[onnxruntime.IOBinding, FloatArray, FloatArray]] = {}
 
     def run(self, features: Sequence[FloatArray]) -> list[Probabilities]:
