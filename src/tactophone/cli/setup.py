@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     with keyboard.single_keys() as has_keyboard:
         tip = _ask_tip(args, ask=has_keyboard and not args.yes)
         recorded = _record(args, objects, has_keyboard=has_keyboard)
-    start = model_path(args.model or default_model(recorded.silence.shape[1], tip))
+    start = model_path(args.model or default_model(tip))
     model = read_model(start)
     if model.card.kind != KIND:
         raise ModelError(
