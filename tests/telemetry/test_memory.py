@@ -10,7 +10,7 @@ import pytest
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import State, Telemetry, Watcher, remove_leftovers, running
-from tactophone.telemetry.memory import PREFIX, folder
+from tactophone.telemetry.memory import PREFIX, folder, is_alive
 from tactophone.types import AudioBlock, PipelineStep
 
 STEP_OF_SILENCE = PipelineStep(AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ())
@@ -100,7 +100,7 @@ def test_all_pages_exist_from_the_beginning(name: str) -> None:
         assert found.st_blocks * 512 >= found.st_size
 
 
-@pytest.mark.parametrize("byte", [0x00, 0xFF, 0xA5])
+@pytest.mark.parametrize("byte", [0x00, 0x01, 0xFF, 0xA5])
 def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, byte: int) -> None:
     path = folder() / f"{PREFIX}{name}"
     with Telemetry(name) as telemetry:
@@ -146,6 +146,11 @@ def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     assert not path.exists()
     with Telemetry(name):
         assert name not in remove_leftovers()
+
+
+def test_no_process_has_the_number_that_overwritten_memory_states() -> None:
+    assert is_alive(os.getpid())
+    assert not any(is_alive(number) for number in (0, 1 << 31, 1 << 40, (1 << 64) - 1))
 
 
 def test_memory_that_another_run_is_just_making_is_no_leftover(name: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tactophone.telemetry import MARKS, FingerState, State, Telemetry, Watcher
+from tactophone.telemetry.watcher import _newest
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 WRITER = """
@@ -32,6 +33,15 @@ with Telemetry(sys.argv[1]) as telemetry:
 def telemetry() -> Iterator[Telemetry]:
     with Telemetry(f"test-{uuid.uuid4().hex[:8]}") as telemetry:
         yield telemetry
+
+
+@pytest.mark.parametrize("count", [5, 1_000, 1_003, 48_000 * 604_800, (1 << 62) - 1])
+def test_a_ring_is_read_at_once_however_long_the_run(count: int) -> None:
+    """After a week of samples, each read took a third of a second; with a count from overwritten memory, for ever."""
+    rows = np.arange(1_000)
+    newest, end = _newest(rows, np.array([count], np.uint64), slack=10, since=count - 7)
+    assert end == count
+    assert newest.tolist() == [(count + k) % 1_000 for k in range(-min(7, count), 0)]
 
 
 def test_nothing_torn_is_ever_read_while_another_process_writes() -> None:

@@ -318,7 +318,7 @@ def is_alive(pid: int) -> bool:
     """Return whether a process exists."""
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):  # overwritten memory states numbers that no process has
         return False
     except PermissionError:
         return True

@@ -219,7 +219,8 @@ def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int =
         return rows[:0].copy(), since
     # A count below `since` belongs to a new run: all of its rows are new. The writer may be filling up to `slack` rows.
     start = max(since if since <= end else 0, end + slack - len(rows), 0)
-    copy: NDArray[Any] = rows.take(np.arange(start, end), axis=0, mode="wrap")
+    # Not with `mode="wrap"`, which subtracts the length until the index fits: the longer the run, the slower.
+    copy: NDArray[Any] = rows.take(np.arange(start, end) % len(rows), axis=0)
     # The count has moved on during the copy: the rows that it has reached since are not valid.
     overwritten = int(count.item()) + slack - len(rows) - start
     return copy[max(overwritten, 0) :], end
