@@ -18,9 +18,9 @@ SWITCH_INTERVAL = 100e-6
 of 32 samples and more."""
 
 COLLECTION_INTERVAL = 10.0
-"""Seconds between two collections of garbage: 0.1 ms each once the imports are frozen. Besides garbage they free the
-tuples that Python keeps for reuse, up to 2,000 of each size: a running operator filled these by 4 MB an hour for the
-first twenty minutes (counted with `sys._debugmallocstats`)."""
+"""Seconds between two collections of garbage: under 0.1 ms each once the imports are frozen. They also free the tuples
+that Python keeps for reuse, up to 2,000 of each size: a running operator filled these by 4 MB an hour for its first
+twenty minutes (counted with `sys._debugmallocstats`)."""
 
 _MCL_CURRENT_AND_FUTURE = 3
 """``MCL_CURRENT | MCL_FUTURE`` of Linux's ``sys/mman.h``."""
