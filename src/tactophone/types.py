@@ -50,6 +50,7 @@ class AudioBlock:
     ----------
     samples
         float32, shape ``(samples, channels)``, nominally in [-1, 1]. Channel 0 is *contact*, channel 1 is *air*.
+        They stay unchanged: a detector keeps the array until a window falls due.
     sample_rate
         In Hz.
     start
