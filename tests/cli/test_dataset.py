@@ -1,7 +1,9 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.cli import main
 from tests.dataset.folders import audiofolder, authors, write_sound
@@ -24,6 +26,17 @@ def test_check_and_show_speak_json(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["dataset", "show", str(tmp_path), "--json"]) == 0
     surface = {"surface": "stone 00", "label": "rough", "tier": "-", "scenario": "hand, table", "recordings": 2}
     assert json.loads(capsys.readouterr().out)["surfaces"][0] == surface
+
+
+def test_check_prints_one_line_for_a_warning_of_many(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    audiofolder(tmp_path)
+    for path in (tmp_path / "audio").iterdir():
+        sound = np.tile([1.0, -1.0], 24_000)
+        soundfile.write(path, np.stack([sound, 0.1 * sound], axis=1), 48_000)
+    main(["dataset", "check", str(tmp_path)])
+    printed = capsys.readouterr().out
+    assert printed.count("clipped: 50.00%") == 1
+    assert "8 times 'clipped', such as" in printed
 
 
 def test_show_prints_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

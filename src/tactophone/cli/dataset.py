@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +20,7 @@ from tactophone.dataset import (
     LABEL_NAMES,
     SPLITS,
     Dataset,
+    Problem,
     Recording,
     check,
     check_consistency,
@@ -33,6 +34,9 @@ from tactophone.dataset import (
 )
 from tactophone.errors import ConfigError
 from tactophone.perception import Calibration
+
+MOST_ALIKE = 5
+"""Most warnings of one kind that are printed one by one."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -105,10 +109,22 @@ def _check(args: argparse.Namespace) -> int:
         entries = [{**asdict(problem), "path": str(problem.path)} for problem in problems]
         terminal.print_json({"recordings": len(dataset.recordings), "problems": entries})
     else:
-        for problem in problems:
-            print(f"{'error' if problem.fatal else 'warning'}: {problem}")
+        for line in _lines(problems):
+            print(line)
         print(f"{len(dataset.recordings)} recordings, {len(bad)} unusable, {len(problems)} problems")
     return 1 if bad else 0
+
+
+def _lines(problems: Sequence[Problem]) -> Iterator[str]:
+    """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
+    counts = Counter(problem.kind for problem in problems if not problem.fatal)
+    for problem in problems:
+        if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
+            yield f"{'error' if problem.fatal else 'warning'}: {problem}"
+    for kind, count in counts.items():
+        if count > MOST_ALIKE:
+            first = next(problem for problem in problems if problem.kind == kind and not problem.fatal)
+            yield f"warning: {count} times {kind!r}, such as {first}; --json lists all"
 
 
 def _show(args: argparse.Namespace) -> int:
