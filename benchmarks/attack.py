@@ -28,6 +28,7 @@ from typing import cast
 
 import psutil
 
+from demo_series import busy_processes
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
@@ -510,10 +511,13 @@ def faults(count: int) -> Iterator[str]:
         with DummyServer(128, synchronous=False) as server:
             settings = config.change(Settings(), [f"process.name=attack-{os.getpid()}"])
             for _ in range(count):
-                times.append(1_000 * measure_time_to_silence(settings, Graph(server.name), end))
+                with suppress(TactophoneError):  # on a busy machine it may not vibrate when it is to be stopped
+                    times.append(1_000 * measure_time_to_silence(settings, Graph(server.name), end))
         late = sum(took > 100 for took in times)
-        result = f"{statistics.median(times):.0f} ms, worst {max(times):.0f} ms, {late} of {count} over 100 ms"
-        yield row(f"{end.__name__.replace('_', ', ')}, until -60 dB", "all <= 100 ms (quiet machine)", result, not late)
+        result = f"{statistics.median(times or [math.nan]):.0f} ms, worst {max(times, default=math.nan):.0f} ms, "
+        result += f"{late} of {len(times)} over 100 ms" + f", {count - len(times)} not measured" * (len(times) < count)
+        met = not late and len(times) == count
+        yield row(f"{end.__name__.replace('_', ', ')}, until -60 dB", "all <= 100 ms (quiet machine)", result, met)
 
 
 def row(attack: str, goal: str, measured: str, met: bool | None = None) -> str:
@@ -536,16 +540,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", choices=[*PARTS, "fault", "inside"], action="append", help="run this part alone")
     parser.add_argument("--faults", type=int, default=20, help="times that each side is killed and frozen")
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy processes beside the attacks")
     args = parser.parse_args()
     parts = PARTS | {"fault": partial(faults, min(args.faults, 100))}
     if args.only == ["inside"]:
         print(*inside(), sep="\n")
         return
-    print(f"load of the machine before: {os.getloadavg()[0]:.1f}\n")
+    print(f"load of the machine before: {os.getloadavg()[0]:.1f}; {args.busy} busy processes\n")
     print("| attack | goal | measured | |\n|---|---|---|---|")
-    for name in args.only or parts:
-        for line in parts[name]():
-            print(line, flush=True)
+    with busy_processes(args.busy):
+        for name in args.only or parts:
+            for line in parts[name]():
+                print(line, flush=True)
 
 
 if __name__ == "__main__":
