@@ -58,6 +58,15 @@ def test_files_and_tests_that_pages_name_exist() -> None:
     assert not missing, "\n".join(missing)
 
 
+def test_tests_that_pages_name_without_their_file_exist() -> None:
+    known = {
+        name for path in (ROOT / "tests").rglob("*.py") for name in re.findall(r"def (test_\w+)", path.read_text())
+    }
+    named = {(page.name, name) for page in PAGES for name in re.findall(r"`(test_\w+)`", page.read_text())}
+    assert len(named) > 20
+    assert not {(page, name) for page, name in named if name not in known}
+
+
 def test_the_glossary_is_one_page_of_at_most_20_terms() -> None:
     rows = re.findall(r"^\| \*\*", (ROOT / "docs" / "glossary.md").read_text(), flags=re.MULTILINE)
     assert 10 < len(rows) <= 20

@@ -26,6 +26,7 @@ from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
 from tactophone.runtime.realtime_priority import (
+    MAIN_PRIORITY,
     GarbageCollection,
     lock_memory,
     name_thread,
@@ -397,6 +398,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         garbage = GarbageCollection(time.monotonic())
         share_interpreter()
+        prioritize_thread(min(MAIN_PRIORITY, settings.process.priority))
         while not (terminated.is_set() or operator.ended.is_set() or info.orphaned):
             now = time.monotonic()
             operator.housekeep(now)

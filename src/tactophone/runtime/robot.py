@@ -23,6 +23,7 @@ from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import (
+    MAIN_PRIORITY,
     GarbageCollection,
     lock_memory,
     name_thread,
@@ -317,6 +318,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     with Robot(settings, info, open_source=open_source) as robot:
         garbage = GarbageCollection(time.monotonic())
         share_interpreter()
+        prioritize_thread(min(MAIN_PRIORITY, settings.process.priority))
         while not (terminated.is_set() or robot.ended.is_set() or info.orphaned):
             now = time.monotonic()
             robot.housekeep(now)
