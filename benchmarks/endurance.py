@@ -71,7 +71,7 @@ def soak(hours: float, *, duty: float, report: Callable[[str], None]) -> list[Ro
     link = VirtualLink(sender, receiver, ImpairedLink(NetworkProfile(loss=0.01)), ImpairedLink(NetworkProfile()))
     begun = link.connect(1000.0)
     assert sender._packetizer is not None
-    sender._packetizer._offset = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
+    sender._packetizer.encoder.origin = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
     sound, found, sent = _second_of_noise(), Soak(), 0
     position, number, shown = 0, sender._packetizer._sequence, time.monotonic()
     process = psutil.Process()

@@ -1,6 +1,7 @@
 """How the cost grows with fingers: processor time, latency, memory and bitrate of 1, 2, 5 and 10, and equal decisions.
 
     python benchmarks/scale.py [--fingers 1,5] [--rows 64-pcm,...] [--impulses 60] [--seconds 10]
+    python benchmarks/scale.py --operators 1,2,4     # what each further operator of one robot costs the robot
 
 Both ends run on this machine at a JACK server without a sound card. Processor time is that of both processes together,
 in percent of one core, the median of one-second stretches; latency is from an impulse at all microphones to the
@@ -13,6 +14,7 @@ import argparse
 import os
 import statistics
 import time
+from contextlib import ExitStack
 
 if __name__ == "__main__":  # not in the ends' processes, whose memory is measured
     import numpy as np
@@ -24,6 +26,14 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     from tactophone.hand_file import with_fingers
     from tactophone.measurement import Graph, ImpulseLatency, measure, running_sides
     from tactophone.pipeline import Hand, open_pipeline
+    from tactophone.runtime import (
+        Supervisor,
+        pair_on_one_machine,
+        run_operator,
+        run_robot,
+        temporary_keys,
+        with_operator,
+    )
     from tactophone.telemetry import Watcher
     from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
@@ -45,9 +55,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--fingers", default="1,2,5,10", help="numbers of fingers (default: 1,2,5,10)")
     parser.add_argument("--rows", default="128-opus", help=f"of {', '.join(ROWS)}")
+    parser.add_argument("--operators", help="numbers of operators of one robot with one finger, in place of fingers")
     parser.add_argument("--impulses", type=int, default=60)
     parser.add_argument("--seconds", type=int, default=10, help="of processor time")
     args = parser.parse_args()
+    if args.operators:
+        print("| operators | settings | processor time of the robot | operators connected |\n|--:|---|--:|--:|")
+        for name in args.rows.split(","):
+            for operators in map(int, args.operators.split(",")):
+                print(robot_row(name, operators, seconds=args.seconds), flush=True)
+        return
     print("| fingers | settings | processor time, both ends | goal | p50 / p99 | goal | missed | operator | goal "
           "| Mbit/s | goal | decisions |")  # fmt: skip
     print("|--:|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|---|")
@@ -69,6 +86,34 @@ def row(name: str, fingers: int, *, impulses: int, seconds: int) -> str:
         "equal" if decisions_equal(fingers) else "DIFFERENT",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
+
+
+def robot_row(name: str, operators: int, *, seconds: int) -> str:
+    """Measure the robot alone, sending to so many operators without actuators, each in its process."""
+    period, changes = ROWS[name]
+    free = ["capture.contact=-", "capture.air=-", "capture.source=jack", "detector.check_microphones=false"]
+    with ExitStack() as stack:
+        server = stack.enter_context(DummyServer(period))
+        settings = config.change(settings_of(1, changes), [*free, f"process.jack_server={server.name}"])
+        folder = stack.enter_context(temporary_keys())
+        robot, first = pair_on_one_machine(
+            config.change(settings, ["output.actuator=none"]), folder, name=f"scale-{os.getpid()}-1"
+        )
+        receiving = [first]
+        for number in range(2, operators + 1):
+            robot, another = with_operator(robot, first, folder, name=f"scale-{os.getpid()}-{number}")
+            receiving.append(another)
+        for each in receiving:
+            stack.enter_context(Supervisor(run_operator, each, name=each.process.name))
+        side = stack.enter_context(Supervisor(run_robot, robot, name=robot.process.name))
+        process, watcher, shares = psutil.Process(side.pid), Watcher(side.name), []
+        time.sleep(3)
+        for _ in range(seconds):
+            before, begun = sum(process.cpu_times()[:2]), time.monotonic()
+            time.sleep(1)
+            shares.append(100 * (sum(process.cpu_times()[:2]) - before) / (time.monotonic() - begun))
+        connected = watcher.snapshot().gauges["operators"]
+    return f"| {operators} | {name} | {statistics.median(shares):.1f} % | {connected:.0f} |"
 
 
 def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":

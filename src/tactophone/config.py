@@ -60,7 +60,9 @@ class Capture:
 class Link:
     """The network link between robot and operator."""
 
-    peer: str = _setting("", "host of the other side; the robot calls the operator")
+    peer: str = _setting(
+        "", "operator that the robot calls, host or host:port; up to four, by a flag each or with commas"
+    )
     host: str = _setting("", "address at which the operator's side listens; empty: all, of IPv4 and IPv6")
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
     identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")

@@ -23,6 +23,7 @@ from tactophone.link import (
     PredictionReceived,
     ReceiveEvent,
     ReceiveSession,
+    SendGroup,
     SendSession,
 )
 from tactophone.perception import AnyTouchDetector, process_together
@@ -39,7 +40,8 @@ class RobotEndpoint:
     Parameters
     ----------
     session
-        Whoever owns the socket also passes what arrives to the session, polls it and fetches its datagrams.
+        With one operator or, as a group, with several. Whoever owns the socket also passes what arrives to the session,
+        polls it and fetches its datagrams.
     detector
         Makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None`` sends the
         sound.
@@ -49,7 +51,7 @@ class RobotEndpoint:
 
     def __init__(
         self,
-        session: SendSession,
+        session: SendSession | SendGroup,
         detector: AnyTouchDetector | Sequence[AnyTouchDetector] | None = None,
         *,
         channels: Sequence[int] = (),

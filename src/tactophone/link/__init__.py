@@ -14,6 +14,7 @@ from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.playout import Playout
 from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.send_group import MOST_OPERATORS, SendGroup
 from tactophone.link.send_session import Datagrams, SendSession
 from tactophone.link.session import Session
 from tactophone.link.session_log import LoggedSession, read_event, write_event
@@ -24,6 +25,7 @@ __all__ = [
     "CERTIFICATE_FILE",
     "IDENTITY_FOLDER",
     "KEY_FILE",
+    "MOST_OPERATORS",
     "NARROW_BAND",
     "Address",
     "Codec",
@@ -48,6 +50,7 @@ __all__ = [
     "Redundancy",
     "RedundancyRule",
     "Renewed",
+    "SendGroup",
     "SendSession",
     "Session",
     "StreamStats",

@@ -1,16 +1,12 @@
-"""Blocks of any length become packets of one length, each with as much redundancy as the loss requires."""
+"""Encoded sound becomes the packets of one stream, each with as much redundancy as the loss requires."""
 
-import math
 import secrets
 from collections import Counter, deque
-from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from tactophone.link.codec import Codec, open_encoder
+from tactophone.link.block_encoder import BlockEncoder, EncodedSound
+from tactophone.link.codec import Codec
 from tactophone.link.packet import (
-    CLOCK_RATE,
     MAX_EARLIER_OFFSET,
     MAX_EARLIER_SIZE,
     PAYLOAD_SPACE,
@@ -79,35 +75,43 @@ class Packetizer:
     Parameters
     ----------
     prompt
-        Whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for the next
-        block: with periods of 512 samples and packets of 480, for up to 10 ms.
-
-    Attributes
-    ----------
-    faults
-        ``non-finite samples``: NaN and infinities, sent as silence, because they would corrupt the state of the codec.
+        Of the encoder: see `BlockEncoder`.
+    encoder
+        Where several streams carry the same sound, their one encoder; else the stream makes its own.
     """
 
-    def __init__(self, codec: Codec, *, ssrc: int, redundancy: Redundancy, prompt: bool = False) -> None:
-        self.codec = codec
-        self.faults: Counter[str] = Counter()
+    def __init__(
+        self,
+        codec: Codec,
+        *,
+        ssrc: int,
+        redundancy: Redundancy,
+        prompt: bool = False,
+        encoder: BlockEncoder | None = None,
+    ) -> None:
+        self.encoder = encoder or BlockEncoder(codec, prompt=prompt)
         self.packets = self.octets = 0
-        self.ssrc, self._redundancy, self._prompt = ssrc, redundancy, prompt
+        self.ssrc, self._redundancy = ssrc, redundancy
         # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
         # roll-over count.
         self._sequence = secrets.randbelow(1 << 15)
-        self._offset = secrets.randbits(32)
-        self._encoder = open_encoder(codec)
-        self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
-        self._filled = 0
-        self._next: int | None = None
         self._marker = True
         self._past: deque[Payload] = deque(maxlen=2)
 
     @property
+    def codec(self) -> Codec:
+        """How the sound is encoded."""
+        return self.encoder.codec
+
+    @property
+    def faults(self) -> Counter[str]:
+        """Faults in the sound, as the encoder counts them."""
+        return self.encoder.faults
+
+    @property
     def origin(self) -> int:
         """The RTP timestamp of the source's first sample."""
-        return self._offset
+        return self.encoder.origin
 
     @property
     def latency(self) -> float:
@@ -116,39 +120,30 @@ class Packetizer:
 
     def push(self, block: AudioBlock) -> list[Packet]:
         """Take sound; return the packets that it completes, oldest first."""
-        self._check(block)
-        if block.start != self._next:
-            # The source lost sound: the incomplete packet is dropped, and the marker announces the gap.
-            self._filled, self._marker = 0, True
-        self._next = block.end
-        samples = block.samples
-        # Where the sum of squares is finite, every sample is; the search takes six times as long.
-        if not math.isfinite(np.vdot(samples, samples)):
-            finite = np.isfinite(samples)
-            self.faults["non-finite samples"] += int((~finite).sum())
-            samples = np.where(finite, samples, np.float32(0))
-        packets = list(self._cut(samples, block.start))
-        if self._prompt and block.size > self.codec.packet_size:
-            packets += self._cut_rest(block.end)
-        return packets
+        return [self.packet(encoded) for encoded in self.encoder.push(block)]
 
     def recode(self, codec: Codec) -> None:
         """Use another codec setting from the next packet on; channels and packet size must stay the same."""
-        self.codec, self._encoder = codec, open_encoder(codec)
+        self.encoder.recode(codec)
 
     def flush(self) -> list[Packet]:
         """Return the incomplete packet, padded with silence."""
-        if not self._filled or self._next is None:
-            return []
-        padding = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
-        return list(self._cut(padding, self._next))
+        return [self.packet(encoded) for encoded in self.encoder.flush()]
+
+    def packet(self, encoded: EncodedSound) -> Packet:
+        """Make the stream's next packet from encoded sound."""
+        # A gap in the sound is announced by the marker.
+        self._marker |= encoded.after_gap
+        packet = self.wrap(encoded.kind, encoded.start, encoded.content)
+        self._past.append(packet.payload)
+        return packet
 
     def wrap(self, kind: PayloadType, position: int, content: bytes, *, marker: bool | None = None) -> Packet:
         """Make the stream's next packet from a payload at ``position`` samples since the start of the stream.
 
         ``marker`` replaces the stream's own rule, which marks the first packet and those after gaps in the sound.
         """
-        payload = Payload(kind, (self._offset + position) % (1 << 32), content)
+        payload = Payload(kind, (self.origin + position) % (1 << 32), content)
         marked = self._marker if marker is None else marker
         packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), marked)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
@@ -157,41 +152,8 @@ class Packetizer:
 
     def report(self, now: float) -> SenderReport:
         """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
-        timestamp = self._offset + (self._next or 0)
+        timestamp = self.origin + (self.encoder.position or 0)
         return SenderReport(self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
-
-    def _check(self, block: AudioBlock) -> None:
-        if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
-            raise ValueError(
-                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
-                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
-            )
-
-    def _cut(self, samples: np.ndarray, start: int) -> Iterator[Packet]:
-        if not self._filled and len(samples) == self.codec.packet_size:
-            yield self._code(start, samples)
-            return
-        taken = 0
-        while taken < len(samples):
-            step = min(self.codec.packet_size - self._filled, len(samples) - taken)
-            self._buffer[self._filled : self._filled + step] = samples[taken : taken + step]
-            self._filled, taken = self._filled + step, taken + step
-            if self._filled == self.codec.packet_size:
-                self._filled = 0
-                yield self._code(start + taken - self.codec.packet_size, self._buffer)
-
-    def _cut_rest(self, end: int) -> Iterator[Packet]:
-        """Make shorter packets of what is left before ``end``, as far as the codec has so short ones."""
-        while size := self.codec.largest_packet(self._filled):
-            packet = self._code(end - self._filled, self._buffer[:size])
-            self._buffer[: self._filled - size] = self._buffer[size : self._filled].copy()
-            self._filled -= size
-            yield packet
-
-    def _code(self, start: int, samples: np.ndarray) -> Packet:
-        packet = self.wrap(self.codec.kind, start, self._encoder.encode(samples))
-        self._past.append(packet.payload)
-        return packet
 
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:
         """Return the newest past payloads that fit, oldest first."""

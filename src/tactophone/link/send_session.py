@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
+from tactophone.link.block_encoder import BlockEncoder, EncodedSound
 from tactophone.link.codec import NARROW_BAND, Codec
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
@@ -34,12 +35,16 @@ class SendSession:
     haptics
         Whether predictions are sent in the payload of RFC 9993 instead of this project's own.
     prompt
-        Whether the rest of a long block is sent in shorter packets at once; see `Packetizer`.
+        Whether the rest of a long block is sent in shorter packets at once; see `BlockEncoder`.
+    encoder
+        Where other sessions carry the same sound, their one encoder, which a `SendGroup` feeds and recodes.
 
     Attributes
     ----------
     counters
         In telemetry's names: ``packets_sent``, ``handshakes``, ``link_losses``, ``sound_faults``.
+    bandwidth
+        That the operator has requested, in Hz; 0 before it has.
     round_trip
         Round-trip time in s, by the newest report; ``None`` before the first.
     tap
@@ -55,9 +60,11 @@ class SendSession:
         follow: bool = False,
         haptics: bool = False,
         prompt: bool = False,
+        encoder: BlockEncoder | None = None,
     ) -> None:
         self.session, self.codec, self._follow, self._haptics = session, codec, follow, haptics
-        self._prompt, self._silent = prompt, True
+        self._prompt, self._silent, self._encoder = prompt, True, encoder
+        self.bandwidth = 0.0
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
         self.round_trip: float | None = None
@@ -87,6 +94,11 @@ class SendSession:
             self._send(self._packetizer.push(block))
             self.counters["sound_faults"] += bool(self._packetizer.faults)
             self._packetizer.faults.clear()
+
+    def send_encoded(self, encoded: Iterable[EncodedSound]) -> None:
+        """Send what the encoder of several sessions has returned; it is dropped while nobody is connected."""
+        if self._packetizer:
+            self._send(list(map(self._packetizer.packet, encoded)))
 
     def send_prediction(self, prediction: Prediction) -> None:
         """Send a prediction instead of sound."""
@@ -140,8 +152,13 @@ class SendSession:
             match event:
                 case Connected():
                     self._packetizer = Packetizer(
-                        self.codec, ssrc=event.local_ssrc, redundancy=self.redundancy, prompt=self._prompt
+                        self.codec,
+                        ssrc=event.local_ssrc,
+                        redundancy=self.redundancy,
+                        prompt=self._prompt,
+                        encoder=self._encoder,
                     )
+                    self.bandwidth = 0
                     self.counters["handshakes"] += 1
                 case Disconnected():
                     self._packetizer = None
@@ -162,9 +179,9 @@ class SendSession:
             self.counters["packets_broken"] += 1
             return
         if isinstance(report, ReceiverRequest):
-            bandwidth = max(report.bandwidth, NARROW_BAND)
-            if self._follow and self._packetizer and bandwidth != self.codec.bandwidth:
-                self.codec = self.codec.for_bandwidth(bandwidth)
+            self.bandwidth = max(report.bandwidth, NARROW_BAND)
+            if self._follow and self._packetizer and self.bandwidth != self.codec.bandwidth:
+                self.codec = self.codec.for_bandwidth(self.bandwidth)
                 self._packetizer.recode(self.codec)
         elif isinstance(report, ReceiverReport):
             self.loss = report.fraction_lost

@@ -2,7 +2,7 @@
 
 from tactophone.runtime.operator import Operator, run_operator
 from tactophone.runtime.output_gate import OutputGate
-from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
+from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys, with_operator
 from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.robot import Robot, run_robot
 from tactophone.runtime.session_recorder import SessionRecorder
@@ -24,4 +24,5 @@ __all__ = [
     "run_operator",
     "run_robot",
     "temporary_keys",
+    "with_operator",
 ]

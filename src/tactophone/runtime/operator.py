@@ -103,7 +103,7 @@ class Operator:
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.ceiling,
         )
-        self._session = ReceiveSession(open_session(settings, call=False))
+        self._session = ReceiveSession(open_session(settings))
         info.progress("opening the models")
         self._pipelines: dict[int, Pipeline] = {}
         self._endpoint = self._open_hand(settings) if settings.fingers else self._open_finger(settings)

@@ -1,7 +1,7 @@
 """The robot's side: takes sound, encodes, encrypts and sends it.
 
-Two threads share the send session under one lock, each for well under a millisecond at a time: one follows the sound,
-the other the network. The main thread does the housekeeping.
+One thread follows the sound, and one for each operator the network. They share the sessions under one lock, each for
+well under a millisecond at a time, whatever arrives. The main thread does the housekeeping.
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from functools import partial
 from typing import Protocol, Self, runtime_checkable
 
 from tactophone.capture import LiveSource
@@ -44,7 +45,8 @@ from tactophone.runtime.wiring import (
     open_device,
     open_microphone_check,
     open_pipeline_for,
-    open_send_session,
+    open_send_group,
+    operators_of,
     send_outgoing,
 )
 from tactophone.telemetry import MARKS, Fault, FingerState, State, Telemetry, Watcher
@@ -58,6 +60,9 @@ BUDGET_INTERVAL = 1.0
 
 LONGEST_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram before it polls the session."""
+
+MOST_AT_ONCE = 8
+"""Datagrams of one operator that are processed before the sound may be sent: about half a millisecond."""
 
 MOST_UNCHECKED = 1 << 14
 """Blocks that may wait to be checked for microphone faults: seconds of them, where the main thread is late."""
@@ -117,7 +122,8 @@ class Robot:
             info.progress("compiling the simulation")
             self._source.rehearse()
         info.progress("rehearsing")
-        self._session = open_send_session(settings, self._source.channels)
+        self._group = open_send_group(settings, self._source.channels)
+        self._operators = operators_of(settings.link)
         fingers = self._check_fingers()
         channels = channels_of(settings, alone=self._source.channels)
         detectors = []
@@ -128,23 +134,23 @@ class Robot:
                 rehearse_detector(detectors[-1], channels=count)
             self._checks.append(open_microphone_check(own, channels=count))
             rehearse_microphone_check(self._checks[-1], channels=count)
-        self._endpoint = RobotEndpoint(self._session, detectors, channels=channels if settings.fingers else ())
-        rehearse_encoder(self._session.codec)
+        self._endpoint = RobotEndpoint(self._group, detectors, channels=channels if settings.fingers else ())
+        rehearse_encoder(self._group.codec)
         rehearse_statistics()
         self._lock = threading.Lock()
         self._unchecked: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
         self._info = info
         self._budgeted_at = 0.0
         self._warnings: tuple[Fault, ...] = ()
+        networks = [partial(self._follow_network, operator) for operator in range(len(self._group.members))]
         self._threads = [
-            threading.Thread(target=self._run, args=(work,), daemon=True)
-            for work in (self._follow_sound, self._follow_network)
+            threading.Thread(target=self._run, args=(work,), daemon=True) for work in (self._follow_sound, *networks)
         ]
 
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
-            self._socket = self._resources.enter_context(UdpSocket())
+            self._sockets = [self._resources.enter_context(UdpSocket()) for _ in self._operators]
             self._telemetry = self._resources.enter_context(
                 Telemetry(self._info.name, fingers=max(1, len(self._settings.fingers)))
             )
@@ -153,7 +159,7 @@ class Robot:
             self._watcher = Watcher(self._info.name)
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="robot")
             self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
-            self._session.tap = self._log
+            self._group.tap = self._log
             self._resources = self._resources.pop_all()
         for thread in self._threads:
             thread.start()
@@ -168,34 +174,42 @@ class Robot:
         with self._lock:
             if not any(thread.is_alive() for thread in self._threads):
                 self._deferred.write()
-            self._session.session.hang_up()
-            send_outgoing(self._session, self._socket)
+            self._group.hang_up()
+            self._send_outgoing()
         self._resources.close()
 
     def housekeep(self, now: float) -> None:
         """Update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         with self._lock:
-            counters, round_trip, loss = dict(self._session.counters), self._session.round_trip, self._session.loss
-            peer, failure = self._session.peer, self._session.session.failure
+            group = self._group
+            counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
+            peers, link_faults = group.peers, list(self._link_faults())
         for name, total in counters.items():
             self._telemetry.count(name, total - self._telemetry.counter(name))
         self._telemetry.gauge("loss_ratio", loss)
+        self._telemetry.gauge("operators", len(peers))
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
         if now - self._budgeted_at >= BUDGET_INTERVAL:
             self._budgeted_at = now
-            for stage, duration in robot_stages(self._watcher, self._session.codec).items():
+            for stage, duration in robot_stages(self._watcher, self._group.codec).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
-        faults = [*self._warnings, *self._device_faults()]
+        faults = [*self._warnings, *self._device_faults(), *link_faults]
         self._check_microphones()
         for name, check in zip(names_of(self._settings), self._checks, strict=True):
             if check:
                 faults += [finger_fault(name, fault.code, str(fault)) for fault in check.faults]
-        if peer is None:
-            reason = f"no operator at {self._settings.link.peer}:{self._settings.link.port} yet"
-            faults.append(Fault("link", f"{reason}: {failure or 'start `tactophone receive` there'}"))
-        link = f"connected to {peer}" if peer else "calling"
+        of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
+        link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
         self._telemetry.update(dataclasses.replace(self._state(), link=link, faults=tuple(faults)), now=now)
+
+    def _link_faults(self) -> Iterator[Fault]:
+        """Yield which operators are not connected, and why."""
+        for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
+            if member.peer is None:
+                reason = member.session.failure or "start `tactophone receive` there"
+                code = "link" if len(self._operators) == 1 else f"link-{number}"
+                yield Fault(code, f"no operator at {host}:{port} yet: {reason}")
 
     def _state(self) -> State:
         capture = self._settings.capture
@@ -260,15 +274,15 @@ class Robot:
         """Hold a recording back until an operator is connected: unlike a microphone, it has a beginning."""
         while not self.ended.wait(HOUSEKEEPING_INTERVAL):
             with self._lock:
-                if self._session.peer is not None:
+                if self._group.connected:
                     return
 
     def _send(self, block: AudioBlock) -> None:
         captured = time.monotonic()
         with self._lock:
             steps = self._endpoint.push(block)
-            send_outgoing(self._session, self._socket)
-            origin = self._session.origin
+            self._send_outgoing()
+            origin = self._group.origin
         now = time.monotonic()
         # A prediction is marked with the end of its window, the only time of it that the operator knows.
         ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
@@ -294,16 +308,24 @@ class Robot:
         """Log a packet or a change of the connection; called under the lock of the session."""
         self._recorder.arrival(time.monotonic(), [event])
 
-    def _follow_network(self) -> None:
+    def _follow_network(self, operator: int) -> None:
         name_thread("tactophone-net")
         prioritize_thread(self._settings.process.priority)
+        member, socket = self._group.members[operator], self._sockets[operator]
         while not self.ended.is_set():
-            datagrams = self._socket.receive(LONGEST_RECEIVE)
+            datagrams = socket.receive(LONGEST_RECEIVE)
             now = time.monotonic()
+            # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
+            for start in range(0, len(datagrams), MOST_AT_ONCE):
+                with self._lock:
+                    self._group.receive(operator, datagrams[start : start + MOST_AT_ONCE], now=now)
             with self._lock:
-                self._session.receive(datagrams, now=now)
-                self._session.poll(now)
-                send_outgoing(self._session, self._socket)
+                self._group.poll(operator, now)
+                send_outgoing(member, socket)
+
+    def _send_outgoing(self) -> None:
+        for member, socket in zip(self._group.members, self._sockets, strict=True):
+            send_outgoing(member, socket)
 
     def _warn(self, code: str, warning: str) -> None:
         if warning:

@@ -1,12 +1,13 @@
 """Opens the sources, sessions, pipelines and actuators that the settings name."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import cast
 
 from tactophone.capture import jack_hand_source, jack_source, portaudio_hand_source, portaudio_source
-from tactophone.config import Settings
+from tactophone.config import Link, Settings
 from tactophone.errors import ConfigError
 from tactophone.hand_file import each_finger, names_of
 from tactophone.haptics import (
@@ -28,6 +29,7 @@ from tactophone.haptics import (
 )
 from tactophone.link import (
     IDENTITY_FOLDER,
+    MOST_OPERATORS,
     NARROW_BAND,
     Address,
     Codec,
@@ -37,6 +39,7 @@ from tactophone.link import (
     Peers,
     ReceiveSession,
     RedundancyRule,
+    SendGroup,
     SendSession,
     Session,
     resolve_all,
@@ -224,28 +227,69 @@ def _calibration(path: str, channels: int) -> Calibration | None:
     return calibration if calibration.channels == channels else None
 
 
-def open_session(settings: Settings, *, call: bool) -> Session:
-    """Open one end of the encrypted session; the robot calls, the operator answers.
+def open_session(settings: Settings, *, call: Sequence[Endpoint] = ()) -> Session:
+    """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
 
     Raises
     ------
     ConfigError
-        If the host to call is not set, or no peer is trusted yet.
+        If no peer is trusted yet.
     """
-    link = settings.link
-    folder = Path(link.identity or IDENTITY_FOLDER).expanduser()
-    if call and not link.peer:
-        raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
-    callee = resolve_all(link.peer, link.port) if call else None
+    folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     peers = Peers.load(folder)
     if not peers.items():
         raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
-    return Session(Identity.load(folder), peers, call=cast(list[Address] | None, callee))
+    return Session(Identity.load(folder), peers, call=cast(list[Address], list(call)) or None)
 
 
-def open_send_session(settings: Settings, channels: int) -> SendSession:
-    """Open the robot's session, with the codec and the redundancy that the settings ask for."""
+def operators_of(link: Link) -> list[Endpoint]:
+    """Return host and port of each operator that the robot calls.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, one twice, or more than `MOST_OPERATORS`.
+
+    Examples
+    --------
+    >>> operators_of(Link(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
+    [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
+    """
+    operators = [_endpoint(name.strip(), link.port) for name in link.peer.split(",") if name.strip()]
+    if not operators:
+        raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
+    if len(operators) > MOST_OPERATORS:
+        raise ConfigError(
+            f"link.peer names {len(operators)} operators, but a robot sends to at most {MOST_OPERATORS}: leave some out"
+        )
+    if twice := [host for (host, port), count in Counter(operators).items() if count > 1]:
+        raise ConfigError(f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own")
+    return operators
+
+
+def _endpoint(name: str, port: int) -> Endpoint:
+    """Split ``host``, ``host:port`` or ``[host]:port``; the colons of an IPv6 address alone are no port."""
+    host, colon, number = name.rpartition(":")
+    if not colon or name.endswith("]") or (":" in host and not host.endswith("]")):
+        return name.strip("[]"), port
+    if not number.isascii() or not number.isdecimal() or not 0 < int(number) < 1 << 16:
+        raise ConfigError(f"link.peer = {name!r}: {number!r} is no port; write host or host:port")
+    return host.strip("[]"), int(number)
+
+
+def open_send_group(settings: Settings, channels: int) -> SendGroup:
+    """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
+
+    Raises
+    ------
+    ConfigError
+        As `operators_of` and `open_session`, and where two names lead to one address.
+    """
     link = settings.link
+    operators = [resolve_all(host, port) for host, port in operators_of(link)]
+    every = Counter(address for found in operators for address in set(found))
+    if twice := [address for address, count in every.items() if count > 1]:
+        raise ConfigError(f"two names in link.peer lead to {twice[0][0]}: name each operator once")
     codec = Codec(
         "pcm16" if link.codec == "pcm16" else "opus",
         channels=channels,
@@ -256,8 +300,8 @@ def open_send_session(settings: Settings, channels: int) -> SendSession:
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
     haptics = link.prediction_payload == "rfc9993"
-    session = open_session(settings, call=True)
-    return SendSession(session, codec, rule=rule, follow=not link.bandwidth, haptics=haptics, prompt=True)
+    sessions = [open_session(settings, call=found) for found in operators]
+    return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, haptics=haptics, prompt=True)
 
 
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:

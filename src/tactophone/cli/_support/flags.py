@@ -8,6 +8,9 @@ from tactophone import config
 from tactophone.config import Settings
 from tactophone.hand_file import finger_named, with_fingers
 
+REPEATED = ("link.peer",)
+"""Settings whose flag may be given more than once; the values are joined by commas."""
+
 
 def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
     """Declare ``--config``, ``--set`` and each flag, with the help text, range and default of its setting.
@@ -35,7 +38,8 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
             continue
         choices = f": {', '.join(entry.choices)}" if entry.choices else ""
         default = "" if entry.default == "" else f" (default: {entry.default})"
-        group.add_argument(option, dest=name, metavar="VALUE", help=f"{words}{choices}{default}")
+        action = "append" if name in REPEATED else "store"
+        group.add_argument(option, dest=name, action=action, metavar="VALUE", help=f"{words}{choices}{default}")
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
     )
@@ -69,7 +73,8 @@ def settings_of(args: argparse.Namespace) -> Settings:
             # `ros:/topic` is short for the source `ros` and the device `/topic`.
             settings = config.change(settings, ["capture.source=ros", f"capture.device={value[4:]}"])
         elif "." in name and value is not None:
-            settings = config.change(settings, [f"{name}={value}"])
+            text = ",".join(value) if name in REPEATED else value
+            settings = config.change(settings, [f"{name}={text}"])
     settings = config.change(settings, args.set)
     fingers, chosen = getattr(args, "fingers", None), getattr(args, "of_hand", None)
     settings = with_fingers(settings, fingers) if fingers else settings
