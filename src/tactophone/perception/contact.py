@@ -140,26 +140,24 @@ class ContactGate:
     def _step(self, power: float) -> Contact | None:
         self._fast.append(power)
         self._slow.append(power)
-        before = self._touching, self._held
+        touching, held = self._touching, self._held
         self._steps += 1
         self._lasted += 1
         slow = sum(self._slow) / SLOW
-        self._update(sum(self._fast) / FAST, slow)
-        if self._touching and not before[0]:
+        loud = self._is_loud(sum(self._fast) / FAST, slow)
+        self._quiet = 0 if loud else self._quiet + 1
+        # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
+        self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold_steps
+        self._touching = loud or self._held
+        if self._touching and not touching:
             self._lasted = 0
-        if self.floor and self._steps % HEARTBEAT_STEPS == 0:
+        reported = self._steps % HEARTBEAT_STEPS == 0
+        if reported and self.floor:
             self._follow(self.floor, slow)
-        if (self._touching, self._held) == before and self._steps % HEARTBEAT_STEPS:
+        if not reported and self._touching is touching and self._held is held:
             return None
         time = self._steps * self._levels.step_size / self._sample_rate
         return Contact(time, self._touching, self._held, self._threshold_dbfs)
-
-    def _update(self, fast: float, slow: float) -> None:
-        loud = self._is_loud(fast, slow)
-        self._quiet = 0 if loud else self._quiet + 1
-        # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
-        self._held = not loud and self._touching and slow >= 0 and self._quiet <= self._hold_steps
-        self._touching = loud or self._held
 
     def _is_loud(self, fast: float, slow: float) -> bool:
         # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.

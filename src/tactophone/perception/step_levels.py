@@ -1,9 +1,6 @@
 """The level of the contact microphone a thousand times a second, by the rule of a model's gate."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from tactophone.perception.features.loudness import LoudnessRule
 from tactophone.perception.sensor_health.invalid_samples import find_invalid
@@ -50,36 +47,44 @@ class StepLevels:
         self.step_size = count * self._decimation
         # The level is a mean of |x| to this power; so are the thresholds that it is compared with.
         self.power = 1 if rule == "mean_absolute" else 2
+        # The mean of `decimation` neighbours, a low-pass that costs little (what it lets alias is quiet in a contact
+        # sound), less the mean a lag before. As one filter, because each call on a packet costs more than its sums.
+        mean = np.full(self._decimation, 1 / self._decimation, np.float32)
+        self._filter = np.concatenate((-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean))
+        self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
         self.reset()
 
     def reset(self) -> None:
         """Return to the initial state."""
-        self._rest: FloatArray = np.empty(0, np.float32)
-        self._before: NDArray[Any] = np.zeros(BANDED_LAG, np.float32)
+        # What precedes the next step and is part of its differences, and the beginning of that step.
+        self._kept: FloatArray = np.zeros(self._before, np.float32)
 
     def push(self, block: AudioBlock) -> list[float]:
         """Take sound; return the power, or mean absolute value, of each step that it completes.
 
         A step with invalid samples is NaN.
         """
-        sound = np.concatenate((self._rest, block.samples[:, CONTACT]))
-        whole = len(sound) // self.step_size * self.step_size
-        self._rest = sound[whole:]
-        return self._measure(sound[:whole].reshape(-1, self.step_size)) if whole else []
+        sound = np.concatenate((self._kept, block.samples[:, CONTACT]))
+        steps = (len(sound) - self._before) // self.step_size
+        if not steps:
+            self._kept = sound
+            return []
+        measured = sound[: self._before + steps * self.step_size]
+        self._kept = sound[len(measured) - self._before :]
+        return self._measure(measured, steps)
 
-    def _measure(self, steps: FloatArray) -> list[float]:
+    def _measure(self, sound: FloatArray, count: int) -> list[float]:
+        steps = sound[self._before :].reshape(count, self.step_size)
         if len(invalid := find_invalid(steps)):
-            steps = steps.copy()
             steps[invalid] = np.nan
         if self._rule == "banded":
-            return self._measure_band(steps)
+            return self._measure_band(sound, count)
         sums = np.vecdot(steps, steps) if self.power == 2 else np.abs(steps).sum(axis=1)
         return [total / self.step_size for total in sums.tolist()]
 
-    def _measure_band(self, steps: FloatArray) -> list[float]:
-        # Mean of `decimation` neighbours: a low-pass that costs little; what it lets alias is quiet in a contact sound.
-        slow = steps.reshape(len(steps), -1, self._decimation).sum(axis=2) / np.float32(self._decimation)
-        joined = np.concatenate((self._before, slow.reshape(-1)))
-        self._before = joined[-BANDED_LAG:]
-        change = (joined[BANDED_LAG:] - joined[:-BANDED_LAG]).reshape(slow.shape)
-        return [BANDED_POWER / slow.shape[1] * total for total in np.vecdot(change, change).tolist()]
+    def _measure_band(self, sound: FloatArray, count: int) -> list[float]:
+        per_step = self.step_size // self._decimation
+        # A view of the stretch that the filter covers for each difference.
+        shape, strides = (count, per_step, len(self._filter)), (4 * self.step_size, 4 * self._decimation, 4)
+        change = np.vecdot(np.ndarray(shape, np.float32, sound, strides=strides), self._filter)
+        return [BANDED_POWER / per_step * total for total in np.vecdot(change, change).tolist()]
