@@ -25,49 +25,38 @@ Processing: TypeAlias = Generator[PendingWindows, list[Prediction], list[Predict
 def process_together(processings: Sequence[Processing]) -> list[list[Prediction]]:
     """Let several detectors process their blocks; returns the predictions of each."""
     results: list[list[Prediction]] = [[] for _ in processings]
-    running = list(enumerate(processings))
-    answers: list[list[Prediction] | None] = [None] * len(running)
+    # A generator is started by None.
+    running: list[tuple[int, list[Prediction] | None]] = [(number, None) for number in range(len(results))]
     while running:
         waiting, pending = [], []
-        for (number, processing), answer in zip(running, answers, strict=True):
+        for number, answer in running:
             try:
-                # A generator is started by None.
-                pending.append(processing.send(answer))  # type: ignore[arg-type]
-                waiting.append((number, processing))
+                pending.append(processings[number].send(answer))  # type: ignore[arg-type]
+                waiting.append(number)
             except StopIteration as end:
                 results[number] = end.value
-        running, answers = waiting, list(_predict(pending))
+        running = list(zip(waiting, _predict(pending), strict=True)) if waiting else []
     return results
 
 
 def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
     """Return the predictions of each entry."""
-    by_network: dict[object, list[int]] = {}
-    for number, (detector, _) in enumerate(pending):
-        by_network.setdefault(detector.network, []).append(number)
     results: list[list[Prediction]] = [[] for _ in pending]
-    for numbers in by_network.values():
-        for number, predictions in zip(numbers, _predict_alike([pending[number] for number in numbers]), strict=True):
-            results[number] = predictions
+    by_network: dict[object, list[tuple[int, int, FloatArray]]] = {}
+    for number, (detector, windows) in enumerate(pending):
+        by_network.setdefault(detector.network, []).extend((number, end, window) for end, window in windows)
+    for entries in by_network.values():
+        alike = pending[entries[0][0]][0]
+        # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
+        sound = np.empty((len(entries), *entries[0][2].shape[::-1]), np.float32)
+        for place, (_, _, window) in zip(sound, entries, strict=True):
+            place[:] = window.T
+        descriptions = alike.describe(sound.swapaxes(1, 2))
+        measured = [
+            pending[number][0].measure(place.T, description)
+            for (number, _, _), place, description in zip(entries, sound, descriptions, strict=True)
+        ]
+        found = alike.classify([features for _, _, features in measured])
+        for (number, end, _), each, probabilities in zip(entries, measured, found, strict=True):
+            results[number].append(pending[number][0].decide(end, probabilities, *each))
     return results
-
-
-def _predict_alike(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
-    """Do so for detectors of one model."""
-    first = pending[0][0]
-    entries = [(detector, end, window) for detector, windows in pending for end, window in windows]
-    # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
-    sound = np.empty((len(entries), *entries[0][2].shape[::-1]), np.float32)
-    for place, (_, _, window) in zip(sound, entries, strict=True):
-        place[:] = window.T
-    windows = sound.swapaxes(1, 2)
-    measured = [
-        detector.measure(window, description)
-        for (detector, _, _), window, description in zip(entries, windows, first.describe(windows), strict=True)
-    ]
-    found = first.classify([features for _, _, features in measured])
-    predictions = iter(
-        detector.decide(end, probabilities, *each)
-        for (detector, end, _), each, probabilities in zip(entries, measured, found, strict=True)
-    )
-    return [[next(predictions) for _ in windows] for _, windows in pending]
