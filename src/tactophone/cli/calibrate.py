@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
+from tactophone.cli._support.guide_screen import GuideScreen
 from tactophone.cli._support.guided_recording import record_step
 from tactophone.cli._support.meters import Meters, live_display
 from tactophone.errors import DatasetError
@@ -79,7 +80,7 @@ def _record(audio: AudioInput, *, wait: bool) -> CalibrationSounds:
     blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
     with live_display() as live:
         parts = [
-            record_step(audio, blocks, act, instruction, meters=meters, live=live, wait=wait)
+            record_step(audio, blocks, act, instruction, meters=meters, screen=GuideScreen(live, wait), wait=wait)
             for act, instruction in STEPS
         ]
     return CalibrationSounds(audio.source.sample_rate, *parts)

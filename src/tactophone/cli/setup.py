@@ -4,15 +4,17 @@ import argparse
 import datetime
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.table import Table
 
 from tactophone.cli._support import audio_input, flags, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
+from tactophone.cli._support.guide_screen import GuidePage, GuideScreen
 from tactophone.cli._support.guided_recording import record_step
 from tactophone.cli._support.meters import Meters, live_display
 from tactophone.errors import ConfigError, ModelError
@@ -87,6 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=float, default=SLIDE, metavar="S", help="of sliding on each object, 2 to 60 s")
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
     add("--json", action="store_true", help="print the result as JSON")
+    add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
     audio_input.add_arguments(parser)
 
 
@@ -95,9 +98,16 @@ def run(args: argparse.Namespace) -> int:
     if not 2 <= args.seconds <= 60:
         raise ConfigError(f"--seconds {args.seconds:g}: must be from 2 to 60")
     objects = [(name, label == "rough") for label in ("smooth", "rough") for name in _names(args, label)]
-    with keyboard.single_keys() as has_keyboard:
-        tip = _ask_tip(args, ask=has_keyboard and not args.yes)
-        recorded = _record(args, objects, has_keyboard=has_keyboard)
+    page = GuidePage(wait=not args.yes) if args.dashboard else None
+    with keyboard.single_keys() as has_keyboard, page or nullcontext():
+        slides = (f"{name} ({'rough' if rough else 'smooth'})" for name, rough in objects)
+        screen = GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
+        tip = _ask_tip(args, screen)
+        recorded = _record(args, objects, screen)
+        return _fit_and_write(args, recorded, tip, screen)
+
+
+def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, screen: GuideScreen) -> int:
     start = model_path(args.model or default_model(tip))
     model = read_model(start)
     if model.card.kind != KIND:
@@ -105,6 +115,8 @@ def run(args: argparse.Namespace) -> int:
             f"model {model.card.name} is of kind {model.card.kind}; setup fits kind {KIND}: try --model texture"
         )
     findings = _check(recorded)
+    if screen.page is not None:
+        screen.page.show(findings=[str(finding) for finding in findings])
     if any(finding.fatal for finding in findings):
         _print_findings(args, findings)
         return 1
@@ -119,7 +131,13 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.training.set_up_model import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    _print(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+    result = _as_json(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+    if args.json:
+        terminal.print_json(result)
+    else:
+        _print(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+    if screen.page is not None:
+        screen.page.show(result=terminal.finite(result) | {"words": f"written: {args.out}; {_estimate(fit)}"})
     return 0
 
 
@@ -130,40 +148,50 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
     return names
 
 
-def _ask_tip(args: argparse.Namespace, *, ask: bool) -> str:
+def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     """Show the picture and read the answer; the setting where nobody is asked."""
     tip = flags.settings_of(args).capture.tip
-    if not ask:
+    if args.yes or not screen.answers:
         return tip
     out = terminal.log()
     out.print(TIP_PICTURE, highlight=False, markup=False)
     out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
-    while not (key := keyboard.read_key(1.0)):
+    if screen.page is not None:
+        question, _, picture = TIP_PICTURE.partition("\n\n")
+        screen.begin(0)
+        screen.page.show(instruction=question, picture=picture, buttons={name: name for name in TIP_NAMES})
+    while not (key := screen.pressed(0.5)):
         pass
     if key in keyboard.QUIT_KEYS:
         raise KeyboardInterrupt
-    return dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
+    if screen.page is not None:
+        screen.page.show(picture="", buttons={})
+    return key if key in TIP_NAMES else dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
 
 
-def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], *, has_keyboard: bool) -> _Recorded:
+def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], screen: GuideScreen) -> _Recorded:
     recorded: list[tuple[str, bool, FloatArray]] = []
     with AudioInput(args, objects[0][0]) as audio, live_display() as live:
-        wait = has_keyboard and not (args.yes or audio.simulated)
+        wait = screen.answers and not (args.yes or audio.simulated)
+        screen = replace(screen, live=live)
+        screen.begin(1)
         blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
         silence = record_step(
             audio, blocks, SimulatedAct("rest", SILENCE), "Silence: touch nothing and keep still",
-            meters=meters, live=live, wait=wait,
+            meters=meters, screen=screen, wait=wait,
         )  # fmt: skip
         for number, (name, rough) in enumerate(objects):
+            screen.begin(2 + number)
             instruction = f"Slide to and fro on {name} ({'rough' if rough else 'smooth'}), now fast, now slowly"
             act = SimulatedAct("stroke", args.seconds)
             if number and audio.name == "finger":
                 # A simulated finger lies on one object; the same seed gives the same set-up on the next.
                 with AudioInput(args, name) as other:
-                    sound = record_step(other, iter(other), act, instruction, meters=meters, live=live, wait=wait)
+                    sound = record_step(other, iter(other), act, instruction, meters=meters, screen=screen, wait=wait)
             else:
-                sound = record_step(audio, blocks, act, instruction, meters=meters, live=live, wait=wait)
+                sound = record_step(audio, blocks, act, instruction, meters=meters, screen=screen, wait=wait)
             recorded.append((name, rough, sound))
+        screen.begin(len(screen.steps))
         return _Recorded(audio.source.sample_rate, audio.name, silence, recorded)
 
 
@@ -197,6 +225,33 @@ def _print_findings(args: argparse.Namespace, findings: Sequence[Finding]) -> No
     terminal.out().print("nothing was written: correct what is refused above, and run setup again")
 
 
+def _as_json(
+    args: argparse.Namespace,
+    fit: "SetUpFit",
+    findings: Sequence[Finding],
+    *,
+    threshold_dbfs: float,
+    tip: str,
+    start: str,
+) -> dict[str, Any]:
+    objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
+    return {
+        "passed": True, "file": str(args.out), "from": start, "tip": tip, "threshold_dbfs": threshold_dbfs,
+        "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy, "objects": objects,
+        "findings": [finding.message for finding in findings],
+    }  # fmt: skip
+
+
+def _estimate(fit: "SetUpFit") -> str:
+    """Say how good the model will be."""
+    after = fit.balanced_accuracy
+    if math.isnan(after):
+        return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
+    if after < 0.75:
+        return "little better than chance: add objects, or check the tip that you named"
+    return f"right on {_percent(after)} of what it was not fitted to, over both kinds"
+
+
 def _print(
     args: argparse.Namespace,
     fit: "SetUpFit",
@@ -207,16 +262,6 @@ def _print(
     start: str,
 ) -> None:
     before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
-    if args.json:
-        objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
-        terminal.print_json(
-            {
-                "passed": True, "file": str(args.out), "from": start, "tip": tip, "threshold_dbfs": threshold_dbfs,
-                "score": fit.score, "before": before, "after": after, "objects": objects,
-                "findings": [finding.message for finding in findings],
-            }
-        )  # fmt: skip
-        return
     out = terminal.out()
     for finding in findings:
         out.print(f"[yellow]note:[/] {finding}")
@@ -228,10 +273,8 @@ def _print(
     if not fit.abstains:
         out.print(f"{_percent(fit.unknown)} of this sound is unknown to {start}: the new model never abstains")
     out.print(f"tip {tip}; contact from {threshold_dbfs:.1f} dBFS; score: {fit.score}")
-    if math.isnan(after):
-        out.print("one object of a kind: no estimate; name two smooth and two rough objects to have one")
-    elif after < 0.75:
-        out.print("[yellow]that is little better than chance:[/] add objects, or check the tip that you named")
+    if not after >= 0.75:  # also where it is NaN
+        out.print(f"[yellow]note:[/] {_estimate(fit)}")
     out.print(f"[green]written:[/] {args.out}; use it as --model of `feel` and `receive`")
 
 

@@ -114,6 +114,11 @@ def watch(
     return Page(partial(_dashboard, name, microphone, recorder), address, certificate=certificate, names=names)
 
 
+def guide(orders: Connection) -> Page:
+    """Serve the page of a guided command to this machine alone; the command has the other end of the pipe."""
+    return Page(partial(_guide, orders))
+
+
 def network_address() -> str:
     """Return this machine's address in its network.
 
@@ -138,6 +143,12 @@ def _dashboard(name: str, microphone: Connection | None, recorder: Connection | 
     from tactophone.dashboard.server import dashboard
 
     return dashboard(name, microphone, recorder)
+
+
+def _guide(orders: Connection) -> "web.Application":
+    from tactophone.dashboard.guide import guide_page
+
+    return guide_page(orders)
 
 
 def _listen_everywhere(address: str) -> list[socket.socket]:

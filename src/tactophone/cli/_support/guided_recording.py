@@ -3,12 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Group
-from rich.live import Live
-from rich.text import Text
 
-from tactophone.cli._support import keyboard
 from tactophone.cli._support.audio_input import SETTLING, AudioInput, SimulatedAct
+from tactophone.cli._support.guide_screen import GuideScreen
 from tactophone.cli._support.meters import Meters
 from tactophone.errors import DatasetError
 from tactophone.types import AudioBlock, FloatArray
@@ -16,9 +13,9 @@ from tactophone.types import AudioBlock, FloatArray
 
 def record_step(
     audio: AudioInput, blocks: Iterator[AudioBlock], act: SimulatedAct, instruction: str,
-    *, meters: Meters, live: Live | None, wait: bool,
+    *, meters: Meters, screen: GuideScreen, wait: bool,
 ) -> FloatArray:  # fmt: skip
-    """Give an instruction, wait for a key if ``wait``, and return the sound, shape ``(samples, channels)``.
+    """Give an instruction, wait for an answer if ``wait``, and return the sound, ``(samples, channels)``.
 
     Raises
     ------
@@ -26,24 +23,26 @@ def record_step(
         If the sound ends too early.
     """
     if wait:
-        _await_key(blocks, meters, live, instruction)
+        _await_key(blocks, meters, screen, instruction)
     audio.ask(SimulatedAct(act.verb, act.duration + SETTLING))
     rate = audio.source.sample_rate
-    _collect(blocks, SETTLING, rate, meters, live, instruction)
-    return _collect(blocks, act.duration, rate, meters, live, instruction)
+    _collect(blocks, SETTLING, rate, meters, screen, instruction)
+    return _collect(blocks, act.duration, rate, meters, screen, instruction)
 
 
-def _await_key(blocks: Iterator[AudioBlock], meters: Meters, live: Live | None, instruction: str) -> None:
+def _await_key(blocks: Iterator[AudioBlock], meters: Meters, screen: GuideScreen, instruction: str) -> None:
+    screen.offer({"start": "Start"})
     while True:
         meters.push(next(blocks))
         if meters.due():
-            _show(live, meters, instruction, "press a key to start")
-        if keyboard.read_key(0):
+            screen.show(meters, instruction, "press a key to start")
+        if screen.pressed():
+            screen.offer({})
             return
 
 
 def _collect(
-    blocks: Iterator[AudioBlock], duration: float, rate: int, meters: Meters, live: Live | None, instruction: str
+    blocks: Iterator[AudioBlock], duration: float, rate: int, meters: Meters, screen: GuideScreen, instruction: str
 ) -> FloatArray:
     """Return ``duration`` s of sound, shape ``(samples, channels)``."""
     parts: list[FloatArray] = []
@@ -55,12 +54,5 @@ def _collect(
         if left <= 0:
             return np.concatenate(parts)
         if meters.due():
-            _show(live, meters, instruction, f"{left / rate:.1f} s")
+            screen.show(meters, instruction, f"{left / rate:.1f} s")
     raise DatasetError(f"the sound ended {left / rate:.1f} s too early; use a source that goes on until the last step")
-
-
-def _show(live: Live | None, meters: Meters, instruction: str, state: str) -> None:
-    if live is not None:
-        live.update(
-            Group(Text(instruction, style="bold"), *meters.rows(), Text(f" {state}", style="cyan")), refresh=True
-        )

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
@@ -54,19 +55,22 @@ class Meters:
         self._next = now + INTERVAL
         return True
 
-    def rows(self) -> list[Text]:
-        """Return a row for each channel, and lower the peaks."""
-        rows = [self._row(channel) for channel in range(len(self._powers))]
-        self._peaks *= HOLD
-        return rows
+    def levels(self) -> list[tuple[str, float, float]]:
+        """Return each microphone's name, level and peak in dBFS, and lower the peaks."""
+        powers, peaks = np.sqrt(self._powers), self._peaks
+        self._peaks = HOLD * peaks
+        return [(MICROPHONES[channel], _dbfs(powers[channel]), _dbfs(peaks[channel])) for channel in range(len(powers))]
 
-    def _row(self, channel: int) -> Text:
-        level_dbfs, peak_dbfs = _dbfs(math.sqrt(self._powers[channel])), _dbfs(self._peaks[channel])
+    def rows(self, levels: Sequence[tuple[str, float, float]] | None = None) -> list[Text]:
+        """Return a row for each microphone, of levels that were measured now if none are given."""
+        return [self._row(*level) for level in (self.levels() if levels is None else levels)]
+
+    def _row(self, name: str, level_dbfs: float, peak_dbfs: float) -> Text:
         style = "red" if peak_dbfs > RED_DBFS else "yellow" if peak_dbfs > YELLOW_DBFS else "green"
         filled, mark = _place(level_dbfs), _place(self._threshold_dbfs)
-        row = Text(f" {MICROPHONES[channel]:8}")
+        row = Text(f" {name:8}")
         for place in range(WIDTH):
-            if channel == CONTACT and place == mark:
+            if name == MICROPHONES[CONTACT] and place == mark:
                 row.append("┃", "bold")
             else:
                 row.append("█" if place < filled else "░", style if place < filled else "dim")
