@@ -49,12 +49,14 @@ unit: $(READY)
 package: $(READY)
 	$(PYTEST) -m package tests
 
-# Real servers, browsers and processes mostly wait, so three tests at once; those that assert times run alone. A shared
-# machine may stall in the middle of one, so each may be repeated; the summary names those that were.
+# Real servers and processes, one after another, as they would disturb each other's timing; but pages, whose browsers
+# mostly wait, two at once. A shared machine may stall in the middle of a test, so each may be repeated; the summary names
+# those that were.
 RERUNS = --reruns 2 --reruns-delay 1 -rR
+PAGES  = tests/dashboard tests/game
 realtime: $(READY)
-	$(PYTEST) -n 3 --dist loadfile -m 'realtime and not alone' $(RERUNS) tests
-	$(BIN)/python -m pytest -m alone $(RERUNS) tests
+	$(PYTEST) -n 2 --dist loadfile -m realtime $(RERUNS) $(PAGES)
+	$(BIN)/python -m pytest -m realtime $(RERUNS) $(PAGES:%=--ignore=%) tests
 
 # Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
 # same examples of the property tests in every run.

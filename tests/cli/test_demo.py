@@ -7,7 +7,7 @@ import soundfile
 from tactophone.cli import main
 from tests.dataset.folders import write_sound
 
-pytestmark = [pytest.mark.realtime, pytest.mark.alone]
+pytestmark = pytest.mark.realtime
 
 
 def test_the_demo_crosses_a_bad_network_and_writes_picture_sound_and_scores(

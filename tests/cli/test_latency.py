@@ -6,7 +6,6 @@ from tactophone.cli import main
 
 
 @pytest.mark.realtime
-@pytest.mark.alone
 def test_figures_come_for_every_stage(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["latency", "--dummy", "--packet-duration", "0.0025", "--impulses", "10", "--no-decisions", "--json"]
     assert main([*words, "--name", "test-latency-cli"]) == 0

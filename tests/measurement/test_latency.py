@@ -9,7 +9,6 @@ from tactophone.telemetry import STAGES
 
 
 @pytest.mark.realtime
-@pytest.mark.alone
 def test_impulses_cross_the_running_system(jack_server: DummyServer) -> None:
     settings = config.change(Settings(), ["link.packet_duration=0.0025", "process.name=test-latency"])
     measured = measure(settings, Graph(jack_server.name), impulses=12)

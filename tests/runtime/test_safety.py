@@ -30,7 +30,7 @@ from tactophone.telemetry import Watcher
 
 from .live_system import eventually, writer_of
 
-pytestmark = [pytest.mark.realtime, pytest.mark.alone]
+pytestmark = pytest.mark.realtime
 
 SETTINGS = config.change(Settings(), ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"])
 

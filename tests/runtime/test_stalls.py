@@ -198,7 +198,6 @@ def is_permitted() -> bool:
 
 
 @pytest.mark.realtime
-@pytest.mark.alone
 @pytest.mark.parametrize("side", ["robot", "operator"])
 def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Path) -> None:
     name = f"test-stall-{os.getpid()}-{side}"

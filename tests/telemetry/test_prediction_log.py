@@ -162,7 +162,6 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> No
 
 
 @pytest.mark.realtime
-@pytest.mark.alone
 def test_a_killed_loopback_leaves_a_log_that_lacks_at_most_a_second(tmp_path: Path, name: str) -> None:
     noise = np.random.default_rng(0).normal(0, 0.05, (48_000 * 20, 2))
     soundfile.write(tmp_path / "noise.wav", noise, 48_000)
