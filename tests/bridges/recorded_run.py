@@ -11,7 +11,9 @@ from tactophone import config
 from tactophone.bridges import McapLog
 from tactophone.config import Settings
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
+from tactophone.hand_file import channels_of, each_finger, with_fingers
 from tactophone.link import Address, Codec, Datagrams
+from tactophone.pipeline import Hand
 from tactophone.runtime import OutputGate, SessionRecorder, open_pipeline_for
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.telemetry import Telemetry
@@ -25,7 +27,9 @@ class RecordedOperator:
     """An operator's endpoint that logs and publishes as `runtime.Operator` does."""
 
     def __init__(self, endpoint: OperatorEndpoint, telemetry: Telemetry, settings: Settings) -> None:
-        self.endpoint, self.gate = endpoint, OutputGate(ceiling=settings.rendering.ceiling)
+        self.endpoint = endpoint
+        self.gates = [OutputGate(ceiling=own.rendering.ceiling) for own in each_finger(settings)]
+        self.gate = self.gates[0]
         self._telemetry = telemetry
         self.recorder = SessionRecorder(telemetry, settings, role="operator")
         endpoint.session.tap = self.recorder.arrival
@@ -35,27 +39,28 @@ class RecordedOperator:
         return self.endpoint.peer
 
     def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[EventStep]:
-        self.recorder.controls(*self.controls())
+        self.log_controls()
         return list(self._published(self.endpoint.receive(datagrams, now=now), now))
 
     def poll(self, now: float) -> Iterable[EventStep]:
-        self.recorder.controls(*self.controls())
+        self.log_controls()
         return list(self._published(self.endpoint.poll(now), now))
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         return self.endpoint.outgoing()
 
-    def controls(self) -> tuple[bool, float, float, float, str, float | None]:
-        pipeline, gate = self.endpoint.pipeline, self.gate
-        return (
-            gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-            None if pipeline.follows_floor else pipeline.threshold_dbfs,
-        )  # fmt: skip
+    def log_controls(self) -> None:
+        for finger, (pipeline, gate) in enumerate(zip(self.endpoint.hand.pipelines, self.gates, strict=True)):
+            self.recorder.controls(
+                gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
+                None if pipeline.follows_floor else pipeline.threshold_dbfs, finger=finger,
+            )  # fmt: skip
 
     def _published(self, steps: Iterable[EventStep], now: float) -> Iterator[EventStep]:
         for event, step in steps:
             if step is not None:
-                bounded = tuple(replace(each, amplitude=self.gate.bound(each.amplitude)) for each in step.commands)
+                bound = self.gates[step.finger].bound
+                bounded = tuple(replace(each, amplitude=bound(each.amplitude)) for each in step.commands)
                 self._telemetry.publish(replace(step, commands=bounded), now=now)
             yield event, step
         self.recorder.write()
@@ -71,21 +76,32 @@ def record(
     sound: Iterable[AudioBlock] | None = None,
     meanwhile: Callable[[RecordedOperator, float], None] = lambda operator, now: None,
     remote: bool = False,
+    fingers: str = "",
 ) -> Path:
-    """Record strokes that cross the link; ``meanwhile`` is called before each block, with the time of the sound."""
+    """Record strokes that cross the link; ``meanwhile`` is called before each block, with the time of the sound.
+
+    ``fingers`` is that of the command line; the sound then has as many channels as the hand.
+    """
     codec = codec or Codec("pcm16", channels=1, packet_size=120)
     switches = ["detector.check_microphones=false", f"detector.model={model}", *changes]
     settings = config.change(Settings(), switches)
+    settings = with_fingers(settings, fingers) if fingers else settings
+    hand = each_finger(settings) if fingers else []
     robot, session = paired_sessions(codec)
 
     def reopen(channels: int):  # type: ignore[no-untyped-def]
         return open_pipeline_for(settings, channels=channels)
 
     name = f"test-{uuid.uuid4().hex[:8]}"
-    with Telemetry(name) as telemetry:
-        operator = RecordedOperator(OperatorEndpoint(session, reopen(2), reopen=reopen), telemetry, settings)
-        detector = reopen(codec.channels).detector if remote else None
-        sender = RobotEndpoint(robot, detector)
+    with Telemetry(name, fingers=max(1, len(hand))) as telemetry:
+        channels = channels_of(settings, alone=codec.channels)
+        endpoint = OperatorEndpoint(session, reopen(2), reopen=reopen)
+        if hand:
+            opened = [open_pipeline_for(own, channels=count) for own, count in zip(hand, channels, strict=True)]
+            endpoint = OperatorEndpoint(session, Hand(opened, channels=channels))
+        operator = RecordedOperator(endpoint, telemetry, settings)
+        detectors = [reopen(count).detector for count in channels] if remote else None
+        sender = RobotEndpoint(robot, detectors, channels=channels if hand else ())
         with McapLog(name, path) as log:
             link = VirtualLink(robot, operator)
             begun = link.connect(0.0)

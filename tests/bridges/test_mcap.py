@@ -22,7 +22,7 @@ from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, Telemetry, memory
+from tactophone.telemetry import PREDICTION, Telemetry, memory, prediction_of
 from tactophone.types import EVENT_KINDS, TouchEvent
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
@@ -104,7 +104,8 @@ def test_another_profile_or_ceiling_is_computed_instead(log: Path) -> None:
 
 
 def test_a_replay_writes_the_files_of_feel(tmp_path: Path, log: Path) -> None:
-    summary, files = write_replay(Replay(read_log(log)), tmp_path, "run")
+    (rendered,) = write_replay(Replay(read_log(log)), tmp_path, "run")
+    summary, files = rendered.summary, rendered.files
     vibration, rate = soundfile.read(files["vibration"])
     assert summary.duration == pytest.approx(2.0, abs=0.01)
     assert len(vibration) / rate == pytest.approx(2.1, abs=0.02)
@@ -114,7 +115,7 @@ def test_a_replay_writes_the_files_of_feel(tmp_path: Path, log: Path) -> None:
 def test_the_sound_is_that_which_was_decoded(tmp_path: Path, model: Path) -> None:
     path = record(tmp_path / "a.mcap", model, codec=Codec("pcm16", packet_size=240))
     (blocks,) = decoded_sessions(read_log(path))
-    sound, rate = soundfile.read(write_sound(path, tmp_path)[0], always_2d=True)
+    sound, rate = soundfile.read(write_sound(path, tmp_path)[0].path, always_2d=True)
     assert rate == 48_000
     assert (sound == joined(blocks)).all()
     assert abs(len(sound) - 96_000) <= 240
@@ -265,7 +266,7 @@ def test_levels_of_minus_infinity_survive() -> None:
 def test_a_touch_event_is_read_back_and_an_unknown_one_refused() -> None:
     row = np.zeros(1, PREDICTION)[0]
     row["event"], row["event_time"] = 1 + EVENT_KINDS.index("slip"), 0.25
-    entries = json.loads(json.dumps(prediction_entries(row)))
+    entries = json.loads(json.dumps(prediction_entries(*prediction_of(row))))
     assert mcap_file._prediction(entries).prediction.events == (TouchEvent("slip", 0.25),)
     with pytest.raises(ValueError, match="not in tuple"):
         mcap_file._prediction(entries | {"event": ["poke"]})

@@ -32,7 +32,7 @@ def recording(tmp_path: Path) -> Path:
 def test_it_shows_sound_prediction_vibration_and_label_in_real_time(recording: Path) -> None:
     source = FileSource(recording)
     pipeline = open_pipeline(sample_rate=source.sample_rate, channels=2)
-    take = recording_playback.Take(recording, pipeline, (Segment(0.1, 0.2, "rough"),))
+    take = recording_playback.Take(recording.name, [recording], [pipeline], (Segment(0.1, 0.2, "rough"),))
     with Telemetry("test-playback") as telemetry:
         recording_playback.play(take, telemetry)
         seen = Watcher("test-playback").snapshot()

@@ -5,11 +5,13 @@ import math
 import socket
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.haptic_payload import read_vibration, write_haptics
 from tactophone.link.packet import PayloadType
 from tactophone.link.prediction_payload import write_hand, write_prediction
 from tactophone.link.srtp import KEY_SIZE, SALT_SIZE, Secrets, SrtpCrypto
@@ -43,13 +45,7 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
     ]
     hand = write_hand(dict(enumerate(PREDICTIONS)), fingers=5)
     sent.append(bytes(packetizer.wrap(PayloadType.HAND_PREDICTION, 0, hand)))
-    write_capture(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
-    done = subprocess.run(
-        ["tshark", "-X", f"lua_script:{LUA}", "-r", str(tmp_path / "a.pcap"), "-T", "json", "--no-duplicate-keys",
-         "-d", f"udp.port=={PORT},rtp"],
-        capture_output=True, check=True, timeout=120,
-    )  # fmt: skip
-    first, second, together, cut = (packet["_source"]["layers"] for packet in json.loads(done.stdout))
+    first, second, together, cut = dissected(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
     found = first["tactophone"]
     assert found["tactophone.touch"] == "2"
     assert float(found["tactophone.rough"]) == pytest.approx(0.7, abs=1e-4)
@@ -61,7 +57,37 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
     assert together["tactophone"]["tactophone.finger"] == ["0", "1"]
     assert together["tactophone"]["tactophone.touch"] == ["2", "0"]
     assert "not 16 bytes" in json.dumps(cut)
-    assert len(LUA.read_text().splitlines()) <= 70
+
+
+@needs_wireshark
+def test_the_dissector_reads_vibrations_of_rfc_9993(tmp_path: Path) -> None:
+    packetizer = Packetizer(Codec("opus"), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
+    sent = [
+        bytes(packetizer.wrap(PayloadType.HAPTICS, round(each.end * RATE), write_haptics(each))) for each in PREDICTIONS
+    ]
+    rough, silent, cut = dissected(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
+    found = rough["tactophone_haptics"]
+    vibration = read_vibration(write_haptics(PREDICTIONS[0]))
+    assert vibration is not None
+    assert found["tactophone.haptics.unit"] == "2"
+    assert float(found["tactophone.haptics.duration"]) == pytest.approx(512 / RATE)
+    assert int(found["tactophone.haptics.effect"]) == round(PREDICTIONS[0].end * RATE) // 512
+    assert float(found["tactophone.haptics.amplitude"]) == pytest.approx(vibration.amplitude)
+    assert float(found["tactophone.haptics.frequency"]) == vibration.frequency
+    assert silent["tactophone_haptics"]["tactophone.haptics.unit"] == "4"
+    assert "not a silent unit" in json.dumps(cut)
+    assert len(LUA.read_text().splitlines()) <= 100
+
+
+def dissected(path: Path, datagrams: list[bytes]) -> list[dict[str, Any]]:
+    """Write packets to a capture, and return what Wireshark with our dissector finds in each, by layer."""
+    write_capture(path, datagrams)
+    done = subprocess.run(
+        ["tshark", "-X", f"lua_script:{LUA}", "-r", str(path), "-T", "json", "--no-duplicate-keys",
+         "-d", f"udp.port=={PORT},rtp"],
+        capture_output=True, check=True, timeout=120,
+    )  # fmt: skip
+    return [packet["_source"]["layers"] for packet in json.loads(done.stdout)]
 
 
 def decrypted_by_gstreamer(folder: Path, datagrams: list[bytes], caps: str) -> FloatArray:

@@ -15,7 +15,7 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, events_of, memory, read_timeline
+from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, memory, prediction_of, read_timeline
 from tactophone.telemetry.prediction_log import COLUMNS, row
 from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
@@ -74,7 +74,7 @@ def test_touch_events_reach_steps_predictions_and_the_log(tmp_path: Path, name: 
         log.read()
         watcher = Watcher(name)
         rows, _ = watcher.predictions()
-        assert [events_of(row) for row in rows] == [(), tap.events, (), ()]
+        assert [prediction_of(row)[0].events for row in rows] == [(), tap.events, (), ()]
         numbers = watcher.snapshot().steps["event"].tolist()
         assert numbers == [1 + EVENT_KINDS.index("tap"), 0]
     columns = read_timeline(tmp_path / "live.csv")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.bridges.run_reader import Message, RunReader
-from tactophone.bridges.schemas import PACKETS, TOPICS, Topic
+from tactophone.bridges.schemas import PACKETS, Topic, topics_of
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -42,8 +42,6 @@ VIEWERS = 8
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """A layout to import in Foxglove or Lichtblick."""
-
-SHOWN = tuple(topic for topic in TOPICS if topic is not PACKETS)
 
 _FRAME = struct.Struct("<BIQ")  # message data, subscription, time in ns
 _MESSAGE_DATA = 1
@@ -72,6 +70,11 @@ class FoxgloveBridge:
     def __init__(self, name: str, address: str = ADDRESS, *, token: str = "") -> None:
         self.name, self.token = name, token
         self._reader = RunReader(name)
+        shown = [topic for topic in topics_of(self._reader.names) if topic is not PACKETS]
+        self._shown = {topic.name: number for number, topic in enumerate(shown, 1)}
+        self._advertised = json.dumps(
+            {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
+        )
         self._listening = _listen(address)
         self._viewers: set[_Viewer] = set()
         # A viewer that comes later needs the start of the run and its state too.
@@ -97,7 +100,7 @@ class FoxgloveBridge:
 
     def read(self) -> None:
         """Send what is new to those who subscribed."""
-        messages = [message for message in self._reader.read() if message.topic in SHOWN]
+        messages = [message for message in self._reader.read() if message.topic.name in self._shown]
         if messages:
             self._loop.call_soon_threadsafe(self._offer, messages)
 
@@ -137,9 +140,9 @@ class FoxgloveBridge:
         if view.ws_protocol is None:
             await view.close(code=1002, message=f"wanted one of {', '.join(PROTOCOLS)}".encode())
             return view
-        viewer = _Viewer(view, self._latched)
+        viewer = _Viewer(view, self._shown, self._latched)
         await view.send_str(json.dumps(_server_info(self.name)))
-        await view.send_str(json.dumps({"op": "advertise", "channels": _channels()}))
+        await view.send_str(self._advertised)
         self._viewers.add(viewer)
         sending = asyncio.ensure_future(viewer.send())
         try:
@@ -162,16 +165,16 @@ class FoxgloveBridge:
 class _Viewer:
     """One viewer: what it subscribed to, and what waits for it."""
 
-    def __init__(self, view: "web.WebSocketResponse", latched: dict[str, Message]) -> None:
+    def __init__(self, view: "web.WebSocketResponse", shown: dict[str, int], latched: dict[str, Message]) -> None:
         self.socket = view
-        self._latched = latched
+        self._shown, self._latched = shown, latched
         self._subscribed: dict[int, int] = {}  # channel -> the viewer's number of the subscription
         self._waiting: deque[Message] = deque(maxlen=BACKLOG)
         self._wake = asyncio.Event()
 
     def offer(self, message: Message) -> None:
         """Queue a message that it subscribed to."""
-        if _number(message.topic) in self._subscribed:
+        if self._shown[message.topic.name] in self._subscribed:
             self._waiting.append(message)
             self._wake.set()
 
@@ -197,17 +200,18 @@ class _Viewer:
             self._wake.clear()
             while self._waiting:
                 message = self._waiting.popleft()
-                number = self._subscribed.get(_number(message.topic))
+                number = self._subscribed.get(self._shown[message.topic.name])
                 if number is not None:
                     head = _FRAME.pack(_MESSAGE_DATA, number, round(message.time * 1e9))
                     await self.socket.send_bytes(head + message.data)
 
     def _subscribe(self, channel: int, number: int) -> None:
-        if not 0 < channel <= len(SHOWN) or not 0 <= number < 1 << 32:
+        if not 0 < channel <= len(self._shown) or not 0 <= number < 1 << 32:
             return
         self._subscribed[channel] = number
-        if (latched := self._latched.get(SHOWN[channel - 1].name)) is not None:
-            self.offer(latched)
+        for latched in self._latched.values():
+            if self._shown[latched.topic.name] == channel:
+                self.offer(latched)
 
 
 def _server_info(name: str) -> dict[str, Any]:
@@ -217,21 +221,14 @@ def _server_info(name: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _channels() -> list[dict[str, Any]]:
-    return [
-        {
-            "id": _number(topic), "topic": topic.name, "encoding": topic.schema.message_encoding,
-            "schemaName": topic.schema.name, "schemaEncoding": topic.schema.encoding,
-            # Binary schemas travel as base64.
-            "schema": base64.b64encode(topic.schema.data).decode()
-            if topic.schema.encoding == "protobuf" else topic.schema.data.decode(),
-        }
-        for topic in SHOWN
-    ]  # fmt: skip
-
-
-def _number(topic: Topic) -> int:
-    return SHOWN.index(topic) + 1
+def _channel(number: int, topic: Topic) -> dict[str, Any]:
+    schema = topic.schema
+    # Binary schemas travel as base64.
+    text = base64.b64encode(schema.data).decode() if schema.encoding == "protobuf" else schema.data.decode()
+    return {
+        "id": number, "topic": topic.name, "encoding": schema.message_encoding,
+        "schemaName": schema.name, "schemaEncoding": schema.encoding, "schema": text,
+    }  # fmt: skip
 
 
 def _listen(address: str) -> socket.socket:

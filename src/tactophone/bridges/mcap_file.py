@@ -22,10 +22,11 @@ MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True, slots=True)
 class LoggedPrediction:
-    """A prediction and its command as they were; the command is NaN where there was none."""
+    """A prediction and its command as they were, of one finger; the command is NaN where there was none."""
 
     prediction: Prediction
     command: HapticCommand
+    finger: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,17 +72,18 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
     if file.read(len(MAGIC)) != MAGIC:
         raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
     file.seek(0)
-    channels: dict[int, str] = {}
+    channels: dict[int, tuple[str, int]] = {}
     complete, missed, found = False, 0, False
     try:
         for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
             match record:
                 case Header(profile=profile):
                     _check_profile(path, profile)
-                case Channel(id=number, topic=topic):
-                    channels[number] = topic
+                case Channel(id=number, topic=topic, metadata=metadata):
+                    channels[number] = topic, int(metadata.get("finger", "0"))
                 case Message(channel_id=number, data=data):
-                    for entry in _read_message(path, channels.get(number, ""), data):
+                    topic, finger = channels.get(number, ("", 0))
+                    for entry in _read_message(path, topic, finger, data):
                         found = True
                         yield entry
                 case Metadata(name="tactophone", metadata=metadata):
@@ -109,7 +111,7 @@ def _check_profile(path: Path, profile: str) -> None:
     raise DatasetError(f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record")
 
 
-def _read_message(path: Path, topic: str, data: bytes) -> Iterator[LogEntry]:
+def _read_message(path: Path, topic: str, finger: int, data: bytes) -> Iterator[LogEntry]:
     try:
         if topic == schemas.PACKETS.name:
             base = next((int(value) for number, value in protobuf.fields(data) if number == 2), 0)
@@ -120,8 +122,8 @@ def _read_message(path: Path, topic: str, data: bytes) -> Iterator[LogEntry]:
             yield RunStart(**_known(RunStart, json.loads(data)))
         elif topic == schemas.CONTROLS.name:
             yield Controls(**_known(Controls, json.loads(data)))
-        elif topic == schemas.PREDICTION.name:
-            yield _prediction(json.loads(data))
+        elif topic.startswith("/tactophone/") and topic.endswith(f"/{schemas.PREDICTION.kind}"):
+            yield _prediction(json.loads(data), finger)
     except (ValueError, KeyError, TypeError, struct.error) as error:
         raise DatasetError(f"{path}: a message of {topic} cannot be read ({error}); was the file changed?") from error
 
@@ -140,7 +142,7 @@ def _arrival(message: bytes, base: int) -> EventBatch:
     return EventBatch(time, tuple(events), polled)
 
 
-def _prediction(entries: dict[str, Any]) -> LoggedPrediction:
+def _prediction(entries: dict[str, Any], finger: int = 0) -> LoggedPrediction:
     def number(name: str, missing: float = math.nan) -> float:
         return missing if entries[name] is None else float(entries[name])
 
@@ -152,7 +154,7 @@ def _prediction(entries: dict[str, Any]) -> LoggedPrediction:
         number("level_dbfs", -math.inf), start=start, end=end,
         events=tuple(_events(entries)),
     )  # fmt: skip
-    return LoggedPrediction(prediction, HapticCommand(number("amplitude"), number("frequency"), time))
+    return LoggedPrediction(prediction, HapticCommand(number("amplitude"), number("frequency"), time), finger)
 
 
 def _events(entries: dict[str, Any]) -> Iterator[TouchEvent]:

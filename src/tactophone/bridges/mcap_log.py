@@ -15,7 +15,8 @@ from tactophone.bridges.schemas import (
     PCM_SOUND,
     PREDICTION,
     STATE,
-    TOPICS,
+    Topic,
+    topics_of,
 )
 from tactophone.errors import ConfigError
 
@@ -29,15 +30,15 @@ FORMAT = "tactophone 1"
 """Profile in the header of the file; a later layout gets a later number."""
 
 _GROUPS = {
-    topic.name: group
+    topic.kind: group
     for group, topic in enumerate((CONTACT_SOUND, AIR_SOUND, PCM_SOUND, PREDICTION, STATE, HEALTH, EVENTS), 1)
 }
 
-_TEXTS = _GROUPS[PREDICTION.name]
+_TEXTS = _GROUPS[PREDICTION.kind]
 
 
-def _group(message: Message) -> int:
-    return _GROUPS.get(message.topic.name, 0)
+def _group(message: Message) -> tuple[int, int]:
+    return _GROUPS.get(message.topic.kind, 0), message.topic.finger
 
 
 class McapLog:
@@ -62,6 +63,7 @@ class McapLog:
         self.path = path
         self._reader = RunReader(name)
         self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
         self._waiting: list[Message] = []
         self._reads = 0
 
@@ -78,11 +80,8 @@ class McapLog:
             raise ConfigError(
                 f"cannot write {self.path} ({error.strerror}): choose another file for --record"
             ) from error
-        for topic in TOPICS:
-            schema = self._writer.register_schema(topic.schema.name, topic.schema.encoding, topic.schema.data)
-            self._channels[topic.name] = self._writer.register_channel(
-                topic.name, topic.schema.message_encoding, schema, {"description": topic.words}
-            )
+        for topic in topics_of(self._reader.names):
+            self._register(topic)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -111,11 +110,20 @@ class McapLog:
         except OSError as error:
             raise ConfigError(f"{self.path}: the log ends here ({error.strerror}); the run goes on") from error
 
+    def _register(self, topic: Topic) -> None:
+        schema = topic.schema
+        if schema.name not in self._schemas:
+            self._schemas[schema.name] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        self._channels[topic.name] = self._writer.register_channel(
+            topic.name, schema.message_encoding, self._schemas[schema.name],
+            {"description": topic.words, "finger": str(topic.finger)},
+        )  # fmt: skip
+
     def _write_waiting(self) -> None:
         # Like beside like: the sound repeats bytes of the packets, and text has a chunk of its own, as its statistics
         # differ. What decides about a replay, packets and controls, is one group, whose order stays.
         waiting, self._waiting = self._waiting, []
-        for _, group in itertools.groupby(sorted(waiting, key=_group), key=lambda message: _group(message) < _TEXTS):
+        for _, group in itertools.groupby(sorted(waiting, key=_group), key=lambda message: _group(message)[0] < _TEXTS):
             for message in group:
                 self._write(message)
             # The library ends a chunk by its size only; in time is what bounds the loss. Its version is pinned, and

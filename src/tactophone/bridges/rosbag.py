@@ -1,5 +1,7 @@
 """A run as a ROS 2 bag (rosbag2, MCAP storage), without a ROS installation."""
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -35,8 +37,8 @@ class RosBag:
         New folder of the bag.
     epoch
         Seconds since 1970 at the beginning of the steps' time.
-    finger
-        Part of the topics.
+    fingers
+        Part of the topics of each finger.
 
     Raises
     ------
@@ -44,7 +46,7 @@ class RosBag:
         If the folder exists.
     """
 
-    def __init__(self, folder: Path, *, epoch: float, finger: str = "index") -> None:
+    def __init__(self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -54,16 +56,18 @@ class RosBag:
         for name, text in _AUDIO.items():
             self._store.register(get_types_from_msg(text, name))
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-        self._epoch, self._finger = epoch, finger
+        self._epoch, self._fingers = epoch, fingers
 
     def __enter__(self) -> Self:
         self._writer.open()
         self._connections = {
-            suffix: self._writer.add_connection(f"/tactophone/{self._finger}/{suffix}", kind, typestore=self._store)
+            (finger, suffix): self._writer.add_connection(f"/tactophone/{name}/{suffix}", kind, typestore=self._store)
+            for finger, name in enumerate(self._fingers)
             for suffix, kind in _TOPICS.items()
         }
         info = self._type("audio_common_msgs/msg/AudioInfo")(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
-        self._write("audio_info", 0.0, info)
+        for finger in range(len(self._fingers)):
+            self._write(finger, "audio_info", 0.0, info)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -71,17 +75,18 @@ class RosBag:
 
     def write(self, step: PipelineStep) -> None:
         """Add the sound, the predictions and the commands of a step."""
+        write = partial(self._write, step.finger)
         if step.block.size:
-            self._write("audio", step.block.time, self._audio(step))
+            write("audio", step.block.time, self._audio(step))
         for number, prediction in enumerate(step.predictions):
-            self._write("prediction", prediction.end, self._numbers(prediction.probabilities))
+            write("prediction", prediction.end, self._numbers(prediction.probabilities))
             roughness = prediction.roughness if prediction.touch is not Touch.NONE else 0.0
-            self._write("roughness", prediction.end, self._type("std_msgs/msg/Float32")(roughness))
+            write("roughness", prediction.end, self._type("std_msgs/msg/Float32")(roughness))
             level = max(prediction.level_dbfs, -200.0)
-            self._write("contact_dbfs", prediction.end, self._type("std_msgs/msg/Float32")(level))
+            write("contact_dbfs", prediction.end, self._type("std_msgs/msg/Float32")(level))
             if step.commands:
                 command = step.commands[number]
-                self._write("vibration", command.time, self._numbers((command.amplitude, command.frequency)))
+                write("vibration", command.time, self._numbers((command.amplitude, command.frequency)))
 
     def _audio(self, step: PipelineStep) -> Any:
         samples = step.block.samples
@@ -100,6 +105,6 @@ class RosBag:
     def _type(self, name: str) -> Any:
         return self._store.types[name]
 
-    def _write(self, suffix: str, time: float, message: Any) -> None:
+    def _write(self, finger: int, suffix: str, time: float, message: Any) -> None:
         data = self._store.serialize_cdr(message, _TOPICS[suffix])
-        self._writer.write(self._connections[suffix], round((self._epoch + time) * 1e9), data)
+        self._writer.write(self._connections[finger, suffix], round((self._epoch + time) * 1e9), data)

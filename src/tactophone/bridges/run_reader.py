@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from tactophone.bridges import protobuf, schemas
-from tactophone.bridges.schemas import Topic
+from tactophone.bridges.schemas import Topic, of_finger
 from tactophone.bridges.sound_messages import SoundMessages, read_sound_packet
-from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, events_of, read_records
-from tactophone.types import Touch
+from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, prediction_of, read_records
+from tactophone.types import HapticCommand, Prediction, Touch
 
 HEALTH_INTERVAL = 2.0
 """Seconds between two messages with counters and gauges."""
@@ -46,6 +44,8 @@ class RunReader:
     ----------
     missed
         Predictions and bytes of the session log that were overwritten before they were read.
+    names
+        Of the fingers of a hand; one empty name where there is no hand.
     """
 
     def __init__(self, name: str) -> None:
@@ -68,13 +68,13 @@ class RunReader:
         return [Message(*part) for part in self._sound.flush()]
 
     def _follow(self, watcher: Watcher) -> None:
-        self.watcher = watcher
-        self._log_count = self._prediction_count = 0
+        self.watcher, self.names = watcher, watcher.finger_names()
+        self._log_count, self._prediction_counts = 0, [0] * watcher.fingers
         self._epoch = time.time() - time.monotonic()
         self._lead = math.inf
-        self._sound = SoundMessages()
+        self._sound = SoundMessages(self.names)
         self._partial: tuple[bytes, ...] = ()
-        self._previous = State()
+        self._previous = self._settled = State()
         self._health_at = 0.0
 
     def _session(self) -> Iterator[Message]:
@@ -135,29 +135,40 @@ class RunReader:
                     yield from (Message(*part) for part in self._sound.push(packet, arrival=self._epoch + arrival.time))
 
     def _predictions(self, now: float) -> Iterator[Message]:
-        rows, count = self.watcher.predictions(self._prediction_count)
-        missed = count - self._prediction_count - len(rows)
+        for finger, name in enumerate(self.names):
+            yield from self._predictions_of(finger, of_finger(schemas.PREDICTION, finger, name), now)
+
+    def _predictions_of(self, finger: int, topic: Topic, now: float) -> Iterator[Message]:
+        rows, count = self.watcher.predictions(self._prediction_counts[finger], finger=finger)
+        missed = count - self._prediction_counts[finger] - len(rows)
         if missed > 0:
             self.missed["predictions"] += missed
             yield self._event(now, f"{missed} predictions were not read in time", _WARNING)
-        self._prediction_count = count
+        self._prediction_counts[finger] = count
         if len(rows):
             # A prediction carries the time of its stream. The least delay seen until it was read turns that into the
             # time of the day, evenly, where the time of reading would be a staircase.
             self._lead = min(self._lead, now - float(rows["end"][-1]))
         for row in rows:
-            entries = prediction_entries(row)
-            yield Message(schemas.PREDICTION, self._lead + entries["window_end"], json.dumps(entries).encode())
+            entries = prediction_entries(*prediction_of(row))
+            yield Message(topic, self._lead + entries["window_end"], json.dumps(entries).encode())
 
     def _state(self, now: float) -> Iterator[Message]:
         # The noise floor moves all the time; it is part of the next state that changes otherwise.
-        state = replace(self.watcher.state(), noise_floor_dbfs=self._previous.noise_floor_dbfs)
-        if state == self._previous:
+        state = self.watcher.state()
+        fingers = tuple(replace(finger, noise_floor_dbfs=0.0) for finger in state.fingers)
+        settled = replace(state, noise_floor_dbfs=0.0, fingers=fingers)
+        if settled == self._settled:
             return
+        self._settled = settled
         yield Message(schemas.STATE, now, json.dumps(_finite(asdict(state))).encode())
         before = {fault.code: fault.text for fault in self._previous.faults}
-        for text in _changes(self._previous, state):
-            yield self._event(now, text, _INFO)
+        for finger, name in enumerate(self.names):
+            of = f"{name}: " if name else ""
+            for text in _changes(self._previous.of_finger(finger), state.of_finger(finger)):
+                yield self._event(now, f"{of}{text}", _INFO)
+        if self._previous.link != state.link:
+            yield self._event(now, f"link: {state.link}", _INFO)
         for fault in state.faults:
             if before.get(fault.code) != fault.text:
                 yield self._event(now, fault.text, _WARNING)
@@ -191,28 +202,29 @@ def encode_arrival(arrival: EventBatch, base: int) -> bytes:
     return encoded + b"".join(protobuf.octets(3, event) for event in arrival.events)
 
 
-def prediction_entries(row: np.void) -> dict[str, Any]:
-    """Return a row of telemetry's predictions by name; JSON has no NaN and no infinity, so those are ``None``."""
-    none, smooth, rough = map(float, row["probabilities"])
-    touch, end = Touch(int(row["touch"])), float(row["end"])
+def prediction_entries(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
+    """Return a prediction and its command by name; JSON has no NaN and no infinity, so those are ``None``."""
+    none, smooth, rough = prediction.probabilities
+    touch, end = prediction.touch, prediction.end
     entries = {
-        "window_end": end, **_difference("window_start", float(row["start"]), "window", end),
-        **_difference("time", float(row["time"]), "delay", end),
+        "window_end": end, **_difference("window_start", prediction.start, "window", end),
+        **_difference("time", command.time, "delay", end),
         "none": none, "smooth": smooth, "rough": rough, "touch": touch.name.lower(),
-        "contact": int(touch is not Touch.NONE), "level_dbfs": float(row["level_dbfs"]),
-        "roughness": float(row["roughness"]), "frequency": float(row["frequency"]),
-        "amplitude": float(row["amplitude"]),
+        "contact": int(touch is not Touch.NONE), "level_dbfs": prediction.level_dbfs,
+        "roughness": prediction.roughness, "frequency": command.frequency, "amplitude": command.amplitude,
     }  # fmt: skip
-    for event in events_of(row):
+    for event in prediction.events:
         entries |= {"event": event.kind, "event_time": event.time}
     return _finite(entries)
 
 
 def _difference(name: str, value: float, short: str, end: float) -> dict[str, float]:
-    """Return a time as its distance from the window's end, where that loses no bit: it has far fewer digits."""
-    distance = end - value if short == "window" else value - end
-    exact = (end - distance if short == "window" else end + distance) == value
-    return {short: distance} if exact else {name: value}
+    """Return a time as its distance from the window's end, in as few digits as lose no bit."""
+    sign = -1 if short == "window" else 1
+    distance = sign * (value - end)
+    # A distance is the same at each prediction but for its last digits, which are those of the subtraction.
+    shortest = next((each for each in (round(distance, 9), distance) if end + sign * each == value), None)
+    return {name: value} if shortest is None else {short: shortest}
 
 
 def _finite(entries: dict[str, Any]) -> dict[str, Any]:
@@ -229,6 +241,6 @@ def _changes(before: State, after: State) -> Iterator[str]:
     """Say what changed between two states, in one line for each subject."""
     if before.muted_because != after.muted_because or before.armed != after.armed:
         yield f"muted: {after.muted_because}" if after.muted_because else "armed" if after.armed else "not armed"
-    for name in ("link", "profile", "ceiling", "output_level", "threshold_dbfs"):
+    for name in ("profile", "ceiling", "output_level", "threshold_dbfs"):
         if getattr(before, name) != getattr(after, name):
             yield f"{name}: {getattr(after, name)}"

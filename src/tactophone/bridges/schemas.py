@@ -4,8 +4,10 @@ Numbers and events are JSON, which every viewer plots; sound is protobuf in Foxg
 panel plays; the received packets are protobuf of our own.
 """
 
+import functools
 import json
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tactophone.bridges.protobuf import FieldType, MessageType, describe_file
@@ -33,11 +35,17 @@ class Schema:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic with its schema and the line that explains it."""
+    """A topic with its schema, the line that explains it, and whose it is of a hand."""
 
     name: str
     schema: Schema
     words: str
+    finger: int = 0
+
+    @property
+    def kind(self) -> str:
+        """The end of its name, which is the same for every finger of a hand."""
+        return self.name.rpartition("/")[2]
 
 
 def _json_schema(name: str, properties: dict[str, str]) -> Schema:
@@ -134,4 +142,25 @@ CONTACT_SOUND = Topic("/tactophone/sound/contact", COMPRESSED_AUDIO, "contact mi
 AIR_SOUND = Topic("/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came")
 PCM_SOUND = Topic("/tactophone/sound", RAW_AUDIO, "both microphones, 16 bit")
 
+OF_FINGER = (PREDICTION, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+"""Of these, each finger of a hand has its own (`of_finger`)."""
+
 TOPICS = (RUN, PACKETS, CONTROLS, PREDICTION, STATE, HEALTH, EVENTS, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+
+
+@functools.cache
+def of_finger(topic: Topic, finger: int, name: str) -> Topic:
+    """Return the topic of a finger of a hand; without a name, the topic itself.
+
+    >>> of_finger(PREDICTION, 1, "index").name
+    '/tactophone/index/prediction'
+    """
+    place = topic.name.replace("/tactophone/", f"/tactophone/{name}/")
+    return replace(topic, name=place, words=f"{name}: {topic.words}", finger=finger) if name else topic
+
+
+def topics_of(names: Sequence[str]) -> tuple[Topic, ...]:
+    """Return the topics of a run with fingers of these names; one empty name where there is no hand."""
+    common = [topic for topic in TOPICS if topic not in OF_FINGER]
+    fingers = enumerate(names)
+    return (*common, *(of_finger(topic, place, name) for place, name in fingers for topic in OF_FINGER))

@@ -7,20 +7,24 @@ redundancy or concealment would bring back is missing here; the packets in the l
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.bridges import protobuf
-from tactophone.bridges.schemas import AIR_SOUND, CONTACT_SOUND, PCM_SOUND, Topic
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.bridges.schemas import AIR_SOUND, CONTACT_SOUND, PCM_SOUND, Topic, of_finger
+from tactophone.types import LIVE_SAMPLE_RATE, MOST_FINGERS
 
 JOINED = 0.1
 """Seconds of sound in a message; Opus allows 0.12 s and 48 frames in a packet."""
 
 _RTP = struct.Struct("!BBHII")
-_L16_MONO, _L16_STEREO, _OPUS, _MULTIOPUS, _, _RED = range(96, 102)
+_RED = 101
+_PCM = {96: 1, 97: 2, **{101 + fingers: 2 * fingers for fingers in range(2, MOST_FINGERS + 1)}}
+_OPUS = {98: 1, 99: 2, **{110 + fingers: 2 * fingers for fingers in range(2, MOST_FINGERS + 1)}}
+# Channels of each payload type (docs/reference/wire-format.md); a hand has contact and air of each finger in turn.
 # Frame durations of the CELT modes, by the two lowest bits of the configuration (RFC 6716 section 3.1).
 _CELT_SAMPLES = (120, 240, 480, 960)
 
@@ -38,6 +42,7 @@ class SoundPacket:
 class _Joined:
     """Opus frames of one stream that follow one another."""
 
+    topic: Topic
     head: int = 0
     begun: int = 0
     end: int = 0
@@ -59,7 +64,7 @@ def read_sound_packet(packet: bytes) -> SoundPacket | None:
             skipped += int.from_bytes(packet[position + 2 : position + 4]) & 0x3FF
             position += 4
         kind, position = packet[position], position + 1 + skipped
-    known = _L16_MONO <= kind <= _MULTIOPUS and position < len(packet)
+    known = kind in (_PCM | _OPUS) and position < len(packet)
     return SoundPacket(kind, timestamp, packet[position:]) if known else None
 
 
@@ -87,53 +92,71 @@ def join_opus(head: int, frames: list[bytes]) -> bytes:
 
 
 class SoundMessages:
-    """Turns packets into messages; a call of `flush` ends those that have begun."""
+    """Turns packets into messages; a call of `flush` ends those that have begun.
 
-    def __init__(self) -> None:
-        self._joined = {CONTACT_SOUND.name: _Joined(), AIR_SOUND.name: _Joined()}
+    Parameters
+    ----------
+    names
+        Of the fingers of a hand; packets of another number of fingers are left out, as the operator refuses them.
+    """
+
+    def __init__(self, names: Sequence[str] = ("",)) -> None:
+        self._names = names
+        self._joined: dict[str, _Joined] = {}
         self._newest: int | None = None
         self._begun = 0.0
 
     def push(self, packet: SoundPacket, *, arrival: float) -> Iterator[tuple[Topic, float, bytes]]:
         """Take a packet that arrived at ``arrival`` (s since 1970); yield topic, time (s) and message."""
-        position = self._position(packet.timestamp, arrival)
-        if packet.kind in (_L16_MONO, _L16_STEREO):
-            time = self._time(position)
-            yield PCM_SOUND, time, _raw_audio(packet, time)
+        channels = _PCM.get(packet.kind) or _OPUS[packet.kind]
+        if max(1, channels // 2) != len(self._names):
             return
-        parts = split_opus(packet.content) if packet.kind == _MULTIOPUS else (packet.content,)
-        for topic, part in zip((CONTACT_SOUND, AIR_SOUND), parts or (), strict=False):
-            yield from self._join(topic, part, position)
+        position = self._position(packet.timestamp, arrival)
+        if packet.kind in _PCM:
+            yield from self._raw(packet.content, channels, self._time(position))
+            return
+        each = len(packet.content) // len(self._names)
+        for finger, name in enumerate(self._names):
+            content = packet.content[finger * each : (finger + 1) * each]
+            parts = split_opus(content) if channels > 1 else (content,)
+            for topic, part in zip((CONTACT_SOUND, AIR_SOUND), parts or (), strict=False):
+                yield from self._join(of_finger(topic, finger, name), part, position)
 
     def flush(self) -> Iterator[tuple[Topic, float, bytes]]:
         """Yield what has begun."""
-        for topic in (CONTACT_SOUND, AIR_SOUND):
-            yield from self._finish(topic)
+        for joined in self._joined.values():
+            yield from self._finish(joined)
 
     def reset(self) -> None:
         """Begin a new session, whose timestamps have another origin."""
         self._newest = None
 
     def _join(self, topic: Topic, part: bytes, position: int) -> Iterator[tuple[Topic, float, bytes]]:
-        joined = self._joined[topic.name]
+        joined = self._joined.setdefault(topic.name, _Joined(topic))
         if part[0] & 3 or part[0] >> 3 < 16:
             return  # not one CELT frame, which is all that our encoder makes
         size = _CELT_SAMPLES[part[0] >> 3 & 3]
         full = position + size - joined.begun > JOINED * LIVE_SAMPLE_RATE
         if joined.frames and (position != joined.end or part[0] != joined.head or full):
-            yield from self._finish(topic)
+            yield from self._finish(joined)
         if not joined.frames:
             joined.begun, joined.head = position, part[0]
         joined.frames.append(part[1:])
         joined.end = position + size
 
-    def _finish(self, topic: Topic) -> Iterator[tuple[Topic, float, bytes]]:
-        joined = self._joined[topic.name]
+    def _raw(self, content: bytes, channels: int, time: float) -> Iterator[tuple[Topic, float, bytes]]:
+        whole = len(content) // (2 * channels) * 2 * channels
+        samples = np.frombuffer(content[:whole], ">i2").reshape(-1, channels).astype("<i2")
+        for finger, name in enumerate(self._names):
+            part = samples[:, 2 * finger : 2 * finger + 2]
+            yield of_finger(PCM_SOUND, finger, name), time, _raw_audio(part, time)
+
+    def _finish(self, joined: _Joined) -> Iterator[tuple[Topic, float, bytes]]:
         if joined.frames:
             time = self._time(joined.begun)
             data = join_opus(joined.head, joined.frames)
             yield (
-                topic,
+                joined.topic,
                 time,
                 protobuf.octets(1, timestamp(time)) + protobuf.octets(2, data) + protobuf.octets(3, b"opus"),
             )
@@ -156,14 +179,13 @@ def timestamp(time: float) -> bytes:
     return protobuf.integer(1, nanoseconds // 10**9) + protobuf.integer(2, nanoseconds % 10**9)
 
 
-def _raw_audio(packet: SoundPacket, time: float) -> bytes:
-    little_endian = np.frombuffer(packet.content[: len(packet.content) // 2 * 2], ">i2").astype("<i2").tobytes()
+def _raw_audio(samples: NDArray[np.int16], time: float) -> bytes:
     return (
         protobuf.octets(1, timestamp(time))
-        + protobuf.octets(2, little_endian)
+        + protobuf.octets(2, samples.tobytes())
         + protobuf.octets(3, b"pcm-s16")
         + protobuf.fixed32(4, LIVE_SAMPLE_RATE)
-        + protobuf.fixed32(5, 1 if packet.kind == _L16_MONO else 2)
+        + protobuf.fixed32(5, samples.shape[1])
     )
 
 

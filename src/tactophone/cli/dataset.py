@@ -172,7 +172,7 @@ def _split(args: argparse.Namespace) -> int:
 
 
 def _import_log(args: argparse.Namespace, log: Path) -> int:
-    """Make a take of each session of a log."""
+    """Make a take of each session of a log, and of each finger of a hand."""
     from tactophone.offline.replay import write_sound
 
     if args.label not in LABEL_NAMES:
@@ -180,10 +180,11 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
     with TemporaryDirectory(prefix="tactophone-") as folder:
         takes = [
             Recording(
-                path, args.surface or log.stem, LABEL_NAMES[args.label],
-                ("contact", "air")[: soundfile.info(path).channels], take=str(number), session=log.stem,
+                sound.path, args.surface or log.stem, LABEL_NAMES[args.label],
+                ("contact", "air")[: soundfile.info(sound.path).channels],
+                take="-".join(filter(None, (str(sound.session), sound.finger))), session=log.stem,
             )
-            for number, path in enumerate(write_sound(log, Path(folder)), 1)
+            for sound in write_sound(log, Path(folder))
         ]  # fmt: skip
         converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
     print(f"{len(converted.recordings)} recordings in {args.out}")

@@ -47,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; or the sound of a "
         "run, an MCAP file of --record",
     )  # fmt: skip
+    add(
+        "--finger",
+        default="",
+        metavar="NAME",
+        help="of the log of a hand: only the finger of this name (default: each)",
+    )
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add(
         "--model", metavar="NAME|FILE",
@@ -108,7 +114,10 @@ def run(args: argparse.Namespace) -> int:
     if args.dashboard:
         from tactophone.cli._support import recording_playback
 
-        takes = [recording_playback.Take(result.path, result.pipeline, result.truth) for result in results]
+        takes = [
+            recording_playback.Take(result.path.name, [result.path], [result.pipeline], result.truth)
+            for result in results
+        ]
         recording_playback.play_on_page(args, takes, name="feel")
     return 0 if len(results) == len(recordings) and not failed else 1
 
@@ -117,6 +126,8 @@ def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
     """Put the sound of each session in place of a log, written to ``--out``; true if one holds none."""
     from tactophone.bridges import is_mcap
 
+    if args.finger and not any(map(is_mcap, args.recordings)):
+        raise ConfigError("--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out")
     recordings, failed = list[Path](), False
     for path in args.recordings:
         if not is_mcap(path):
@@ -125,7 +136,7 @@ def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
         from tactophone.offline.replay import write_sound  # for logs alone: it needs the extras link and record
 
         try:
-            recordings += write_sound(path, args.out)
+            recordings += [sound.path for sound in write_sound(path, args.out, finger=args.finger)]
         except TactophoneError as error:
             terminal.print_error(str(error))
             failed = True

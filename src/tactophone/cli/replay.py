@@ -2,19 +2,18 @@
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone import config
 from tactophone.cli._support import dashboard_options, extras, haptic_file_option, terminal
-from tactophone.config import Settings
+from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.bridges import LogEntry
-    from tactophone.offline import RunSummary
-    from tactophone.offline.replay import Replay
+    from tactophone.offline.replay import RenderedFinger, Replay
 
 CHANGES = {"model": "detector.model", "profile": "rendering.profile", "ceiling": "rendering.ceiling"}
 
@@ -48,19 +47,24 @@ def run(args: argparse.Namespace) -> int:
     changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
 
     def change(settings: Settings) -> Settings:
-        return config.change(settings, changes)
+        changed, names = config.change(settings, changes), [text.partition("=")[0] for text in changes]
+        # What is chosen here holds for every finger, also for those with a model, profile or ceiling of their own.
+        fingers = (
+            Finger(each.name, tuple(own for own in each.settings if own[0] not in names)) for each in settings.fingers
+        )
+        return replace(changed, fingers=tuple(fingers))
 
     replay = Replay(_with_progress(args.log, read_log(args.log)), change)
     files: dict[str, Path] = {}
-    summary = None
+    rendered: list[RenderedFinger] = []
     if args.to_rosbag:
         _write_bag(replay, args, files)
     elif args.out is None:
         for _ in replay.steps():
             pass
     else:
-        summary = _write(replay, args, files)
-    _print(args, replay, summary, files, changed=bool(changes))
+        rendered = _write(replay, args, files)
+    _print(args, replay, rendered, files, changed=bool(changes))
     if args.dashboard:
         _show(args, change)
     return 1 if replay.comparison.different and not changes else 0
@@ -72,14 +76,16 @@ def _with_progress(path: Path, entries: "Iterator[LogEntry]") -> "Iterator[LogEn
         yield from entries
 
 
-def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> "RunSummary":
+def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> "list[RenderedFinger]":
     from tactophone.offline.replay import write_replay
 
-    summary, written = write_replay(replay, args.out, args.log.stem, plot=args.plot)
-    files.update(written)
-    stem = args.out / args.log.stem
-    files.update(haptic_file_option.write(args, stem, written["timeline"], duration=summary.duration))
-    return summary
+    rendered = write_replay(replay, args.out, args.log.stem, plot=args.plot)
+    for finger in rendered:
+        written, of = finger.files, f"{finger.name} " * bool(finger.name)
+        stem = args.out / "-".join(filter(None, (args.log.stem, finger.name)))
+        written |= haptic_file_option.write(args, stem, written["timeline"], duration=finger.summary.duration)
+        files.update({f"{of}{kind}": path for kind, path in written.items()})
+    return rendered
 
 
 def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> None:
@@ -88,14 +94,15 @@ def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path
     from tactophone.bridges.rosbag import RosBag
     from tactophone.telemetry import EventBatch, RunStart
 
-    epoch = begun = 0.0
+    epoch, begun, names = 0.0, 0.0, ["index"]
     for entry in read_log(args.log):
         if isinstance(entry, RunStart):
             epoch = entry.epoch
+            names = [finger["name"] for finger in entry.fingers] or names
         elif isinstance(entry, EventBatch):
             begun = entry.time
             break
-    with RosBag(args.to_rosbag, epoch=epoch + begun) as bag:
+    with RosBag(args.to_rosbag, epoch=epoch + begun, fingers=names) as bag:
         for step in replay.steps():
             bag.write(step)
     files["bag"] = args.to_rosbag
@@ -108,23 +115,33 @@ def _show(args: argparse.Namespace, change: Any) -> None:
     from tactophone.bridges import read_log
     from tactophone.capture import FileSource
     from tactophone.cli._support import recording_playback
+    from tactophone.hand_file import each_finger, names_of
     from tactophone.offline.replay import settings_of, write_sound
     from tactophone.runtime import open_pipeline_for
     from tactophone.telemetry import RunStart
 
     start = next(entry for entry in read_log(args.log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:
-        takes = [
-            recording_playback.Take(
-                path, open_pipeline_for(change(settings_of(start)), channels=FileSource(path).channels)
-            )
-            for path in write_sound(args.log, Path(folder))
-        ]
+        settings = change(settings_of(start))
+        sounds, takes = write_sound(args.log, Path(folder)), []
+        for number in dict.fromkeys(sound.session for sound in sounds):
+            paths = [sound.path for sound in sounds if sound.session == number]
+            pipelines = [
+                open_pipeline_for(own, channels=FileSource(path).channels)
+                for own, path in zip(each_finger(settings), paths, strict=True)
+            ]
+            names = list(filter(None, names_of(settings)))
+            takes.append(recording_playback.Take(args.log.name, paths, pipelines, fingers=names))
         recording_playback.play_on_page(args, takes, name="replay")
 
 
 def _print(
-    args: argparse.Namespace, replay: "Replay", summary: "RunSummary | None", files: dict[str, Path], *, changed: bool
+    args: argparse.Namespace,
+    replay: "Replay",
+    rendered: "list[RenderedFinger]",
+    files: dict[str, Path],
+    *,
+    changed: bool,
 ) -> None:
     comparison = replay.comparison
     if args.json:
@@ -133,7 +150,7 @@ def _print(
             "missed": replay.missed, "equal": comparison.equal, "different": comparison.different,
             "uncertain": comparison.uncertain, "notes": replay.notes,
             "files": {kind: str(path) for kind, path in files.items()},
-            **({"summary": asdict(summary)} if summary else {}),
+            **_summaries(rendered),
         }  # fmt: skip
         terminal.print_json(entries)
         return
@@ -157,4 +174,10 @@ def _print(
     for note in replay.notes:
         print(f"! {note}")
     for kind, path in files.items():
-        print(f"{kind + ':':11}{path}")
+        print(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")
+
+
+def _summaries(rendered: "list[RenderedFinger]") -> dict[str, Any]:
+    """Return the summary of the only finger, or of each by its name."""
+    of = {finger.name: asdict(finger.summary) for finger in rendered}
+    return {"summary": of.get("", of)} if of else {}

@@ -15,7 +15,7 @@ from tactophone.telemetry.memory import (
     remove_leftovers,
     remove_memory,
 )
-from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, events_of, read_timeline
+from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, prediction_of, read_timeline
 from tactophone.telemetry.registry import (
     COUNTERS,
     GAUGES,
@@ -56,8 +56,8 @@ __all__ = [
     "Telemetry",
     "TimelineWriter",
     "Watcher",
-    "events_of",
     "is_alive",
+    "prediction_of",
     "read_records",
     "read_timeline",
     "remove_leftovers",

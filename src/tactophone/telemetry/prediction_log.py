@@ -136,8 +136,7 @@ class PredictionLog(RunFollower):
         super().__init__(name)
         self.missed = 0
         self._path, self._report = path, report
-        names = [finger.name for finger in self.watcher.state().fingers]
-        self._writer = TimelineWriter(path, fingers=names)
+        self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
         self._counts = [0] * self.watcher.fingers
 
     def __enter__(self) -> Self:
@@ -158,7 +157,7 @@ class PredictionLog(RunFollower):
             rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
             self._report_gap(count - self._counts[finger] - len(rows), rows)
             for entry in rows:
-                self._writer.write_row(*_from_row(entry), finger=finger)
+                self._writer.write_row(*prediction_of(entry), finger=finger)
             self._counts[finger] = count
         self._writer.flush()
         if successor is not None:
@@ -171,17 +170,17 @@ class PredictionLog(RunFollower):
             self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
 
 
-def _from_row(entry: Any) -> tuple[Prediction, HapticCommand]:
+def prediction_of(entry: Any) -> tuple[Prediction, HapticCommand]:
+    """Return a row of telemetry's predictions as prediction and command; the command is NaN where there was none."""
     none, smooth, rough = (float(share) for share in entry["probabilities"])
     prediction = Prediction(
         (none, smooth, rough), Touch(int(entry["touch"])), float(entry["roughness"]), float(entry["level_dbfs"]),
-        start=float(entry["start"]), end=float(entry["end"]), events=events_of(entry),
+        start=float(entry["start"]), end=float(entry["end"]), events=_events_of(entry),
     )  # fmt: skip
     return prediction, HapticCommand(float(entry["amplitude"]), float(entry["frequency"]), float(entry["time"]))
 
 
-def events_of(entry: Any) -> tuple[TouchEvent, ...]:
-    """Return the touch event of a row of telemetry's predictions, if it has one."""
+def _events_of(entry: Any) -> tuple[TouchEvent, ...]:
     number = int(entry["event"])
     return (TouchEvent(EVENT_KINDS[number - 1], float(entry["event_time"])),) if number else ()
 

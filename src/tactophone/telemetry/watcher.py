@@ -13,6 +13,7 @@ from tactophone.errors import TactophoneError
 from tactophone.telemetry import memory as layout
 from tactophone.telemetry.memory import PREFIX, Memory, folder
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, State
+from tactophone.telemetry.session_log import RunStart, read_records
 from tactophone.types import FloatArray
 
 STALE_AFTER = 1.0
@@ -91,6 +92,17 @@ class Watcher:
     def fingers(self) -> int:
         """Number of fingers of the run."""
         return self._memory.fingers
+
+    def finger_names(self) -> list[str]:
+        """Return the name of every finger of a hand, in order; one empty name where there is no hand."""
+        names = [finger.name for finger in self.state().fingers]
+        if not names:
+            # A run that has just begun has published no state, and its log begins with how it was started.
+            log, count = self.log()
+            with contextlib.suppress(TactophoneError):
+                first = next(read_records(log), None) if len(log) == count else None
+                names = [finger["name"] for finger in first.fingers] if isinstance(first, RunStart) else []
+        return names if len(names) == self.fingers else [""] * self.fingers
 
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
         """Copy the current values; of a finger's sound, vibration and steps only what is newer than ``since``."""

@@ -4,7 +4,8 @@ import argparse
 import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactophone.capture import FileSource
@@ -12,7 +13,7 @@ from tactophone.cli._support import dashboard_options, terminal
 from tactophone.dataset import Segment, touch_at
 from tactophone.haptics import Oscillator, Playback
 from tactophone.pipeline import Pipeline
-from tactophone.telemetry import State, Telemetry
+from tactophone.telemetry import FingerState, State, Telemetry
 
 BLOCK_DURATION = 0.01
 """Seconds of sound in a block: the interval at which the page shows predictions."""
@@ -20,55 +21,71 @@ BLOCK_DURATION = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Take:
-    """A recording to play back, a pipeline opened for it, and its labels where they are known."""
+    """A recording to play back under a title, a pipeline opened for it, and its labels where they are known.
 
-    path: Path
-    pipeline: Pipeline
+    Of a hand there are a recording and a pipeline for each of the ``fingers``, which these name.
+    """
+
+    title: str
+    paths: Sequence[Path]
+    pipelines: Sequence[Pipeline]
     truth: Sequence[Segment] = ()
+    fingers: Sequence[str] = ()
 
 
 def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
     """Play takes on the page, if ``--dashboard`` was set, over and over until interrupted."""
     if not (args.dashboard or args.lan) or not takes:
         return
-    with Telemetry(name) as telemetry, dashboard_options.shown(args, name, live=False):
+    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, dashboard_options.shown(args, name, live=False):
         terminal.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
             play(take, telemetry)
 
 
 def play(take: Take, telemetry: Telemetry) -> None:
-    """Play a take once, in real time."""
-    pipeline = take.pipeline
-    pipeline.reset()
-    playback = Playback(Oscillator(pipeline.limits))
-    source = FileSource(take.path)
-    source = FileSource(take.path, block_size=max(1, round(BLOCK_DURATION * source.sample_rate)))
-    state, begin = _state(take, source), time.monotonic()
-    with source:
-        for block in source:
-            end = block.end / block.sample_rate
+    """Play a take once, in real time; of a hand, until its shortest recording ends."""
+    for pipeline in take.pipelines:
+        pipeline.reset()
+    playbacks = [Playback(Oscillator(pipeline.limits)) for pipeline in take.pipelines]
+    with ExitStack() as stack:
+        sources = [stack.enter_context(_source(path)) for path in take.paths]
+        state, begin = _state(take, sources[0]), time.monotonic()
+        for blocks in zip(*sources, strict=False):
+            end = blocks[0].end / blocks[0].sample_rate
             time.sleep(max(0.0, begin + end - time.monotonic()))
             now = time.monotonic()
-            step = pipeline.push(block)
-            telemetry.rendered(playback.push(step.commands, until=end))
-            telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
+            for finger, (block, pipeline, playback) in enumerate(zip(blocks, take.pipelines, playbacks, strict=True)):
+                step = replace(pipeline.push(block), finger=finger)
+                telemetry.rendered(playback.push(step.commands, until=end), finger=finger)
+                telemetry.publish(step, now=now, truth=touch_at(block.time + block.duration / 2, take.truth))
             telemetry.update(state, now=now)
 
 
+def _source(path: Path) -> FileSource:
+    return FileSource(path, block_size=max(1, round(BLOCK_DURATION * FileSource(path).sample_rate)))
+
+
 def _state(take: Take, source: FileSource) -> State:
-    limits, profile = take.pipeline.limits, take.pipeline.profile.name
-    return State(
+    first, *_ = fingers = [
+        FingerState(
+            name=name,
+            ceiling=pipeline.limits.ceiling,
+            local_ceiling=pipeline.limits.ceiling,
+            profile=pipeline.profile.name,
+            detector=pipeline.detector_name,
+            threshold_dbfs=pipeline.threshold_dbfs,
+        )
+        for name, pipeline in zip(take.fingers or ("",), take.pipelines, strict=True)
+    ]
+    state = State(
         role="replay",
         muted_because="",
-        ceiling=limits.ceiling,
-        local_ceiling=limits.ceiling,
-        profile=profile,
-        profiles=(profile,),
-        detector=take.pipeline.detector_name,
-        threshold_dbfs=take.pipeline.threshold_dbfs,
-        source=take.path.name,
+        profiles=(first.profile,),
+        source=take.title,
         link="replay",
         sample_rate=source.sample_rate,
         channels=source.channels,
+        fingers=tuple(fingers),
     )
+    return replace(state.of_finger(0), fingers=tuple(fingers) if take.fingers else ())

@@ -1,7 +1,17 @@
 """Logs of live runs: computed again, compared, rendered, and read as sound. Needs the link's libraries."""
 
-from tactophone.offline.replay.log_sound import decoded_sessions, joined, write_sound
+from tactophone.offline.replay.log_sound import SessionSound, decoded_sessions, joined, write_sound
 from tactophone.offline.replay.logged_run import settings_of
-from tactophone.offline.replay.run_again import Comparison, Replay, write_replay
+from tactophone.offline.replay.run_again import Comparison, RenderedFinger, Replay, write_replay
 
-__all__ = ["Comparison", "Replay", "decoded_sessions", "joined", "settings_of", "write_replay", "write_sound"]
+__all__ = [
+    "Comparison",
+    "RenderedFinger",
+    "Replay",
+    "SessionSound",
+    "decoded_sessions",
+    "joined",
+    "settings_of",
+    "write_replay",
+    "write_sound",
+]

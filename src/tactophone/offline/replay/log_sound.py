@@ -1,6 +1,7 @@
 """The sound in a log: its packets decoded as the operator decoded them, concealment included."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -9,8 +10,9 @@ import soundfile
 
 from tactophone.bridges import LogEntry, read_log
 from tactophone.errors import DatasetError
+from tactophone.hand_file import channels_of, names_of
 from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
-from tactophone.offline.replay.logged_run import WakeUp, wake_ups
+from tactophone.offline.replay.logged_run import WakeUp, settings_of, wake_ups
 from tactophone.telemetry import RunStart
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
@@ -53,19 +55,45 @@ def joined(blocks: Iterable[AudioBlock]) -> FloatArray:
     return np.concatenate([part if part.shape[1] == channels else np.repeat(part, channels, axis=1) for part in parts])
 
 
-def write_sound(log: Path, folder: Path) -> list[Path]:
-    """Write the sound of each session of a log as WAV with 32-bit floats, which hold it exactly.
+@dataclass(frozen=True, slots=True)
+class SessionSound:
+    """The sound of one session of a log, counted from 1, at one finger; its name is empty for the only one."""
+
+    path: Path
+    session: int
+    finger: str = ""
+
+
+def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
+    """Write the sound of each session and finger of a log as WAV with 32-bit floats, which hold it exactly.
+
+    Parameters
+    ----------
+    finger
+        Of a hand: only the finger of this name.
 
     Raises
     ------
     DatasetError
-        If the log holds no sound, as one of a link that carries predictions only.
+        If the log holds no sound, as one of a link that carries predictions only, or has no such finger.
     """
-    paths = []
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    settings = settings_of(start)
+    names, channels = names_of(settings), channels_of(settings, alone=2)
+    if finger and finger not in names:
+        known = f"there are {', '.join(names)}" if any(names) else "it is of a single one"
+        raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
+    written = []
     for number, blocks in enumerate(decoded_sessions(read_log(log)), 1):
-        name = log.stem if number == 1 else f"{log.stem}-{number}"
-        paths.append(folder / f"{name}.wav")
-        soundfile.write(paths[-1], joined(blocks), LIVE_SAMPLE_RATE, subtype="FLOAT")
-    if not paths:
+        sound = joined(blocks)
+        if max(1, sound.shape[1] // 2) != len(names):
+            continue  # of a robot with another number of fingers, which the operator refused
+        for place, (name, count) in enumerate(zip(names, channels, strict=True)):
+            if finger in ("", name):
+                parts = (log.stem, name, "" if number == 1 else str(number))
+                path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                soundfile.write(path, sound[:, 2 * place : 2 * place + count], LIVE_SAMPLE_RATE, subtype="FLOAT")
+                written.append(SessionSound(path, number, name))
+    if not written:
         raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
-    return paths
+    return written

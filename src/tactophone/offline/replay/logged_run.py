@@ -6,17 +6,18 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import cast
+from typing import Any, cast
 
 from tactophone import config
 from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
-from tactophone.config import Settings
+from tactophone.config import Finger, Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import DatasetError
+from tactophone.hand_file import channels_of, each_finger
 from tactophone.haptics import PASSTHROUGH, GateProfile, open_profile
 from tactophone.link import Address, LoggedSession, ReceiveEvent, ReceiveSession, Session
 from tactophone.perception import model_path
-from tactophone.pipeline import Pipeline
+from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime import OutputGate, open_pipeline_for
 from tactophone.telemetry import Controls, EventBatch, RunStart
 from tactophone.types import PipelineStep
@@ -93,21 +94,21 @@ class LoggedEndpoint:
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if self.run.fingers:
-            raise DatasetError(
-                f"a log of a hand of {len(self.run.fingers)} fingers, but replay computes runs of one finger only; "
-                "its packets, settings and events are in the file"
-            )
         logged = settings_of(self.run)
         self.settings = self.change(logged)
-        self._fixed_profile = self.settings.rendering.profile != logged.rendering.profile
-        self._fixed_detector = self.settings.detector != logged.detector
-        self._fixed_ceiling = self.settings.rendering.ceiling != logged.rendering.ceiling
-        self._session = LoggedSession()
-        rendering = self.settings.rendering
-        self.gate = OutputGate(ceiling=rendering.ceiling, output_level=rendering.output_level)
-        self.endpoint = OperatorEndpoint(ReceiveSession(cast(Session, self._session)), self._open(2), reopen=self._open)
         self._check_models(logged)
+        calibrations = [finger["calibration"] for finger in self.run.fingers] or [self.run.calibration]
+        fingers = zip(each_finger(self.settings), each_finger(logged), calibrations, strict=True)
+        self.fingers = [_LoggedFinger(own, before, calibration) for own, before, calibration in fingers]
+        self._session = LoggedSession()
+        session = ReceiveSession(cast(Session, self._session))
+        if self.settings.fingers:
+            channels = channels_of(self.settings, alone=2)
+            pipelines = [finger.open(count) for finger, count in zip(self.fingers, channels, strict=True)]
+            self.endpoint = OperatorEndpoint(session, Hand(pipelines, channels=channels))
+        else:
+            only = self.fingers[0]
+            self.endpoint = OperatorEndpoint(session, only.open(2), reopen=only.open)
 
     def process(self, wake_up: WakeUp) -> Iterator[ReplayedStep]:
         """Process one moment again; returns its steps."""
@@ -117,16 +118,58 @@ class LoggedEndpoint:
         for number, (event, step) in enumerate(steps, 1):
             changes = [controls for controls in wake_up.changes if controls.step == number]
             if step is not None:
-                bounded = tuple(
-                    replace(command, amplitude=self.gate.bound(command.amplitude)) for command in step.commands
-                )
+                bound = self.fingers[step.finger].gate.bound
+                bounded = tuple(replace(command, amplitude=bound(command.amplitude)) for command in step.commands)
                 yield ReplayedStep(event, replace(step, commands=bounded), certain=not changes)
             for controls in changes:
                 self.apply(controls)
 
     def apply(self, controls: Controls) -> None:
-        """Set what somebody changed during the run; what was chosen for the replay stays."""
-        gate, pipeline = self.gate, self.endpoint.pipeline
+        """Set what somebody changed during the run; what was chosen for the replay stays.
+
+        Raises
+        ------
+        DatasetError
+            If they are of a finger that the run does not have.
+        """
+        if not 0 <= controls.finger < len(self.fingers):
+            raise DatasetError(
+                f"controls of finger {controls.finger}, but the run has {len(self.fingers)}: a changed log"
+            )
+        self.fingers[controls.finger].apply(controls, self.endpoint.hand.pipelines[controls.finger])
+
+    def _check_models(self, logged: Settings) -> None:
+        if self.settings.detector.model != logged.detector.model:
+            return
+        for name, digest in self.run.models.items():
+            if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
+                self.notes.append(f"the model {name} here is not the one that the run used")
+
+
+class _LoggedFinger:
+    """One finger, or the only one: its gate, and which of its settings were chosen for the replay."""
+
+    def __init__(self, settings: Settings, logged: Settings, calibration: str) -> None:
+        self._settings, self._calibration = settings, calibration
+        rendering = settings.rendering
+        self.gate = OutputGate(ceiling=rendering.ceiling, output_level=rendering.output_level)
+        self._fixed_profile = rendering.profile != logged.rendering.profile
+        self._fixed_detector = settings.detector != logged.detector
+        self._fixed_ceiling = rendering.ceiling != logged.rendering.ceiling
+
+    def open(self, channels: int) -> Pipeline:
+        """Open its pipeline, with the calibration that the log holds."""
+        if not self._calibration:
+            return open_pipeline_for(self._settings, channels=channels)
+        with TemporaryDirectory(prefix="tactophone-") as folder:
+            path = Path(folder, "calibration.json")
+            path.write_text(self._calibration)
+            settings = config.change(self._settings, [f"detector.calibration={path}"])
+            return open_pipeline_for(settings, channels=channels)
+
+    def apply(self, controls: Controls, pipeline: Pipeline) -> None:
+        """Set what somebody changed, as far as it was not chosen for the replay."""
+        gate = self.gate
         # A replay moves nothing but numbers, so it may be armed without anyone at the machine.
         gate.muted_because = "" if controls.armed else "muted in the log"
         gate.output_level = controls.output_level
@@ -144,21 +187,6 @@ class LoggedEndpoint:
         if not self._fixed_detector and threshold_dbfs is not None and pipeline.threshold_dbfs != threshold_dbfs:
             pipeline.threshold_dbfs = threshold_dbfs
 
-    def _open(self, channels: int) -> Pipeline:
-        if not self.run.calibration:
-            return open_pipeline_for(self.settings, channels=channels)
-        with TemporaryDirectory(prefix="tactophone-") as folder:
-            path = Path(folder, "calibration.json")
-            path.write_text(self.run.calibration)
-            return open_pipeline_for(config.change(self.settings, [f"detector.calibration={path}"]), channels=channels)
-
-    def _check_models(self, logged: Settings) -> None:
-        if self.settings.detector.model != logged.detector.model:
-            return
-        for name, digest in self.run.models.items():
-            if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
-                self.notes.append(f"the model {name} here is not the one that the run used")
-
 
 def settings_of(run: RunStart) -> Settings:
     """Return the settings of a logged process.
@@ -171,7 +199,21 @@ def settings_of(run: RunStart) -> Settings:
     settings = Settings()
     for section, table in run.settings.items():
         for name, value in table.items():
-            # None stands for NaN, which is the default where it may occur.
-            if value is not None and name != "calibration":
-                settings = config.replace(settings, f"{section}.{name}", value, where="the log")
-    return settings
+            settings = _with(settings, f"{section}.{name}", value)
+    fingers = []
+    for finger in run.fingers:
+        own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
+        for name, value in own.items():
+            _with(settings, name, value)  # checked here, where the log can be named
+        fingers.append(Finger(finger["name"], tuple(own.items())))
+    return replace(settings, fingers=tuple(fingers))
+
+
+_CALIBRATION = "detector.calibration"
+
+
+def _with(settings: Settings, name: str, value: Any) -> Settings:
+    # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
+    if value is None or name == _CALIBRATION:
+        return settings
+    return config.replace(settings, name, value, where="the log")

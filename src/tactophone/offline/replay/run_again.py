@@ -2,15 +2,18 @@
 
 import itertools
 import math
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
 from tactophone.errors import DatasetError
+from tactophone.hand_file import names_of
 from tactophone.haptics import Limits
 from tactophone.offline.plots import draw_recording
 from tactophone.offline.process_recording import OfflineRenderer, OutputFiles, RunSummary
@@ -79,8 +82,8 @@ class Replay:
     processes: int = 0
     notes: list[str] = field(default_factory=list)
     endpoint: LoggedEndpoint | None = None
-    _logged: deque[LoggedPrediction] = field(default_factory=deque)
-    _computed: deque[tuple[LoggedPrediction, bool]] = field(default_factory=deque)
+    _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
+    _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))
 
     def steps(self) -> Iterator[PipelineStep]:
         """Compute the run again; returns its steps on one time axis, through all its sessions.
@@ -102,8 +105,7 @@ class Replay:
                     for replayed in self._process(item):
                         yield axis.place(replayed)
                 case LoggedPrediction():
-                    self._logged.append(item)
-                    self._compare()
+                    self._logged[item.finger].append(item)
                 case LogEnd(complete, missed):
                     self.complete, self.missed = complete, missed
             self._compare()
@@ -125,18 +127,29 @@ class Replay:
             step = replayed.step
             for number, prediction in enumerate(step.predictions):
                 command = step.commands[number] if step.commands else _no_command(prediction)
-                self._computed.append((LoggedPrediction(prediction, command), replayed.certain))
+                logged = LoggedPrediction(prediction, command, step.finger)
+                self._computed[step.finger].append((logged, replayed.certain))
             yield replayed
 
     def _compare(self) -> None:
         # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
-        while self._logged and self._computed and self.role == "operator":
-            computed, certain = self._computed.popleft()
-            self.comparison.add(self._logged.popleft(), computed, certain=certain)
+        for finger, logged in self._logged.items() if self.role == "operator" else ():
+            while logged and self._computed[finger]:
+                computed, certain = self._computed[finger].popleft()
+                self.comparison.add(logged.popleft(), computed, certain=certain)
 
 
-def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> tuple[RunSummary, dict[str, Path]]:
-    """Compute a log again and write vibration and timeline, as for a recording, and a figure if wanted.
+@dataclass(frozen=True, slots=True)
+class RenderedFinger:
+    """What a replay wrote of one finger; its name is empty for the only one."""
+
+    name: str
+    summary: RunSummary
+    files: dict[str, Path]
+
+
+def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> list[RenderedFinger]:
+    """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
 
     Raises
     ------
@@ -144,28 +157,32 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
         If nothing in the log can be rendered.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    outputs = OutputFiles.in_folder(folder, stem)
     steps = replay.steps()
     first = next(steps, None)
     if first is None or replay.endpoint is None:
         raise DatasetError("the log holds no sound and no predictions: was a robot connected?")
-    renderer = OfflineRenderer(outputs, replay.endpoint.endpoint.pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE)
-    with renderer:
+    names, pipelines = names_of(replay.endpoint.settings), replay.endpoint.endpoint.hand.pipelines
+    stems = [f"{stem}-{name}" if name else stem for name in names]
+    outputs = [OutputFiles.in_folder(folder, each) for each in stems]
+    with ExitStack() as stack:
+        renderers = [
+            stack.enter_context(OfflineRenderer(files, pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE))
+            for files, pipeline in zip(outputs, pipelines, strict=True)
+        ]
         for step in itertools.chain([first], steps):
-            renderer.write(_complete(step))
-        summary = renderer.finish(flush=False)
-    files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
-    if plot:
-        pipeline = replay.endpoint.endpoint.pipeline
-        files["figure"] = folder / f"{stem}.replay.png"
+            renderers[step.finger].write(_complete(step))
+        summaries = [renderer.finish(flush=False) for renderer in renderers]
+    written = [{"vibration": files.waveform, "timeline": files.timeline} for files in outputs]
+    for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
+        files["figure"] = folder / f"{name}.replay.png"
         draw_recording(
             files["figure"],
-            timeline=outputs.timeline,
+            timeline=files["timeline"],
             microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{stem}, replayed; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+            title=f"{name}, replayed; model {pipeline.detector_name}, profile {pipeline.profile.name}",
         )
-    return summary, files
+    return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
 
 
 def _complete(step: PipelineStep) -> PipelineStep:
@@ -198,6 +215,7 @@ class _TimeAxis:
             replace(step.block, start=step.block.start + offset),
             tuple(replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
             tuple(replace(each, time=each.time + shift) for each in step.commands),
+            step.finger,
         )
 
 
