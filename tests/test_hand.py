@@ -138,6 +138,10 @@ def test_predictions_of_a_hand_travel_together(model: str) -> None:
         assert len(found) >= len(expected) - 5
 
 
+def test_predictions_of_a_hand_of_one_finger_arrive(model: str) -> None:
+    assert any(step.predictions for step in journey(model, 1, codec=Codec(channels=2), send_predictions=True))
+
+
 @pytest.mark.parametrize(("robot_has", "operator_has"), [(5, 1), (1, 5), (2, 5)])
 @pytest.mark.parametrize("send_predictions", [False, True])
 def test_an_operator_with_another_number_of_fingers_refuses_in_words(

@@ -70,3 +70,9 @@ def test_a_missing_file_and_a_missing_finger() -> None:
         finger_named(with_fingers(Settings(), "5"), "indx")
     with pytest.raises(ConfigError, match="name the hand with --fingers"):
         finger_named(Settings(), "index")
+
+
+@pytest.mark.parametrize("given", ["capture.contact=a:b", 'capture.air=""', "output.port=a:b", "output.channel=3"])
+def test_a_port_that_fingers_cannot_share_is_refused_and_not_ignored(given: str) -> None:
+    with pytest.raises(ConfigError, match="is of one finger: with --fingers, write"):
+        with_fingers(config.change(Settings(), [given]), "2")

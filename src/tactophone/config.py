@@ -75,7 +75,10 @@ class Link:
         span=(0, 20_000),
     )
     bitrate_bps: int = _setting(
-        0, "of Opus, both channels together; 0: by bandwidth and packet duration", unit="bit/s", span=(0, 510_000)
+        0,
+        "of Opus, both channels of a finger together; 0: by bandwidth and packet duration",
+        unit="bit/s",
+        span=(0, 510_000),
     )
     redundancy: int = _setting(-1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2))
     send_predictions: bool = _setting(False, "run the detector on the robot and send only its predictions")

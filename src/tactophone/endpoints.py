@@ -67,7 +67,7 @@ class RobotEndpoint:
             return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
         together = zip(self.detectors, blocks, strict=True)
         found = list(map(tuple, process_together([detector.process(part) for detector, part in together])))
-        if self._channels:
+        if len(found) > 1:
             self._send_hand(found)
         else:
             for prediction in found[0]:

@@ -22,7 +22,7 @@ from typing import Any
 from tactophone import config
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.types import MOST_FINGERS
+from tactophone.types import FINGER_NAMES, MOST_FINGERS
 
 OWN_SETTINGS: Mapping[str, str] = {
     "contact": "capture.contact",
@@ -38,8 +38,6 @@ OWN_SETTINGS: Mapping[str, str] = {
 }
 """What a finger's table may hold, and the setting that it replaces for this finger."""
 
-NAMES = ("thumb", "index", "middle", "ring", "little")
-
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,15}")
 _UNSHARED = ("contact", "air", "port", "channel")
 
@@ -50,8 +48,14 @@ def with_fingers(settings: Settings, text: str) -> Settings:
     Raises
     ------
     ConfigError
-        If the file cannot be read, or an entry is wrong.
+        If the file cannot be read, an entry is wrong, or the settings name a port or channel that fingers cannot share.
     """
+    for key in _UNSHARED:
+        name, value = OWN_SETTINGS[key], _value_of(settings, OWN_SETTINGS[key])
+        if value != _value_of(Settings(), name):
+            raise ConfigError(
+                f"{name} = {value!r} is of one finger: with --fingers, write {key} under the finger's name"
+            )
     if text.lstrip("+-").isdecimal():
         return replace(settings, fingers=_checked(default_names(int(text)), settings, where="--fingers"))
     path = Path(text).expanduser()
@@ -71,7 +75,9 @@ def default_names(count: int) -> dict[str, dict[str, Any]]:
     >>> list(default_names(6))[::5]
     ['left-thumb', 'right-thumb']
     """
-    names = [f"{side}-{name}" for side in ("left", "right") for name in NAMES] if count > len(NAMES) else list(NAMES)
+    names = [f"{side}-{name}" for side in ("left", "right") for name in FINGER_NAMES]
+    if count <= len(FINGER_NAMES):
+        names = list(FINGER_NAMES)
     names += [f"finger-{number}" for number in range(len(names) + 1, count + 1)]
     return {name: {} for name in names[: max(0, count)]}
 
@@ -148,8 +154,12 @@ def _own(
         # A channel of a PortAudio device may be written as a number.
         value = str(written) if key in ("contact", "air") and type(written) is int else written
         found = config.replace(settings, OWN_SETTINGS[key], value, where=f"{where}: [{name}]")
-        section, _, setting = OWN_SETTINGS[key].partition(".")
-        yield OWN_SETTINGS[key], getattr(getattr(found, section), setting)
+        yield OWN_SETTINGS[key], _value_of(found, OWN_SETTINGS[key])
+
+
+def _value_of(settings: Settings, name: str) -> Any:
+    section, _, setting = name.partition(".")
+    return getattr(getattr(settings, section), setting)
 
 
 def _placed(place: int) -> dict[str, Any]:

@@ -103,6 +103,9 @@ class AudioBlock:
         return self.start + self.size
 
 
+FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")
+"""Names of the fingers of one hand, in the order of gloves."""
+
 MOST_FINGERS = 10
 """Fingers of one hand, or of a pair of them: the link has a payload type for each number."""
 

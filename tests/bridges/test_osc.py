@@ -1,13 +1,14 @@
 import socket
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tactophone.bridges.osc import OscBridge
 from tactophone.errors import ConfigError
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry import FingerState, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 osc_message = pytest.importorskip("pythonosc.osc_message")
@@ -43,6 +44,25 @@ def test_predictions_and_vibration_are_sent_as_limited(telemetry: Telemetry) -> 
     assert found["/tactophone/index/vibration"] == pytest.approx([0.5, 60.0])
     assert found["/tactophone/index/contact"] == [1]
     assert found["/avatar/parameters/TactophoneRoughness"] == pytest.approx([0.75])
+
+
+def test_each_finger_of_a_hand_has_its_name() -> None:
+    with (
+        Telemetry("test-osc-hand", fingers=2) as telemetry,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening,
+    ):
+        telemetry.update(State(fingers=(FingerState("thumb"), FingerState("index"))), now=time.monotonic())
+        listening.bind(("127.0.0.1", 0))
+        with OscBridge(telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True) as bridge:
+            telemetry.publish(replace(STEP, finger=1), now=time.monotonic())
+            bridge.read()
+            found = receive(listening, 7)
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            found_next = receive(listening, 7)
+    assert found["/tactophone/index/vibration"] == pytest.approx([0.5, 60.0])
+    assert found["/avatar/parameters/TactophoneVibrationIndex"] == pytest.approx([0.5])
+    assert found_next["/tactophone/thumb/vibration"] == pytest.approx([0.5, 60.0])
 
 
 def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from tactophone.bridges.ros import RosBridge, open_sink
+from tactophone.bridges.ros import RosBridge, open_sinks
 from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
 from tactophone.telemetry import Telemetry
@@ -29,9 +29,9 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.bridge import _LATCHED, _QOS
+from tactophone.bridges.ros.bridge import LATCHED, QOS
 domain = DomainParticipant(87)
-def topic(name, kind, qos=_QOS):
+def topic(name, kind, qos=QOS):
     return Topic(domain, "rt/" + name, kind, qos)
 readers = {
     "prediction": DataReader(domain, topic("tactophone/index/prediction", messages.Float32MultiArray)),
@@ -39,7 +39,7 @@ readers = {
     "glove": DataReader(domain, topic("haptics_controller/commands", messages.Float64MultiArray)),
     "manus": DataReader(domain, topic("manus_glove_0/vibration_cmd", messages.ManusVibrationCommand)),
     "haptx": DataReader(domain, topic("haptx/rh/tactor_group_state", messages.TactorGroupState)),
-    "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, _LATCHED)),
+    "info": DataReader(domain, topic("tactophone/index/audio_info", messages.AudioInfo, LATCHED)),
     "audio": DataReader(domain, topic("tactophone/index/audio", messages.AudioDataStamped)),
     "diagnostics": DataReader(domain, topic("diagnostics", messages.DiagnosticArray)),
 }
@@ -92,28 +92,43 @@ def test_two_processes_talk_over_a_domain_on_the_loopback_interface(
 
 
 def test_a_sink_gets_silence_when_the_commands_end(telemetry: Telemetry) -> None:
-    sink = open_sink("senseglove", finger="index")
-    first, second = (sink.make(0.5, beat).data for beat in (0, 1))
+    (sink,) = open_sinks("senseglove", fingers=["index"])
+    first, second = (sink.make({"index": 0.5}, beat).data for beat in (0, 1))
     assert first != second  # the driver drops a repeated value
     assert max(map(max, (first, second))) <= 50
-    assert not any(sink.make(0.0, 1).data)
+    assert not any(sink.make({"index": 0.0}, 1).data)
     assert len(first) == 12
 
 
 def test_a_haptx_glove_has_two_hands() -> None:
-    sink = open_sink("haptx-left", finger="pinky")
+    (sink,) = open_sinks("haptx-left", fingers=["little"])
     assert sink.topic == "haptx/lh/tactor_group_state"
-    assert sink.make(0.25, 0).tactor_group == ["lh_lf"]
+    assert sink.make({"little": 0.25}, 0).tactor_group == ["lh_lf"]
 
 
 @pytest.mark.parametrize(("text", "finger"), [("gloves", "index"), ("manus", "toe"), ("haptx", "toe")])
 def test_an_unknown_device_or_finger_is_one_line(text: str, finger: str) -> None:
     with pytest.raises(ConfigError):
-        open_sink(text, finger=finger)
+        open_sinks(text, fingers=[finger])
 
 
 def test_a_topic_of_its_own_is_taken() -> None:
-    assert open_sink("float32:/left/amplitude", finger="index").topic == "left/amplitude"
+    assert open_sinks("float32:/left/amplitude", fingers=["index"])[0].topic == "left/amplitude"
+
+
+def test_each_finger_of_a_hand_drives_its_own_place() -> None:
+    amplitudes = {"thumb": 0.25, "little": 0.5}
+    (glove,) = open_sinks("manus", fingers=list(amplitudes))
+    assert list(glove.make(amplitudes, 0).intensities) == [0.25, 0, 0, 0, 0.5]
+    (sense,) = open_sinks("senseglove", fingers=list(amplitudes))
+    assert sense.make(amplitudes, 0).data[5:10] == [25, 0, 0, 0, 50]
+    (haptx,) = open_sinks("haptx", fingers=list(amplitudes))
+    assert haptx.make(amplitudes, 0).inflation == [0.25, 0.5]
+    (joy,) = open_sinks("joy", fingers=list(amplitudes))
+    assert joy.make(amplitudes, 0).intensity == 0.5
+    assert [sink.make(amplitudes, 0).data for sink in open_sinks("float32", fingers=list(amplitudes))] == [0.25, 0.5]
+    with pytest.raises(ConfigError, match="cannot share a topic"):
+        open_sinks("float32:/one", fingers=list(amplitudes))
 
 
 def test_a_wrong_domain_is_one_line(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch) -> None:

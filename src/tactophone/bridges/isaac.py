@@ -16,7 +16,7 @@ from isaacteleop.retargeting_engine.tensor_types import ControllerHapticPulse
 from numpy.typing import NDArray
 
 from tactophone.bridges.newest import NewestReader
-from tactophone.types import DEFAULT_CEILING, HapticCommand
+from tactophone.types import DEFAULT_CEILING, FINGER_NAMES, HapticCommand
 
 DEFAULT_FREQUENCY = 160.0
 """Hz where a pulse leaves the frequency to the device (OpenXR: XR_FREQUENCY_UNSPECIFIED)."""
@@ -26,8 +26,6 @@ LONGEST_PULSE = 1.0
 
 PULSE_DURATION = 0.03
 """Seconds of our pulses: three predictions, so that one lost step is no gap, and a dead run is silent at once."""
-
-FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 
 class TactophoneDevice(IHapticDevice):
@@ -103,14 +101,17 @@ class RunPulses:
         self._reader = NewestReader(name)
 
     def pulse(self) -> NDArray[np.float32]:
-        """Return ``[amplitude, frequency_hz, duration_s]``; amplitude 0 where there is no new command."""
-        newest = self._reader.read()
-        if newest is None:
+        """Return ``[amplitude, frequency_hz, duration_s]``, of a hand the strongest; 0 where no command is new."""
+        commands = [newest.command for newest in self._reader.read().values()]
+        if not commands:
             return np.zeros(3, np.float32)
-        return np.array([newest.amplitude, newest.frequency, PULSE_DURATION], np.float32)
+        strongest = max(commands, key=lambda command: command.amplitude)
+        return np.array([strongest.amplitude, strongest.frequency, PULSE_DURATION], np.float32)
 
     def finger_power(self, finger: str = "index") -> NDArray[np.float32]:
-        """Return a ``FingerPowerVector``, thumb to pinky, 0-1, with the newest amplitude at one finger."""
-        powers = np.zeros(len(FINGERS), np.float32)
-        powers[FINGERS.index(finger)] = self.pulse()[0]
-        return powers
+        """Return a ``FingerPowerVector``, thumb to little finger, 0-1: of a hand each its own, else at one finger."""
+        found = self._reader.read()
+        amplitudes = {
+            name if len(self._reader.fingers) > 1 else finger: found[name].command.amplitude for name in found
+        }
+        return np.array([amplitudes.get(name, 0.0) for name in FINGER_NAMES], np.float32)

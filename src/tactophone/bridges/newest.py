@@ -3,20 +3,26 @@
 import math
 from dataclasses import dataclass
 
-from tactophone.telemetry import State, Watcher
-from tactophone.types import Touch
+from tactophone.telemetry import State, Watcher, prediction_of
+from tactophone.types import HapticCommand, Prediction, Touch
 
 
 @dataclass(frozen=True, slots=True)
 class Newest:
-    """The newest prediction and its command *as limited*; amplitude 0 where nothing vibrates."""
+    """The newest prediction of a finger and its command *as limited*; amplitude 0 where nothing vibrates."""
 
-    probabilities: tuple[float, float, float]
-    touch: Touch
-    roughness: float
-    level_dbfs: float
-    amplitude: float
-    frequency: float
+    prediction: Prediction
+    command: HapticCommand
+
+    @property
+    def contact(self) -> bool:
+        """Whether the finger touches."""
+        return self.prediction.touch is not Touch.NONE
+
+    @property
+    def roughness(self) -> float:
+        """Of what it touches, 0 to 1; 0 without contact."""
+        return self.prediction.roughness if self.contact else 0.0
 
 
 class NewestReader:
@@ -26,27 +32,31 @@ class NewestReader:
     ----------
     name
         Of a run that exists already.
+    finger
+        Name of the finger where the run is of a single one; those of a hand have names.
+
+    Attributes
+    ----------
+    fingers
+        Names of all fingers, in order.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, *, finger: str = "index") -> None:
         self.watcher = Watcher(name)
-        self._count = 0
+        names = self.watcher.finger_names()
+        self.fingers = names if all(names) else [finger]
+        self._counts = [0] * len(self.fingers)
 
-    def read(self) -> Newest | None:
-        """Return the newest prediction if there is a new one since the last call."""
-        rows, count = self.watcher.predictions(self._count)
-        self._count = count
-        if not len(rows):
-            if (successor := self.watcher.successor()) is not None:
-                self.watcher, self._count = successor, 0
-            return None
-        row = rows[-1]
-        none, smooth, rough = map(float, row["probabilities"])
-        amplitude, frequency = float(row["amplitude"]), float(row["frequency"])
-        return Newest(
-            (none, smooth, rough), Touch(int(row["touch"])), float(row["roughness"]), float(row["level_dbfs"]),
-            amplitude if math.isfinite(amplitude) else 0.0, frequency if math.isfinite(frequency) else 0.0,
-        )  # fmt: skip
+    def read(self) -> dict[str, Newest]:
+        """Return the newest prediction of each finger that has a new one since the last call, by its name."""
+        found = {}
+        for place, finger in enumerate(self.fingers):
+            rows, self._counts[place] = self.watcher.predictions(self._counts[place], finger=place)
+            if len(rows):
+                found[finger] = _newest(*prediction_of(rows[-1]))
+        if not found and (successor := self.watcher.successor()) is not None:
+            self.watcher, self._counts = successor, [0] * len(self.fingers)
+        return found
 
     def state(self) -> State:
         """Return the run's state."""
@@ -59,3 +69,9 @@ class NewestReader:
     def mute(self) -> None:
         """Ask to mute, which any process may."""
         self.watcher.ask("mute")
+
+
+def _newest(prediction: Prediction, command: HapticCommand) -> Newest:
+    if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
+        command = HapticCommand(0.0, 0.0, command.time)
+    return Newest(prediction, command)

@@ -9,7 +9,6 @@ from typing import Any, Self
 
 from tactophone.bridges.newest import Newest, NewestReader
 from tactophone.errors import ConfigError
-from tactophone.types import Touch
 
 INTERVAL = 0.01
 """Seconds between two reads: about the interval of the predictions."""
@@ -33,7 +32,7 @@ class OscBridge:
     target
         Host and port to send to, such as ``127.0.0.1:9000``.
     finger
-        Name of the finger in the addresses.
+        Name of the finger in the addresses; those of a hand have names.
     listen
         UDP port at which ``/tactophone/stop`` is accepted, on this machine's loopback interface; 0: none.
     avatar
@@ -51,8 +50,8 @@ class OscBridge:
         host, _, port = target.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
             raise ConfigError(f"--osc {target}: wanted HOST:PORT, such as 127.0.0.1:9000")
-        self._address, self._finger, self._listen, self._avatar = (host, int(port)), finger, listen, avatar
-        self._reader = NewestReader(name)
+        self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
+        self._reader = NewestReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
         self._inbound: socket.socket | None = None
 
@@ -76,27 +75,26 @@ class OscBridge:
     def read(self) -> None:
         """Send what is new, and obey a stop."""
         self._receive()
-        if (newest := self._reader.read()) is None:
-            return
-        for address, values in self._messages(newest):
-            try:
-                self._client.send_message(address, values)
-            except OSError:
-                self.counts["not sent"] += 1
+        for finger, newest in self._reader.read().items():
+            for address, values in self._messages(finger, newest):
+                try:
+                    self._client.send_message(address, values)
+                except OSError:
+                    self.counts["not sent"] += 1
 
-    def _messages(self, newest: Newest) -> list[tuple[str, Any]]:
-        base = f"/tactophone/{self._finger}"
-        contact = newest.touch is not Touch.NONE
+    def _messages(self, finger: str, newest: Newest) -> list[tuple[str, Any]]:
+        base, command = f"/tactophone/{finger}", newest.command
         messages: list[tuple[str, Any]] = [
-            (f"{base}/prediction", list(newest.probabilities)),
-            (f"{base}/roughness", newest.roughness if contact else 0.0),
-            (f"{base}/contact", int(contact)),
-            (f"{base}/vibration", [newest.amplitude, newest.frequency]),
+            (f"{base}/prediction", list(newest.prediction.probabilities)),
+            (f"{base}/roughness", newest.roughness),
+            (f"{base}/contact", int(newest.contact)),
+            (f"{base}/vibration", [command.amplitude, command.frequency]),
         ]
         if self._avatar:
-            values = {"roughness": newest.roughness if contact else 0.0, "contact": float(contact)}
-            values["amplitude"] = newest.amplitude
-            messages += [(f"/avatar/parameters/{VRCHAT[name]}", value) for name, value in values.items()]
+            values = {"roughness": newest.roughness, "contact": float(newest.contact), "amplitude": command.amplitude}
+            # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.
+            ending = finger.title().replace("-", "") if len(self._reader.fingers) > 1 else ""
+            messages += [(f"/avatar/parameters/{VRCHAT[name]}{ending}", value) for name, value in values.items()]
         return messages
 
     def _receive(self) -> None:

@@ -97,9 +97,9 @@ def _run_hand(args: argparse.Namespace, settings: Settings) -> int:
     from tactophone.telemetry import read_timeline
 
     names = [finger.name for finger in settings.fingers]
+    if args.recording:
+        raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
     if not all(own.capture.device for own in each_finger(settings)):
-        if args.recording:
-            raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
         settings = _demonstrated(args, settings, names)
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)

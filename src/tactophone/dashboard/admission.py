@@ -37,6 +37,12 @@ async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketR
     return None
 
 
+def finger_of(request: web.Request) -> int:
+    """Return which finger of a hand a page shows and controls, counted from 0."""
+    text = request.query.get("finger", "")
+    return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
+
+
 class FloodGate:
     """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds one second of it.
 

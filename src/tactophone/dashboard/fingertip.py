@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from aiohttp import WSMsgType, web
 
-from tactophone.dashboard.admission import FLOOD_RATE, FloodGate, admit, end_flood
+from tactophone.dashboard.admission import FLOOD_RATE, FloodGate, admit, end_flood, finger_of
 from tactophone.dashboard.feed import WatchedRun
 from tactophone.dashboard.message import pack
 from tactophone.telemetry import Snapshot
@@ -47,22 +47,22 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
 
 
 class Fingertips:
-    """All pages that render a run's vibration; one task reads the run for all of them, while there are any."""
+    """All pages that render a run's vibration; for each finger one task reads the run while there are pages of it."""
 
     def __init__(self, run: WatchedRun) -> None:
         self._run = run
         self._credit: dict[web.WebSocketResponse, int] = {}
-        self._sending: asyncio.Task[None] | None = None
-        self._last: Snapshot | None = None
+        self._fingers: dict[int, _FingerPages] = {}
 
     async def connect(self, request: web.Request) -> web.StreamResponse:
-        """Serve one page until it leaves."""
+        """Serve one page, of one finger, until it leaves."""
         view = await admit(request, self._credit, FINGERTIPS)
         if view is None:
             return web.Response()
         self._credit[view] = CREDIT
-        if self._sending is None or self._sending.done():
-            self._sending = asyncio.create_task(self._send())
+        finger = finger_of(request)
+        pages = self._fingers.setdefault(finger, _FingerPages(self._run, finger, self._credit))
+        pages.add(view)
         gate = FloodGate(FLOOD_RATE)
         try:
             async for message in view:
@@ -71,15 +71,31 @@ class Fingertips:
                 elif message.type is WSMsgType.TEXT and message.data == "ok" and self._credit[view] < CREDIT:
                     self._credit[view] += 1
         finally:
+            pages.views.discard(view)
             del self._credit[view]
         return view
 
+
+class _FingerPages:
+    """The pages that render one finger."""
+
+    def __init__(self, run: WatchedRun, finger: int, credit: dict[web.WebSocketResponse, int]) -> None:
+        self.views: set[web.WebSocketResponse] = set()
+        self._run, self._finger, self._credit = run, finger, credit
+        self._sending: asyncio.Task[None] | None = None
+        self._last: Snapshot | None = None
+
+    def add(self, view: web.WebSocketResponse) -> None:
+        self.views.add(view)
+        if self._sending is None or self._sending.done():
+            self._sending = asyncio.create_task(self._send())
+
     async def _send(self) -> None:
         self._last = None
-        while self._credit:
+        while self.views:
             begun = time.monotonic()
             if message := self._message():
-                for view in [view for view, credit in self._credit.items() if credit]:
+                for view in [view for view in self.views if self._credit[view]]:
                     self._credit[view] -= 1
                     with suppress(ConnectionError):
                         await view.send_bytes(message)
@@ -87,7 +103,7 @@ class Fingertips:
 
     def _message(self) -> bytes:
         """Return the message with what is new; empty when nothing is."""
-        snapshot = self._run.snapshot(self._last)
+        snapshot = self._run.snapshot(self._last, finger=self._finger)
         if snapshot is None:
             return b""
         restarted = self._last is not None and snapshot.step_end < self._last.step_end

@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Middleware
 
-from tactophone.dashboard.admission import FLOOD_RATE, MAX_MESSAGE_BYTES, FloodGate, admit, end_flood
+from tactophone.dashboard.admission import FLOOD_RATE, MAX_MESSAGE_BYTES, FloodGate, admit, end_flood, finger_of
 from tactophone.dashboard.feed import Feed, WatchedRun
 from tactophone.dashboard.fingertip import Fingertips
 from tactophone.dashboard.listen import PageMicrophone
@@ -147,12 +147,6 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
             await credit.acquire()
             await view.send_bytes(feed.message())
             await asyncio.sleep(PERIOD)
-
-
-def finger_of(request: web.Request) -> int:
-    """Return which finger of a hand a page shows and controls, counted from 0."""
-    text = request.query.get("finger", "")
-    return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
 
 
 def is_local(request: web.Request) -> bool:

@@ -286,6 +286,11 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
         As `operators_of` and `open_session`, and where two names lead to one address.
     """
     link = settings.link
+    haptics = link.prediction_payload == "rfc9993"
+    if haptics and settings.fingers:
+        raise ConfigError(
+            "the payload rfc9993 holds the vibration of one finger: leave --prediction-payload out of a hand"
+        )
     operators = [resolve_all(host, port) for host, port in operators_of(link)]
     every = Counter(address for found in operators for address in set(found))
     if twice := [address for address, count in every.items() if count > 1]:
@@ -295,11 +300,10 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
         channels=channels,
         packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
         bandwidth=link.bandwidth or NARROW_BAND,
-        bitrate_bps=link.bitrate_bps,
+        bitrate_bps=link.bitrate_bps * max(1, len(settings.fingers)),
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
-    haptics = link.prediction_payload == "rfc9993"
     sessions = [open_session(settings, call=found) for found in operators]
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, haptics=haptics, prompt=True)
 

@@ -3,6 +3,7 @@
 DDS has no authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
 """
 
+import os
 import time
 from collections.abc import Sequence
 from typing import Any, Self
@@ -17,10 +18,10 @@ from cyclonedds.util import duration
 
 from tactophone.bridges.newest import Newest, NewestReader
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.sinks import Sink, open_sink
+from tactophone.bridges.ros.sinks import Sink, open_sinks
 from tactophone.errors import ConfigError
 from tactophone.telemetry import Snapshot
-from tactophone.types import LIVE_SAMPLE_RATE, Touch
+from tactophone.types import LIVE_SAMPLE_RATE
 
 INTERVAL = 0.01
 """Seconds between two reads."""
@@ -32,10 +33,10 @@ SILENCE = 0.1
 """Seconds without a new command after which a device gets a 0 once: a run that ended leaves nothing vibrating."""
 
 # ROS 2's default for topics: reliable, volatile, the newest ten.
-_QOS = Qos(
+QOS = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
 )
-_LATCHED = Qos(
+LATCHED = Qos(
     Policy.Reliability.Reliable(duration(milliseconds=100)),
     Policy.Durability.TransientLocal,
     Policy.History.KeepLast(1),
@@ -50,7 +51,7 @@ class RosBridge:
     name
         Of a run that exists already.
     finger
-        Part of the topics.
+        Part of the topics; those of a hand have names.
     publish
         Whether to publish predictions, sound and diagnostics; otherwise only the sinks get something.
     sinks
@@ -70,22 +71,23 @@ class RosBridge:
         self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),
         domain: int | None = None,
     ) -> None:  # fmt: skip
-        self._name, self._finger, self._publishes = name, finger, publish
-        self._sinks = [open_sink(text, finger=finger) for text in sinks]
+        self._name, self._publishes = name, publish
         self._domain = default_domain() if domain is None else domain
-        self._reader = NewestReader(name)
-        self._snapshot: Snapshot | None = None
+        self._reader = NewestReader(name, finger=finger)
+        self._sinks = [sink for text in sinks for sink in open_sinks(text, fingers=self._reader.fingers)]
+        self._snapshots: dict[str, Snapshot] = {}
         self._beat = 0
-        self._commanded_at = self._diagnosed_at = 0.0
-        self._silent = True
+        self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
+        self._commanded_at = dict.fromkeys(self._reader.fingers, 0.0)
+        self._diagnosed_at = 0.0
 
     def __enter__(self) -> Self:
         try:
             self._participant = DomainParticipant(self._domain)
             self._publisher, subscriber = Publisher(self._participant), Subscriber(self._participant)
-            base = f"tactophone/{self._finger}"
             self._writers = {
-                suffix: self._writer(f"{base}/{suffix}", kind)
+                (finger, suffix): self._writer(f"tactophone/{finger}/{suffix}", kind)
+                for finger in self._reader.fingers
                 for suffix, kind in (
                     ("prediction", messages.Float32MultiArray), ("vibration", messages.Float32MultiArray),
                     ("roughness", messages.Float32), ("contact_dbfs", messages.Float32),
@@ -95,15 +97,18 @@ class RosBridge:
             }  # fmt: skip
             if self._publishes:
                 self._diagnostics = self._writer("diagnostics", messages.DiagnosticArray)
-                self._info = self._writer(f"{base}/audio_info", messages.AudioInfo, _LATCHED)
-                self._info.write(messages.AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave"))
+                # Kept, as a latched message lives as long as its writer.
+                self._infos = [
+                    self._writer(f"tactophone/{finger}/audio_info", messages.AudioInfo, LATCHED)
+                    for finger in self._reader.fingers
+                ]
+                for writer in self._infos:
+                    writer.write(messages.AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave"))
             self._devices: list[tuple[Sink, Any]] = [
                 (sink, self._writer(sink.topic, sink.kind)) for sink in self._sinks
             ]
             self._requests = {
-                action: DataReader(
-                    subscriber, Topic(self._participant, f"rt/tactophone/{action}", messages.Empty, _QOS)
-                )
+                action: DataReader(subscriber, Topic(self._participant, f"rt/tactophone/{action}", messages.Empty, QOS))
                 for action in ("stop", "mute")
             }
         except DDSException as error:
@@ -111,25 +116,29 @@ class RosBridge:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._command(0.0)
+        self._command(dict.fromkeys(self._reader.fingers, 0.0))
 
     def read(self) -> None:
         """Pass on what is new, and obey a stop or a mute."""
         self._obey()
         now = time.time()
-        newest = self._reader.read()
-        if newest is not None:
-            self._commanded_at = now
-            self._command(newest.amplitude)
+        found = self._reader.read()
+        amplitudes = {
+            finger: 0.0 if now - self._commanded_at[finger] > SILENCE else amplitude
+            for finger, amplitude in self._amplitudes.items()
+        }
+        for finger, newest in found.items():
+            self._commanded_at[finger], amplitudes[finger] = now, newest.command.amplitude
             if self._publishes:
-                self._publish(newest)
-        elif not self._silent and now - self._commanded_at > SILENCE:
-            self._command(0.0)
+                self._publish(finger, newest)
+        if found or amplitudes != self._amplitudes:
+            self._command(amplitudes)
         if self._publishes:
-            self._publish_sound(now)
+            for place, finger in enumerate(self._reader.fingers):
+                self._publish_sound(place, finger, now)
             self._diagnose(now)
 
-    def _writer(self, topic: str, kind: type, qos: Qos = _QOS) -> Any:
+    def _writer(self, topic: str, kind: type, qos: Qos = QOS) -> Any:
         return DataWriter(self._publisher, Topic(self._participant, f"rt/{topic}", kind, qos))
 
     def _obey(self) -> None:
@@ -138,30 +147,32 @@ class RosBridge:
             if reader.take(N=10):
                 self._reader.stop() if action == "stop" else self._reader.mute()
 
-    def _command(self, amplitude: float) -> None:
+    def _command(self, amplitudes: dict[str, float]) -> None:
         self._beat += 1
-        self._silent = amplitude == 0.0
+        self._amplitudes = {finger: min(max(amplitude, 0.0), 1.0) for finger, amplitude in amplitudes.items()}
         for sink, writer in self._devices:
-            writer.write(sink.make(min(max(amplitude, 0.0), 1.0), self._beat))
+            writer.write(sink.make(self._amplitudes, self._beat))
 
-    def _publish(self, newest: Newest) -> None:
-        writers = self._writers
-        writers["prediction"].write(messages.Float32MultiArray(data=list(newest.probabilities)))
-        writers["vibration"].write(messages.Float32MultiArray(data=[newest.amplitude, newest.frequency]))
-        writers["roughness"].write(messages.Float32(newest.roughness if newest.touch is not Touch.NONE else 0.0))
-        writers["contact_dbfs"].write(messages.Float32(max(newest.level_dbfs, -200.0)))
+    def _publish(self, finger: str, newest: Newest) -> None:
+        prediction, command = newest.prediction, newest.command
+        for suffix, message in (
+            ("prediction", messages.Float32MultiArray(data=list(prediction.probabilities))),
+            ("vibration", messages.Float32MultiArray(data=[command.amplitude, command.frequency])),
+            ("roughness", messages.Float32(newest.roughness)),
+            ("contact_dbfs", messages.Float32(max(prediction.level_dbfs, -200.0))),
+        ):
+            self._writers[finger, suffix].write(message)
 
-    def _publish_sound(self, now: float) -> None:
-        snapshot = self._reader.watcher.snapshot(self._snapshot)
-        first = self._snapshot is None
-        self._snapshot = snapshot
-        if first or not len(snapshot.sound):
+    def _publish_sound(self, place: int, finger: str, now: float) -> None:
+        before = self._snapshots.get(finger)
+        snapshot = self._snapshots[finger] = self._reader.watcher.snapshot(before, finger=place)
+        if before is None or not len(snapshot.sound):
             return
         # The newest sample is about now; the first, as long ago as there are samples.
         stamp = now - len(snapshot.sound) / LIVE_SAMPLE_RATE
         samples = (np.clip(snapshot.sound, -1, 1) * 32_767).astype("<i2")
         audio = messages.AudioData(data=list(samples.tobytes()))
-        self._writers["audio"].write(messages.AudioDataStamped(_header(stamp), audio))
+        self._writers[finger, "audio"].write(messages.AudioDataStamped(_header(stamp), audio))
 
     def _diagnose(self, now: float) -> None:
         if now - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
@@ -179,7 +190,7 @@ class RosBridge:
                         level=1 if state.faults else 0,
                         name=f"tactophone: {self._name}",
                         message="; ".join(fault.text for fault in state.faults) or "OK",
-                        hardware_id=self._finger,
+                        hardware_id=",".join(self._reader.fingers),
                         values=[messages.KeyValue(key, value) for key, value in values.items()],
                     )
                 ],
@@ -193,8 +204,6 @@ def _header(now: float) -> messages.Header:
 
 def default_domain() -> int:
     """Return the domain of ROS_DOMAIN_ID."""
-    import os
-
     text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
     if not text.isdecimal() or int(text) > 232:
         raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")

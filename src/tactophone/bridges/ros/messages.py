@@ -148,6 +148,6 @@ class TactorGroupState(IdlStruct, typename=_name("haptx_interfaces", "TactorGrou
 
 @dataclass
 class ManusVibrationCommand(IdlStruct, typename=_name("manus_ros2_msgs", "ManusVibrationCommand")):
-    """Intensities of a MANUS glove, thumb to pinky, 0 to 1."""
+    """Intensities of a MANUS glove, thumb to little finger, 0 to 1."""
 
     intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)

@@ -13,7 +13,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.bridge import _LATCHED, _QOS, default_domain
+from tactophone.bridges.ros.bridge import LATCHED, QOS, default_domain
 from tactophone.errors import ConfigError
 from tactophone.types import AlwaysOpen, AudioBlock
 
@@ -55,10 +55,8 @@ class RosSource(AlwaysOpen):
         name = f"rt/{topic.lstrip('/')}"
         try:
             self._participant = DomainParticipant(default_domain() if domain is None else domain)
-            info = DataReader(self._participant, Topic(self._participant, f"{name}_info", messages.AudioInfo, _LATCHED))
-            self._reader = DataReader(
-                self._participant, Topic(self._participant, name, messages.AudioDataStamped, _QOS)
-            )
+            info = DataReader(self._participant, Topic(self._participant, f"{name}_info", messages.AudioInfo, LATCHED))
+            self._reader = DataReader(self._participant, Topic(self._participant, name, messages.AudioDataStamped, QOS))
         except DDSException as error:
             raise ConfigError(f"--source ros:{topic}: DDS cannot join ({error}): check CYCLONEDDS_URI") from error
         self.sample_rate, self.channels = self._format(info)

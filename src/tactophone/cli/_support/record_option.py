@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import extras, terminal
+from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.bridges import Bridge
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="obey /tactophone/stop at this UDP port of this machine, 1 to 65535 (default: none)",
     )  # fmt: skip
     add("--osc-avatar", action="store_true", help="send VRChat's avatar parameters too")
-    add("--finger", default="index", metavar="NAME", help="finger in the names of OSC and ROS (default: index)")
+    add("--finger", metavar="NAME", help="finger in the names of OSC and ROS, where there is no hand (default: index)")
     add("--ros", action="store_true", help="publish to ROS 2 over DDS, in the domain of ROS_DOMAIN_ID (default: 0)")
     add(
         "--ros-sink", action="append", default=[], metavar="KIND[:TOPIC]",
@@ -49,6 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @contextmanager
 def recorded(args: argparse.Namespace, name: str) -> Iterator[None]:
     """Record the run of that name meanwhile, and pass it on, as the options say."""
+    if args.finger and args.fingers:
+        raise ConfigError(
+            "--finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
+        )
     with ExitStack() as stack:
         for build in _bridges(args, name):
             from tactophone.bridges import BridgeProcess
@@ -79,9 +84,11 @@ def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Brid
         extras.require_modules("pythonosc")
         from tactophone.bridges.osc import OscBridge
 
-        yield partial(OscBridge, name, args.osc, finger=args.finger, listen=args.osc_listen, avatar=args.osc_avatar)
+        yield partial(
+            OscBridge, name, args.osc, finger=args.finger or "index", listen=args.osc_listen, avatar=args.osc_avatar
+        )
     if args.ros or args.ros_sink:
         extras.require_modules("cyclonedds")
         from tactophone.bridges.ros import RosBridge
 
-        yield partial(RosBridge, name, finger=args.finger, publish=args.ros, sinks=tuple(args.ros_sink))
+        yield partial(RosBridge, name, finger=args.finger or "index", publish=args.ros, sinks=tuple(args.ros_sink))

@@ -152,6 +152,9 @@ function onMessage({ header, tables }) {
 function showHand(fingers, hand) {
   const place = $("hand");
   place.hidden = !fingers.length;
+  const feel = $("feel");
+  feel.dataset.label = `Feel the ${(fingers[FINGER] ?? fingers[0]).name} here`;
+  if (feel.ariaPressed !== "true") put(feel, feel.dataset.label);
   while (place.children.length < fingers.length) {
     const link = document.createElement("a");
     link.href = `?finger=${place.children.length}`;

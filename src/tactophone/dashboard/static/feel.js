@@ -5,6 +5,7 @@ import { Feed } from "./live.js";
 import { Fingertip } from "./fingertip.js";
 
 const $ = (id) => document.getElementById(id);
+const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 let feed = null;
 let lost = "";
 
@@ -18,7 +19,7 @@ const fingertip = new Fingertip({
 async function toggle() {
   const on = !fingertip.on;
   $("feel").ariaPressed = on;
-  put($("feel"), on ? "Stop feeling" : "Feel it here");
+  put($("feel"), on ? "Stop feeling" : $("feel").dataset.label ?? "Feel it here");
   if (!on) {
     fingertip.stop();
     feed?.close();
@@ -26,7 +27,7 @@ async function toggle() {
     lost = "";
     return put($("feel-way"), "");
   }
-  feed = new Feed("feel", {
+  feed = new Feed(FINGER ? `feel?finger=${FINGER}` : "feel", {
     onMessage: ({ header, tables }) => {
       lost = header.armed ? "" : `Muted: ${header.muted_because || "not armed"}.`;
       fingertip.take(header, tables.vibration.numbers);
