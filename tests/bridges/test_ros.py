@@ -29,7 +29,7 @@ from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.bridge import LATCHED, QOS
+from tactophone.bridges.ros.dds import LATCHED, QOS
 domain = DomainParticipant(87)
 def topic(name, kind, qos=QOS):
     return Topic(domain, "rt/" + name, kind, qos)

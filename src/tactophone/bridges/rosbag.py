@@ -10,13 +10,16 @@ import numpy as np
 from tactophone.errors import ConfigError
 from tactophone.types import LIVE_SAMPLE_RATE, PipelineStep, Touch
 
-_AUDIO = {
+_FURTHER = {
     "audio_common_msgs/msg/AudioData": "uint8[] data",
     "audio_common_msgs/msg/AudioDataStamped": "std_msgs/Header header\naudio_common_msgs/AudioData audio",
     "audio_common_msgs/msg/AudioInfo": (
         "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format"
     ),
+    "manus_ros2_msgs/msg/ManusVibrationCommand": "float32[5] intensities",
+    "haptx_interfaces/msg/TactorGroupState": "string[] tactor_group\nfloat64[] inflation",
 }
+"""Types that are not among those of ROS itself."""
 
 _TOPICS = {
     "prediction": "std_msgs/msg/Float32MultiArray",
@@ -48,13 +51,10 @@ class RosBag:
 
     def __init__(self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)) -> None:
         from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         if folder.exists():
             raise ConfigError(f"--to-rosbag {folder}: exists already; name a new folder")
-        self._store = get_typestore(Stores.ROS2_HUMBLE)
-        for name, text in _AUDIO.items():
-            self._store.register(get_types_from_msg(text, name))
+        self._store = open_type_store()
         self._writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
         self._epoch, self._fingers = epoch, fingers
 
@@ -108,3 +108,13 @@ class RosBag:
     def _write(self, finger: int, suffix: str, time: float, message: Any) -> None:
         data = self._store.serialize_cdr(message, _TOPICS[suffix])
         self._writer.write(self._connections[finger, suffix], round((self._epoch + time) * 1e9), data)
+
+
+def open_type_store() -> Any:
+    """Return the types of all messages here, with their serialization and RIHS01 hashes."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in _FURTHER.items():
+        store.register(get_types_from_msg(text, name))
+    return store

@@ -1,25 +1,18 @@
-"""ROS 2 over DDS: predictions, vibration, sound and diagnostics out; stop and mute in.
+"""ROS 2 over DDS or Zenoh: predictions, vibration, sound and diagnostics out; stop and mute in.
 
-DDS has no authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
+Neither has authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
 """
 
-import os
 import time
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from cyclonedds.core import DDSException, Policy, Qos
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.pub import DataWriter, Publisher
-from cyclonedds.sub import DataReader, Subscriber
-from cyclonedds.topic import Topic
-from cyclonedds.util import duration
 
 from tactophone.bridges.newest import Newest, NewestReader
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.sinks import Sink, open_sinks
-from tactophone.errors import ConfigError
+from tactophone.bridges.ros.dds import DdsTransport, Transport, default_domain
+from tactophone.bridges.ros.sinks import open_sinks
 from tactophone.telemetry import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -31,16 +24,6 @@ DIAGNOSTICS_INTERVAL = 1.0
 
 SILENCE = 0.1
 """Seconds without a new command after which a device gets a 0 once: a run that ended leaves nothing vibrating."""
-
-# ROS 2's default for topics: reliable, volatile, the newest ten.
-QOS = Qos(
-    Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.Durability.Volatile, Policy.History.KeepLast(10)
-)
-LATCHED = Qos(
-    Policy.Reliability.Reliable(duration(milliseconds=100)),
-    Policy.Durability.TransientLocal,
-    Policy.History.KeepLast(1),
-)
 
 
 class RosBridge:
@@ -57,22 +40,24 @@ class RosBridge:
     sinks
         Devices to drive, as `open_sink` takes them.
     domain
-        DDS domain; ``None`` takes ROS_DOMAIN_ID.
+        Of ROS; ``None`` takes ROS_DOMAIN_ID.
+    over
+        ``dds`` or ``zenoh``.
 
     Raises
     ------
     ConfigError
-        If DDS cannot join the domain.
+        If the domain cannot be joined.
     """
 
     interval = INTERVAL
 
     def __init__(
         self, name: str, *, finger: str = "index", publish: bool = True, sinks: Sequence[str] = (),
-        domain: int | None = None,
+        domain: int | None = None, over: str = "dds",
     ) -> None:  # fmt: skip
         self._name, self._publishes = name, publish
-        self._domain = default_domain() if domain is None else domain
+        self._domain, self._over = default_domain() if domain is None else domain, over
         self._reader = NewestReader(name, finger=finger)
         self._sinks = [sink for text in sinks for sink in open_sinks(text, fingers=self._reader.fingers)]
         self._snapshots: dict[str, Snapshot] = {}
@@ -82,41 +67,35 @@ class RosBridge:
         self._diagnosed_at = 0.0
 
     def __enter__(self) -> Self:
-        try:
-            self._participant = DomainParticipant(self._domain)
-            self._publisher, subscriber = Publisher(self._participant), Subscriber(self._participant)
+        self._transport = _join(self._over, self._domain)
+        writer = self._transport.writer
+        if self._publishes:
             self._writers = {
-                (finger, suffix): self._writer(f"tactophone/{finger}/{suffix}", kind)
+                (finger, suffix): writer(f"tactophone/{finger}/{suffix}", kind)
                 for finger in self._reader.fingers
                 for suffix, kind in (
                     ("prediction", messages.Float32MultiArray), ("vibration", messages.Float32MultiArray),
                     ("roughness", messages.Float32), ("contact_dbfs", messages.Float32),
                     ("audio", messages.AudioDataStamped),
                 )
-                if self._publishes
             }  # fmt: skip
-            if self._publishes:
-                self._diagnostics = self._writer("diagnostics", messages.DiagnosticArray)
-                # Kept, as a latched message lives as long as its writer.
-                self._infos = [
-                    self._writer(f"tactophone/{finger}/audio_info", messages.AudioInfo, LATCHED)
-                    for finger in self._reader.fingers
-                ]
-                for writer in self._infos:
-                    writer.write(messages.AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave"))
-            self._devices: list[tuple[Sink, Any]] = [
-                (sink, self._writer(sink.topic, sink.kind)) for sink in self._sinks
+            self._diagnostics = writer("diagnostics", messages.DiagnosticArray)
+            # Kept, as a latched message lives as long as its writer.
+            self._infos = [
+                writer(f"tactophone/{finger}/audio_info", messages.AudioInfo, latched=True)
+                for finger in self._reader.fingers
             ]
-            self._requests = {
-                action: DataReader(subscriber, Topic(self._participant, f"rt/tactophone/{action}", messages.Empty, QOS))
-                for action in ("stop", "mute")
-            }
-        except DDSException as error:
-            raise ConfigError(f"DDS cannot join domain {self._domain} ({error}): check CYCLONEDDS_URI") from error
+            for info in self._infos:
+                info.write(messages.AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave"))
+        self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
+        self._requests = {
+            action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in ("stop", "mute")
+        }
         return self
 
     def __exit__(self, *_: object) -> None:
         self._command(dict.fromkeys(self._reader.fingers, 0.0))
+        self._transport.close()
 
     def read(self) -> None:
         """Pass on what is new, and obey a stop or a mute."""
@@ -137,9 +116,6 @@ class RosBridge:
             for place, finger in enumerate(self._reader.fingers):
                 self._publish_sound(place, finger, now)
             self._diagnose(now)
-
-    def _writer(self, topic: str, kind: type, qos: Qos = QOS) -> Any:
-        return DataWriter(self._publisher, Topic(self._participant, f"rt/{topic}", kind, qos))
 
     def _obey(self) -> None:
         for action, reader in self._requests.items():
@@ -202,9 +178,9 @@ def _header(now: float) -> messages.Header:
     return messages.Header(messages.Time(int(now), int(now % 1 * 1e9)), "fingertip")
 
 
-def default_domain() -> int:
-    """Return the domain of ROS_DOMAIN_ID."""
-    text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")
-    return int(text)
+def _join(over: str, domain: int) -> Transport:
+    if over == "zenoh":
+        from tactophone.bridges.ros.zenoh import ZenohTransport  # its library is an extra of its own
+
+        return ZenohTransport(domain)
+    return DdsTransport(domain)

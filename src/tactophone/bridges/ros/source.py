@@ -6,14 +6,10 @@ from collections.abc import Iterator
 from typing import Any, Self
 
 import numpy as np
-from cyclonedds.core import DDSException
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.bridge import LATCHED, QOS, default_domain
+from tactophone.bridges.ros.dds import DdsTransport, default_domain
 from tactophone.errors import ConfigError
 from tactophone.types import AlwaysOpen, AudioBlock
 
@@ -52,13 +48,9 @@ class RosSource(AlwaysOpen):
     def __init__(self, topic: str, *, domain: int | None = None) -> None:
         self.faults: Counter[str] = Counter()
         self._topic = topic
-        name = f"rt/{topic.lstrip('/')}"
-        try:
-            self._participant = DomainParticipant(default_domain() if domain is None else domain)
-            info = DataReader(self._participant, Topic(self._participant, f"{name}_info", messages.AudioInfo, LATCHED))
-            self._reader = DataReader(self._participant, Topic(self._participant, name, messages.AudioDataStamped, QOS))
-        except DDSException as error:
-            raise ConfigError(f"--source ros:{topic}: DDS cannot join ({error}): check CYCLONEDDS_URI") from error
+        dds, name = DdsTransport(default_domain() if domain is None else domain), topic.lstrip("/")
+        info = dds.reader(f"{name}_info", messages.AudioInfo, latched=True)
+        self._reader = dds.reader(name, messages.AudioDataStamped)
         self.sample_rate, self.channels = self._format(info)
 
     def __enter__(self) -> Self:

@@ -26,6 +26,7 @@ EXTRA_OF_MODULE = {
     "pythonosc": "osc",
     "cyclonedds": "ros",
     "rosbags": "ros",
+    "zenoh": "zenoh",
     "isaacteleop": "isaac",
     "tdw": "profiles",
 }

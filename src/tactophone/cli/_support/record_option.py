@@ -39,7 +39,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add("--osc-avatar", action="store_true", help="send VRChat's avatar parameters too")
     add("--finger", metavar="NAME", help="finger in the names of OSC and ROS, where there is no hand (default: index)")
-    add("--ros", action="store_true", help="publish to ROS 2 over DDS, in the domain of ROS_DOMAIN_ID (default: 0)")
+    add(
+        "--ros-over", choices=("dds", "zenoh"), default="dds",
+        help="how ROS 2 is reached; zenoh is that of rmw_zenoh_cpp (default: dds)",
+    )  # fmt: skip
+    add("--ros", action="store_true", help="publish to ROS 2, in the domain of ROS_DOMAIN_ID (default: 0)")
     add(
         "--ros-sink", action="append", default=[], metavar="KIND[:TOPIC]",
         help="drive a ROS 2 device with the vibration, after its limits: joy, senseglove, manus, haptx, haptx-left or "
@@ -88,7 +92,14 @@ def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Brid
             OscBridge, name, args.osc, finger=args.finger or "index", listen=args.osc_listen, avatar=args.osc_avatar
         )
     if args.ros or args.ros_sink:
-        extras.require_modules("cyclonedds")
+        extras.require_modules("cyclonedds", *(("zenoh", "rosbags") if args.ros_over == "zenoh" else ()))
         from tactophone.bridges.ros import RosBridge
 
-        yield partial(RosBridge, name, finger=args.finger or "index", publish=args.ros, sinks=tuple(args.ros_sink))
+        yield partial(
+            RosBridge,
+            name,
+            finger=args.finger or "index",
+            publish=args.ros,
+            sinks=tuple(args.ros_sink),
+            over=args.ros_over,
+        )
