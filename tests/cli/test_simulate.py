@@ -15,6 +15,17 @@ def test_a_small_set_is_rendered_by_one_command(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.slow
+def test_a_hand_has_a_labelled_recording_for_each_finger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "hand", str(tmp_path / "hand"), "--fingers", "2"]) == 0
+    names = [Path(line).name for line in capsys.readouterr().out.split()]
+    assert names == ["microphones-thumb.wav", "microphones-index.wav"]
+    manifest = (tmp_path / "hand" / "metadata.csv").read_text()
+    assert all(name in manifest for name in (*names, "=smooth", "=rough"))
+    assert main(["simulate", "hand", str(tmp_path), "--fingers", "11"]) == 1
+    assert "1 to 10" in capsys.readouterr().err
+
+
+@pytest.mark.slow
 def test_runs_are_rendered_with_their_truth(tmp_path: Path) -> None:
     assert main(["simulate", "competition", str(tmp_path), "--runs", "1"]) == 0
     assert {path.name for path in tmp_path.iterdir()} == {

@@ -63,6 +63,13 @@ def _competition_arguments(add: Callable[..., object]) -> None:
     add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
 
 
+def _hand_arguments(add: Callable[..., object]) -> None:
+    add("out", type=Path, metavar="OUT", help="folder to write to, with a recording for each finger")
+    add("--fingers", default="5", metavar="N|FILE", help="their number, 1 to 10, or a TOML file with a table for each")
+    add("--seed", type=int, default=0, help="random seed of set-up, strokes and noise, 0 or more")
+    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
+
+
 def _operator_arguments(add: Callable[..., object]) -> None:
     from tactophone.haptics.mapping import PROFILES
 
@@ -194,6 +201,20 @@ def _objects_named(names: str) -> "list[SimulatedObject]":
     return [find(name.strip()) for name in names.split(",")]
 
 
+def _hand(args: argparse.Namespace) -> int:
+    from tactophone.config import Settings
+    from tactophone.hand_file import names_of, with_fingers
+    from tactophone.simulation import demonstrate_hand
+
+    if args.seed < 0:
+        raise ConfigError(f"--seed {args.seed}: must be 0 or more")
+    names = names_of(with_fingers(Settings(), args.fingers))
+    args.out.mkdir(parents=True, exist_ok=True)
+    for path in demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip):
+        print(path)
+    return 0
+
+
 def _takes_named(names: str) -> "list[Take]":
     known = {take.name: take for take in TAKES}
     if names == "all":
@@ -217,6 +238,11 @@ _ACTIONS = {
         "render runs over five stones in a box, on two days, with the truth over time",
         _competition_arguments,
         _competition,
+    ),
+    "hand": (
+        "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each",
+        _hand_arguments,
+        _hand,
     ),
     "operator": (
         "let a simulated operator explore five stones and pick the rough ones",
