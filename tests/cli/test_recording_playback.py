@@ -43,6 +43,18 @@ def test_it_shows_sound_prediction_vibration_and_label_in_real_time(recording: P
     assert np.abs(seen.vibration).max() > 0
 
 
+def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(recording: Path) -> None:
+    pipelines = [open_pipeline(sample_rate=44_100, channels=2) for _ in range(2)]
+    names = ["thumb", "index"]
+    take = recording_playback.Take("run.mcap", [recording, recording], pipelines, fingers=names)
+    with Telemetry("test-playback", fingers=2) as telemetry:
+        recording_playback.play(take, telemetry)
+        seen = [Watcher("test-playback").snapshot(finger=finger) for finger in (0, 1)]
+    assert [(each.sound_end, each.vibration_end) for each in seen] == [(13_230, 14_400)] * 2
+    assert seen[0].state.source == "run.mcap"
+    assert [finger.name for finger in seen[0].state.fingers] == names
+
+
 def test_feel_serves_a_page_until_interrupted(recording: Path) -> None:
     command = [sys.executable, "-m", "tactophone", "feel", str(recording), "--out", str(recording.parent)]
     with subprocess.Popen(
