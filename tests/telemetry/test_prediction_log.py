@@ -15,7 +15,16 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import PredictionLog, Telemetry, TimelineWriter, Watcher, memory, prediction_of, read_timeline
+from tactophone.telemetry import (
+    PredictionLog,
+    Telemetry,
+    TimelineWriter,
+    Watcher,
+    follower,
+    memory,
+    prediction_of,
+    read_timeline,
+)
 from tactophone.telemetry.prediction_log import COLUMNS, row
 from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
@@ -137,7 +146,8 @@ def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.
     assert "101 predictions before 10.356 s are missing" in messages[0]
 
 
-def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str) -> None:
+def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(follower, "READ_INTERVAL", 1e3)  # only this test's thread reads
     code = (
         "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_prediction_log import *\n"
         "telemetry = Telemetry(sys.argv[1])\n"
