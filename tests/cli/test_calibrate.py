@@ -47,3 +47,12 @@ def test_a_recording_can_be_calibrated_on_and_one_too_short_is_named(
 def test_a_rate_that_is_none_is_named(rate: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*FINGER, "--false-alarms", rate]) == 1
     assert "1/min" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("faults", "code"), [([], 0), (["--fault", "air-covered"], 1)])
+def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
+    faults: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [*FINGER, "--object", "glazed tile", "--out", str(tmp_path / "calibration.toml")]
+    assert main([*arguments, *faults]) == code
+    assert ("covered" in capsys.readouterr().out) is bool(faults)

@@ -240,7 +240,8 @@ def _hum(statistics: ChannelStatistics, reference: Reference, channel: int) -> b
 def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None:
     """Whether the air microphone is under its floor, or a touch leaves it there or reaches it only as a thud.
 
-    A thud is duller than the same touch on the contact microphone.
+    A thud is duller than the same touch on the contact microphone: by 1.9 dB at least over simulated objects, while a
+    free microphone is brighter, or on a glazed tile up to 0.4 dB duller.
     """
     touch_db = statistics.level_dbfs[CONTACT] - reference.threshold_dbfs
     air_db = statistics.level_dbfs[AIR] - reference.floor_dbfs[AIR]
@@ -250,7 +251,7 @@ def _covered(statistics: ChannelStatistics, reference: Reference) -> bool | None
     if touch_db < _STRONG_DB:
         return None
     fainter = statistics.level_dbfs[AIR] < statistics.level_dbfs[CONTACT] - _STRONG_DB
-    return air_db < _MARGIN_DB or (fainter and statistics.tilt_db(AIR) < statistics.tilt_db(CONTACT))
+    return air_db < _MARGIN_DB or (fainter and statistics.tilt_db(AIR) < statistics.tilt_db(CONTACT) - _DULLER_DB)
 
 
 def _swapped(statistics: ChannelStatistics, reference: Reference) -> bool:
