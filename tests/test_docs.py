@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tactophone.cli import _parse
+
 ROOT = Path(__file__).parent.parent
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 
@@ -65,6 +67,15 @@ def test_tests_that_pages_name_without_their_file_exist() -> None:
     named = {(page.name, name) for page in PAGES for name in re.findall(r"`(test_\w+)`", page.read_text())}
     assert len(named) > 20
     assert not {(page, name) for page, name in named if name not in known}
+
+
+def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -> None:
+    page = (ROOT / "docs" / "reference" / "paper.md").read_text()
+    commands = [found.split() for found in re.findall(r"`tactophone ([^`]+)`", page)]
+    assert len(commands) > 40
+    for words in commands:
+        # A usage error would exit.
+        assert _parse(words, words[0]).verb == words[0]
 
 
 def test_the_glossary_is_one_page_of_at_most_20_terms() -> None:
