@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from tactophone import config
 from tactophone.bridges import LogEnd, McapLog, is_mcap, mcap_file, read_log
+from tactophone.bridges.rtp_headers import RtpHeaders
 from tactophone.bridges.run_reader import prediction_entries
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.link import Codec, open_decoder
@@ -250,6 +251,18 @@ def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path) -> None:
         list(read_log(tmp_path / "a.wav"))
     with pytest.raises(DatasetError, match="No such file"):
         list(read_log(tmp_path / "none.mcap"))
+
+
+def test_a_log_of_the_first_layout_is_read(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    with (tmp_path / "a.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="tactophone 1")
+        writer.finish()
+    assert list(read_log(tmp_path / "a.mcap")) == [LogEnd(complete=True)]
+    events = [bytes([kind]) + bytes(13) for kind in (0, 0, 1)]
+    assert [RtpHeaders().restore(event) for event in events] == events
 
 
 def test_levels_of_minus_infinity_survive() -> None:

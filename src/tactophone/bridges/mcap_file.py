@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from tactophone.bridges import protobuf, schemas
-from tactophone.bridges.mcap_log import FORMAT
+from tactophone.bridges.mcap_log import FORMAT, READABLE
+from tactophone.bridges.rtp_headers import RtpHeaders
 from tactophone.errors import DatasetError
 from tactophone.telemetry import Controls, EventBatch, RunStart
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, TouchEvent
@@ -104,7 +105,7 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
 
 
 def _check_profile(path: Path, profile: str) -> None:
-    if profile == FORMAT:
+    if profile in READABLE:
         return
     if profile.partition(" ")[0] == FORMAT.partition(" ")[0]:
         raise DatasetError(f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; install a newer one")
@@ -114,10 +115,11 @@ def _check_profile(path: Path, profile: str) -> None:
 def _read_message(path: Path, topic: str, finger: int, data: bytes) -> Iterator[LogEntry]:
     try:
         if topic == schemas.PACKETS.name:
+            headers = RtpHeaders()
             base = next((int(value) for number, value in protobuf.fields(data) if number == 2), 0)
             for number, arrival in protobuf.fields(data):
                 if number == 1:
-                    yield _arrival(_bytes(arrival), base)
+                    yield _arrival(_bytes(arrival), base, headers)
         elif topic == schemas.RUN.name:
             yield RunStart(**_known(RunStart, json.loads(data)))
         elif topic == schemas.CONTROLS.name:
@@ -128,7 +130,7 @@ def _read_message(path: Path, topic: str, finger: int, data: bytes) -> Iterator[
         raise DatasetError(f"{path}: a message of {topic} cannot be read ({error}); was the file changed?") from error
 
 
-def _arrival(message: bytes, base: int) -> EventBatch:
+def _arrival(message: bytes, base: int, headers: RtpHeaders) -> EventBatch:
     time, polled, events = 0.0, False, []
     for number, value in protobuf.fields(message):
         if number == 1:
@@ -136,7 +138,7 @@ def _arrival(message: bytes, base: int) -> EventBatch:
         elif number == 2:
             polled = bool(value)
         elif number == 3:
-            events.append(_bytes(value))
+            events.append(headers.restore(_bytes(value)))
         elif number == 4 and isinstance(value, int):
             time = (base + value) / 1e9
     return EventBatch(time, tuple(events), polled)

@@ -26,8 +26,11 @@ READ_INTERVAL = 0.2
 CHUNK_INTERVAL = 3
 """Reads in one chunk, 0.6 s: the disk then lacks under 1 s after a kill, and a chunk is long enough to compress."""
 
-FORMAT = "tactophone 1"
+FORMAT = "tactophone 2"
 """Profile in the header of the file; a later layout gets a later number."""
+
+READABLE = ("tactophone 1", FORMAT)
+"""The first held every packet with its header."""
 
 _GROUPS = {
     topic.kind: group

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from tactophone.bridges import protobuf, schemas
+from tactophone.bridges.rtp_headers import RtpHeaders
 from tactophone.bridges.schemas import Topic, of_finger
 from tactophone.bridges.sound_messages import SoundMessages, read_sound_packet
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, prediction_of, read_records
@@ -122,8 +123,8 @@ class RunReader:
     def _packets(self, arrivals: list[EventBatch]) -> Iterator[Message]:
         if not arrivals:
             return
-        base = round(arrivals[0].time * 1e9)
-        data = b"".join(protobuf.octets(1, encode_arrival(arrival, base)) for arrival in arrivals)
+        base, headers = round(arrivals[0].time * 1e9), RtpHeaders()
+        data = b"".join(protobuf.octets(1, encode_arrival(arrival, base, headers)) for arrival in arrivals)
         data += protobuf.integer(2, max(base, 0))
         yield Message(schemas.PACKETS, self._epoch + arrivals[-1].time, data)
         for arrival in arrivals:
@@ -187,8 +188,8 @@ class RunReader:
         return Message(schemas.EVENTS, now, json.dumps(entries).encode())
 
 
-def encode_arrival(arrival: EventBatch, base: int) -> bytes:
-    """Encode an arrival as the message ``tactophone.EventBatch``; ``base`` in ns.
+def encode_arrival(arrival: EventBatch, base: int, headers: RtpHeaders) -> bytes:
+    """Encode an arrival as the message ``tactophone.EventBatch``; ``base`` in ns, ``headers`` those of its message.
 
     A time read from the clock is a whole number of ns. It is then written as such, after ``base``: three bytes in place
     of nine. Any other time is written as it is, for a replay needs its last bit.
@@ -199,7 +200,7 @@ def encode_arrival(arrival: EventBatch, base: int) -> bytes:
     else:
         encoded = protobuf.double(1, arrival.time)
     encoded += protobuf.integer(2, arrival.polled) * arrival.polled
-    return encoded + b"".join(protobuf.octets(3, event) for event in arrival.events)
+    return encoded + b"".join(protobuf.octets(3, headers.shorten(event)) for event in arrival.events)
 
 
 def prediction_entries(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
