@@ -2,6 +2,7 @@
 processes that are stopped."""
 
 import os
+import random
 import signal
 import threading
 import time
@@ -155,6 +156,23 @@ def test_stalls_one_after_another_do_not_add_up(part: str) -> None:
     # The stalls themselves take 1.2 of 7 s.
     assert fresh * 0.005 > 7.0 - 1.2 - 0.5
     assert max(stale_after(world, stalls[-1][1]), default=0.0) < RECOVERY
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sound_is_fresh_soon_after_any_sequence_of_stalls_of_all_parts(seed: int) -> None:
+    dice, stalls = random.Random(seed), dict[str, tuple[tuple[float, float], ...]]()
+    for part in ("robot", "link", "operator"):
+        at, found = 1.0, []
+        while at < 4.0:
+            at += dice.choice([dice.uniform(0.02, 0.15), dice.uniform(0.1, 0.6), dice.uniform(0.5, 2.0)])
+            end = at + dice.choice([dice.uniform(0.02, 0.12), dice.uniform(0.05, 0.4), dice.uniform(0.2, 2.0)])
+            found.append((at, end))
+            at = end
+        stalls[part] = tuple(found)
+    world, pairs = World(stalls), [pair for found in stalls.values() for pair in found]
+    world.run(max(end for _, end in pairs) + 1.0)
+    for now in (now for now, audio in world.decoded if audio.stale):
+        assert min(max(0.0, now - end) for start, end in pairs if start <= now) < RECOVERY
 
 
 @pytest.mark.parametrize("part", ["robot", "link", "operator"])
