@@ -1,9 +1,11 @@
 import json
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
 
 from tactophone.cli import main
+from tactophone.cli._support.guide_screen import GuidePage
 from tactophone.perception import model_path, read_model
 
 QUICK = ["setup", "--source", "finger", "--finger-gain", "-20", "--seconds", "3", "--yes"]
@@ -54,3 +56,19 @@ def test_a_model_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.Captu
     arguments = [*QUICK, *objects, "--model", str(model_path("paper")), "--out", str(tmp_path / "own.onnx")]
     assert main(arguments) == 1
     assert "of kind paper" in capsys.readouterr().err
+
+
+def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Ended:
+        url = "http://127.0.0.1:0/"
+
+        def __init__(self, orders: Connection) -> None:
+            orders.close()
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    monkeypatch.setattr("tactophone.dashboard.guide", Ended)
+    with GuidePage(wait=True) as page:
+        page.show(instruction="slide")
+        assert not page.pressed()

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from types import TracebackType
@@ -18,6 +19,9 @@ from tactophone.errors import TactophoneError
 LAST_LOOK = 0.3
 """Seconds for which the page of a command that waits for nobody stays, so that it shows the end."""
 
+DONE = "done"
+"""Button that ends the page."""
+
 
 class GuidePage:
     """The page of a guided command; a context manager that shows an error, and ends when the page's *Done* is pressed.
@@ -32,7 +36,7 @@ class GuidePage:
         from tactophone.dashboard import guide  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
-        self._wait = wait
+        self._wait, self._finished = wait, False
         self._page = guide(page_end)
 
     def __enter__(self) -> Self:
@@ -52,19 +56,27 @@ class GuidePage:
 
     def show(self, **entries: Any) -> None:
         """Show something on the page, in the words of ``static/guide.js``."""
-        self._orders.send(entries)
+        with suppress(OSError):  # the page's process has ended: the terminal goes on
+            self._orders.send(entries)
 
     def pressed(self, timeout: float = 0.0) -> str:
-        """Return the name of the button that was pressed, waiting up to ``timeout`` s; empty if none was."""
-        return str(self._orders.recv()) if self._orders.poll(timeout) else ""
+        """Return the name of the button that was pressed, waiting up to ``timeout`` s; empty if none was.
+
+        Without the page's process no button is ever pressed, and nothing is left to wait for at the end.
+        """
+        try:
+            return str(self._orders.recv()) if self._orders.poll(timeout) else ""
+        except (EOFError, OSError):
+            return DONE if self._finished else ""
 
     def _await_done(self) -> None:
         if not self._wait:
             time.sleep(LAST_LOOK)
             return
-        self.show(instruction="", picture="", state="finished", levels=[], buttons={"done": "Done"})
+        self._finished = True
+        self.show(instruction="", picture="", state="finished", levels=[], buttons={DONE: "Done"})
         terminal.log().print("the page stays until Done is pressed on it, or Ctrl-C here")
-        while self.pressed(1.0) != "done":
+        while self.pressed(1.0) != DONE:
             pass
 
 
@@ -100,8 +112,10 @@ class GuideScreen:
             self.page.show(steps=self.steps, step=step)
 
     def offer(self, buttons: Mapping[str, str]) -> None:
-        """Show buttons, by name, on the page."""
+        """Show buttons, by name, on the page; a second press of the last ones is dropped."""
         if self.page is not None:
+            while self.page.pressed():
+                pass
             self.page.show(buttons=dict(buttons))
 
     def show(self, meters: Meters, instruction: str, state: str) -> None:
