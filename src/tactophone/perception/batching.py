@@ -42,21 +42,20 @@ def process_together(processings: Sequence[Processing]) -> list[list[Prediction]
 def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
     """Return the predictions of each entry."""
     results: list[list[Prediction]] = [[] for _ in pending]
-    by_network: dict[object, list[tuple[int, int, FloatArray]]] = {}
+    by_network: dict[object, list[tuple[int, WindowDetector, int, FloatArray]]] = {}
     for number, (detector, windows) in enumerate(pending):
-        by_network.setdefault(detector.network, []).extend((number, end, window) for end, window in windows)
+        entries = by_network.setdefault(detector.network, [])
+        for end, window in windows:
+            entries.append((number, detector, end, window))
     for entries in by_network.values():
-        alike = pending[entries[0][0]][0]
+        _, alike, _, window = entries[0]
         # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
-        sound = np.empty((len(entries), *entries[0][2].shape[::-1]), np.float32)
-        for place, (_, _, window) in zip(sound, entries, strict=True):
+        sound = np.empty((len(entries), *window.shape[::-1]), np.float32)
+        for place, (_, _, _, window) in zip(sound, entries, strict=True):
             place[:] = window.T
-        descriptions = alike.describe(sound.swapaxes(1, 2))
-        measured = [
-            pending[number][0].measure(place.T, description)
-            for (number, _, _), place, description in zip(entries, sound, descriptions, strict=True)
-        ]
+        described = zip(entries, sound, alike.describe(sound.swapaxes(1, 2)), strict=True)
+        measured = [detector.measure(place.T, description) for (_, detector, _, _), place, description in described]
         found = alike.classify([features for _, _, features in measured])
-        for (number, end, _), each, probabilities in zip(entries, measured, found, strict=True):
-            results[number].append(pending[number][0].decide(end, probabilities, *each))
+        for (number, detector, end, _), each, probabilities in zip(entries, measured, found, strict=True):
+            results[number].append(detector.decide(end, probabilities, *each))
     return results

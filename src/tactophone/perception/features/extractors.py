@@ -70,7 +70,6 @@ def level_meter(extractor: Extractor, rule: LoudnessRule) -> Callable[[FloatArra
     It is the extractor's own method where the extractor computes the spectrum that the rule needs.
     """
     if isinstance(extractor, TextureExtractor) and rule == "banded":
-        level_dbfs = extractor.level_dbfs
-        return lambda window, description: level_dbfs(description)
+        return extractor.level_dbfs
     loudness = LOUDNESS[rule]
     return lambda window, description: loudness(window[:, CONTACT])

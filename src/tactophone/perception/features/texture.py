@@ -176,8 +176,9 @@ class TextureExtractor:
         spectrum = self._bands.spectrum(windows)
         return list(map(Description, spectrum.sound, spectrum.powers, self._bands.describe(spectrum)))
 
-    def level_dbfs(self, description: Description) -> float:
+    def level_dbfs(self, window: FloatArray, description: Description) -> float:
         """Return the banded level of the first channel, from the spectrum that the features need too."""
+        del window
         return band_of_powers(description.powers[CONTACT], description.sound.shape[1])
 
     def push(self, description: Description, *, contact: bool) -> FloatArray:

@@ -37,8 +37,8 @@ class Engine:
         if len(features) > most:
             return [each for at in range(0, len(features), most) for each in self.run(features[at : at + most])]
         binding, rows, log_probabilities = self._bound.get(len(features)) or self._bind(len(features))
-        for row, values in zip(rows, features, strict=True):
-            row[:] = values
+        for number, row in enumerate(features):
+            rows[number] = row
         self._session.run_with_iobinding(binding)
         # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
         return [
