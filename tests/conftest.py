@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,9 @@ import hypothesis
 import pytest
 
 from tactophone.devices import DummyServer
+
+# A shell makes what it starts in the background ignore Ctrl+C, and programs under test would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples in every run, as a change must not fail for what it did not touch; `make fuzz` looks for new ones.
 hypothesis.settings.register_profile("fixed", derandomize=True, deadline=None)
