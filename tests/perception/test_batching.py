@@ -1,4 +1,4 @@
-"""Windows computed together are what each is alone, bit for bit, and take one call."""
+"""Windows computed together are what each is alone, bit for bit."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_detectors_together_predict_what_each_does_alone(name: str, count: int) 
         assert own
 
 
-def test_windows_that_fall_due_together_take_one_call_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_that_fall_due_together_reach_the_network_together(monkeypatch: pytest.MonkeyPatch) -> None:
     rows: list[int] = []
     run = Engine.run
 

@@ -1,4 +1,4 @@
-"""The windows of several fingers at once: one call for their features, and one of the network.
+"""The windows of several fingers at once: one call for their features, and one of the network for every three.
 
 A detector takes a block of sound as a generator. Where windows fall due it yields them, and it is sent their
 predictions; without any it just ends. So whoever has several detectors collects what all of them wait for, and a single
