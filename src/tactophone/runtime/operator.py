@@ -24,14 +24,12 @@ from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
+from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
 from tactophone.runtime.realtime_priority import (
-    MAIN_PRIORITY,
-    GarbageCollection,
     lock_memory,
     name_thread,
     prioritize_thread,
-    share_interpreter,
 )
 from tactophone.runtime.rehearsal import (
     open_rehearsed_pipeline,
@@ -396,14 +394,13 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
-        garbage = GarbageCollection(time.monotonic())
-        share_interpreter()
-        prioritize_thread(min(MAIN_PRIORITY, settings.process.priority))
-        while not (terminated.is_set() or operator.ended.is_set() or info.orphaned):
-            now = time.monotonic()
-            operator.housekeep(now)
-            garbage.collect(now)
-            operator.ended.wait(HOUSEKEEPING_INTERVAL)
+        run_housekeeping(
+            operator,
+            info,
+            terminated=terminated,
+            interval=HOUSEKEEPING_INTERVAL,
+            priority=settings.process.priority,
+        )
     if operator.failure is not None:
         raise operator.failure
 

@@ -22,14 +22,12 @@ from tactophone.hand_file import channels_of, each_finger, names_of
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
+from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import (
-    MAIN_PRIORITY,
-    GarbageCollection,
     lock_memory,
     name_thread,
     prioritize_thread,
-    share_interpreter,
 )
 from tactophone.runtime.rehearsal import (
     rehearse_detector,
@@ -338,13 +336,12 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
-        garbage = GarbageCollection(time.monotonic())
-        share_interpreter()
-        prioritize_thread(min(MAIN_PRIORITY, settings.process.priority))
-        while not (terminated.is_set() or robot.ended.is_set() or info.orphaned):
-            now = time.monotonic()
-            robot.housekeep(now)
-            garbage.collect(now)
-            robot.ended.wait(HOUSEKEEPING_INTERVAL)
+        run_housekeeping(
+            robot,
+            info,
+            terminated=terminated,
+            interval=HOUSEKEEPING_INTERVAL,
+            priority=settings.process.priority,
+        )
     if robot.failure is not None:
         raise robot.failure
