@@ -71,6 +71,18 @@ class _Recorded:
     objects: list[tuple[str, bool, FloatArray]]
 
 
+@dataclass(frozen=True, slots=True)
+class _Result:
+    """A model that was fitted, what its file holds, and what was found wrong with the microphones."""
+
+    fit: "SetUpFit"
+    findings: list[Finding]
+    threshold_dbfs: float
+    tip: str
+    start: str
+    """Name of the model that was started from."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
@@ -131,13 +143,14 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     from tactophone.training.set_up_model import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    result = _as_json(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+    result = _Result(fit, findings, floor.threshold_dbfs, tip, model.card.name)
+    content = _as_json(args.out, result)
     if args.json:
-        terminal.print_json(result)
+        terminal.print_json(content)
     else:
-        _print(args, fit, findings, threshold_dbfs=floor.threshold_dbfs, tip=tip, start=model.card.name)
+        _print(args.out, result)
     if screen.page is not None:
-        screen.page.show(result=terminal.finite(result) | {"words": f"written: {args.out}; {_estimate(fit)}"})
+        screen.page.show(result=terminal.finite(content) | {"words": f"written: {args.out}; {_estimate(fit)}"})
     return 0
 
 
@@ -225,20 +238,14 @@ def _print_findings(args: argparse.Namespace, findings: Sequence[Finding]) -> No
     terminal.out().print("nothing was written: correct what is refused above, and run setup again")
 
 
-def _as_json(
-    args: argparse.Namespace,
-    fit: "SetUpFit",
-    findings: Sequence[Finding],
-    *,
-    threshold_dbfs: float,
-    tip: str,
-    start: str,
-) -> dict[str, Any]:
+def _as_json(file: Path, result: _Result) -> dict[str, Any]:
+    fit = result.fit
     objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
     return {
-        "passed": True, "file": str(args.out), "from": start, "tip": tip, "threshold_dbfs": threshold_dbfs,
+        "passed": True, "file": str(file), "from": result.start, "tip": result.tip,
+        "threshold_dbfs": result.threshold_dbfs,
         "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy, "objects": objects,
-        "findings": [finding.message for finding in findings],
+        "findings": [finding.message for finding in result.findings],
     }  # fmt: skip
 
 
@@ -252,18 +259,11 @@ def _estimate(fit: "SetUpFit") -> str:
     return f"right on {_percent(after)} of what it was not fitted to, over both kinds"
 
 
-def _print(
-    args: argparse.Namespace,
-    fit: "SetUpFit",
-    findings: Sequence[Finding],
-    *,
-    threshold_dbfs: float,
-    tip: str,
-    start: str,
-) -> None:
+def _print(file: Path, result: _Result) -> None:
+    fit, start = result.fit, result.start
     before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
     out = terminal.out()
-    for finding in findings:
+    for finding in result.findings:
         out.print(f"[yellow]note:[/] {finding}")
     table = Table("object", "is", f"right, {start} as it ships", "right, left out of the fit", box=None)
     for entry in fit.left_out:
@@ -272,10 +272,10 @@ def _print(
     out.print(table)
     if not fit.abstains:
         out.print(f"{_percent(fit.unknown)} of this sound is unknown to {start}: the new model never abstains")
-    out.print(f"tip {tip}; contact from {threshold_dbfs:.1f} dBFS; score: {fit.score}")
+    out.print(f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}")
     if not after >= 0.75:  # also where it is NaN
         out.print(f"[yellow]note:[/] {_estimate(fit)}")
-    out.print(f"[green]written:[/] {args.out}; use it as --model of `feel` and `receive`")
+    out.print(f"[green]written:[/] {file}; use it as --model of `feel` and `receive`")
 
 
 def _percent(share: float) -> str:
