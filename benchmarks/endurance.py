@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendSession, Session
+from tactophone.link import BlockEncoder, Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendSession, Session
 from tactophone.link.connection import RENEW_AFTER
 from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, VirtualLink
@@ -66,7 +66,7 @@ def soak(hours: float, *, duty: float, report: Callable[[str], None]) -> list[Ro
     robot, operator = Identity.create("robot"), Identity.create("operator")
     renew_after = min(RENEW_AFTER, 3600 * hours / 3.5)
     calling = Session(robot, Peers({operator.fingerprint: "op"}), call=OPERATOR_ADDRESS, renew_after=renew_after)
-    sender = SendSession(calling, Codec("pcm16", channels=1, packet_size=240))
+    sender = SendSession(calling, BlockEncoder(Codec("pcm16", channels=1, packet_size=240)))
     receiver = ReceiveSession(Session(operator, Peers({robot.fingerprint: "robot"})))
     link = VirtualLink(sender, receiver, ImpairedLink(NetworkProfile(loss=0.01)), ImpairedLink(NetworkProfile()))
     begun = link.connect(1000.0)

@@ -16,7 +16,7 @@ from tactophone.link import (
     Peers,
     ReceiveSession,
     Renewed,
-    SendSession,
+    SendGroup,
     Session,
 )
 from tactophone.link.codec import open_decoder
@@ -202,8 +202,8 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
     """Reports that a paired operator encrypts."""
     pair = Pair()
     pair.connect()
-    end = SendSession(pair.robot, Codec("pcm16"), follow=True)
-    end._handle([_connected(pair.robot)], 0.0)
+    end = SendGroup([pair.robot], Codec("pcm16"), follow=True)
+    end.members[0]._handle([_connected(pair.robot)], 0.0)
 
     def run(data: bytes) -> None:
         for delay, packet in _packets_in(data, _ssrc(pair.operator)):
@@ -211,8 +211,8 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
             _send(pair.operator, packet)
             for to, datagram, source in pair.carry():
                 if to is pair.robot:
-                    end.receive([(datagram, source)], now=pair.now)
-            end.poll(pair.now)
+                    end.receive(0, [(datagram, source)], now=pair.now)
+            end.poll(0, pair.now)
         _keep(pair)
 
     return [_script(report) for report in _REPORTS], run

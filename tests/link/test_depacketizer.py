@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import Codec, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
+from tactophone.link import BlockEncoder, Codec, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.depacketizer import HISTORY
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType
 from tactophone.types import AudioBlock, FloatArray
@@ -23,7 +23,7 @@ def noise(size: int) -> FloatArray:
 
 def packets(sound: FloatArray, *, depth: int = 0, codec: Codec = PCM) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
-    return Packetizer(codec, ssrc=1, redundancy=redundancy).push(AudioBlock(sound, CLOCK_RATE))
+    return Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy).push(AudioBlock(sound, CLOCK_RATE))
 
 
 def arrive(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.link import (
+    BlockEncoder,
     Codec,
     Connected,
     DecodedAudio,
@@ -11,13 +12,14 @@ from tactophone.link import (
     ReceiveEvent,
     ReceiveSession,
     RedundancyRule,
+    SendGroup,
     SendSession,
 )
 from tactophone.link.events import PacketReceived
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 
-from .session_pair import answering, calling
+from .session_pair import GroupMember, answering, calling
 
 RATE = 48_000
 PCM = Codec("pcm16", packet_size=120)
@@ -29,7 +31,7 @@ class Call:
     def __init__(
         self, codec: Codec = PCM, *, profile: NetworkProfile | None = None, rule: RedundancyRule | None = None
     ) -> None:
-        self.link = VirtualLink(SendSession(calling(), codec, rule=rule), ReceiveSession(answering()))
+        self.link = VirtualLink(SendSession(calling(), BlockEncoder(codec), rule=rule), ReceiveSession(answering()))
         self.robot, self.operator = self.link.robot, self.link.operator
         self.now = self.link.connect(100.0)
         self.link.to_operator = ImpairedLink(profile or NetworkProfile(), seed=1)
@@ -95,7 +97,7 @@ def test_fixed_redundancy_stays() -> None:
 def test_every_new_session_begins_a_new_stream() -> None:
     call, sound = Call(), noise(2)
     call.run(0.5, sound=sound)
-    call.link.robot = call.robot = SendSession(calling(), PCM)
+    call.link.robot = call.robot = SendSession(calling(), BlockEncoder(PCM))
     call.run(0.5, sound=sound)
     begun = [event for _, event in call.events if isinstance(event, Connected)]
     assert len(begun) == 1
@@ -142,7 +144,7 @@ def test_predictions_take_tens_of_bytes() -> None:
 def test_predictions_travel_as_haptics() -> None:
     """RFC 9993: the first packet after silence has the marker, and no other; silence is sent too."""
     call = Call()
-    call.link.robot = call.robot = SendSession(calling(), PCM, haptics=True)
+    call.link.robot = call.robot = SendSession(calling(), BlockEncoder(PCM), haptics=True)
     sent: list[bytes] = []
     call.robot.tap = lambda event: sent.append(event.packet) if isinstance(event, PacketReceived) else None
     call.run(1.0)
@@ -174,7 +176,7 @@ def test_non_finite_sound_is_counted_and_sent_as_silence() -> None:
 
 
 def test_nothing_is_sent_while_nobody_is_connected() -> None:
-    robot = SendSession(calling(), PCM)
+    robot = SendSession(calling(), BlockEncoder(PCM))
     robot.push(AudioBlock(noise(0.01), RATE))
     assert robot.outgoing() == []
 
@@ -194,7 +196,8 @@ def test_the_clocked_buffer_returns_the_sound_at_the_listeners_rate() -> None:
 @pytest.mark.parametrize(("follow", "passed"), [(True, True), (False, False)])
 def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -> None:
     call = Call(Codec("opus", packet_size=120))
-    call.link.robot = call.robot = SendSession(calling(), Codec("opus", packet_size=120), follow=follow)
+    group = SendGroup([calling()], Codec("opus", packet_size=120), follow=follow)
+    call.link.robot = call.robot = GroupMember(group)
     call.operator.bandwidth = 7_600
     tone = 0.3 * np.sin(2 * np.pi * 6_000 * np.arange(2 * RATE) / RATE)
     call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))

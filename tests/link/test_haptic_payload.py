@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tactophone.errors import PacketError
 from tactophone.haptics.mapping import ROUGH_STIMULUS, SMOOTH_STIMULUS
-from tactophone.link import Codec, Redundancy, RedundancyRule
+from tactophone.link import BlockEncoder, Codec, Redundancy, RedundancyRule
 from tactophone.link.haptic_payload import (
     ROUGH_HZ,
     SMOOTH_DBFS,
@@ -111,7 +111,7 @@ def test_a_cut_or_changed_unit_never_escapes(bit: int) -> None:
 
 
 def test_a_packet_has_type_102_and_needs_no_other() -> None:
-    packetizer = Packetizer(Codec("opus"), ssrc=1, redundancy=Redundancy(RedundancyRule()))
+    packetizer = Packetizer(BlockEncoder(Codec("opus")), ssrc=1, redundancy=Redundancy(RedundancyRule()))
     sent = packetizer.wrap(PayloadType.HAPTICS, 512, write_haptics(prediction(Touch.ROUGH, 1.0)), marker=True)
     got = parse_packet(bytes(sent))
     assert (got.payload.kind, got.marker, bytes(sent)[1]) == (102, True, 0x80 | 102)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.packet import Packet
 from tactophone.simulation.network import VirtualLink, paired_sessions
 from tactophone.types import AudioBlock, FloatArray
@@ -31,7 +31,9 @@ def tone(channels: int) -> FloatArray:
 
 def packets(codec: Codec, *, depth: int = 0) -> list[Packet]:
     redundancy = Redundancy(RedundancyRule(least=depth, most=depth))
-    return Packetizer(codec, ssrc=SSRC, redundancy=redundancy).push(AudioBlock(tone(codec.channels), RATE))
+    return Packetizer(BlockEncoder(codec), ssrc=SSRC, redundancy=redundancy).push(
+        AudioBlock(tone(codec.channels), RATE)
+    )
 
 
 def write_capture(path: Path, datagrams: list[bytes]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.haptic_payload import read_vibration, write_haptics
 from tactophone.link.packet import PayloadType
 from tactophone.link.prediction_payload import write_hand, write_prediction
@@ -38,7 +38,7 @@ PREDICTIONS = [
 
 @needs_wireshark
 def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
-    packetizer = Packetizer(Codec("opus"), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
+    packetizer = Packetizer(BlockEncoder(Codec("opus")), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
     sent = [
         bytes(packetizer.wrap(PayloadType.PREDICTION, round(each.end * RATE), write_prediction(each)))
         for each in PREDICTIONS
@@ -61,7 +61,7 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
 
 @needs_wireshark
 def test_the_dissector_reads_vibrations_of_rfc_9993(tmp_path: Path) -> None:
-    packetizer = Packetizer(Codec("opus"), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
+    packetizer = Packetizer(BlockEncoder(Codec("opus")), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
     sent = [
         bytes(packetizer.wrap(PayloadType.HAPTICS, round(each.end * RATE), write_haptics(each))) for each in PREDICTIONS
     ]

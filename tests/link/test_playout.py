@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Packetizer, Playout, Redundancy, RedundancyRule
+from tactophone.link import BlockEncoder, Codec, Packetizer, Playout, Redundancy, RedundancyRule
 from tactophone.types import AudioBlock, FloatArray
 
 RATE, BLOCK = 48_000, 128
@@ -31,7 +31,7 @@ def played(
 ) -> tuple[FloatArray, Playout]:
     """Play a tone over a line, block by block."""
     random, redundancy = np.random.default_rng(4), Redundancy(RedundancyRule(least=depth, most=depth))
-    sent = Packetizer(codec, ssrc=1, redundancy=redundancy).push(AudioBlock(tone(seconds), RATE))
+    sent = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=redundancy).push(AudioBlock(tone(seconds), RATE))
     speed = RATE * (1 + skew_ppm * 1e-6)
     times = (np.arange(len(sent)) + 1) * codec.packet_size / speed + random.exponential(jitter, len(sent))
     times[(times > stall[0]) & (times < stall[1])] = stall[1]
@@ -85,7 +85,9 @@ def test_silence_before_the_first_packet_and_in_a_long_gap() -> None:
 
 
 def test_late_and_doubled_packets_are_counted() -> None:
-    sent = Packetizer(PCM, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0))).push(AudioBlock(tone(1), RATE))
+    sent = Packetizer(BlockEncoder(PCM), ssrc=1, redundancy=Redundancy(RedundancyRule(most=0))).push(
+        AudioBlock(tone(1), RATE)
+    )
     playout = Playout(block_size=BLOCK)
     late = sent.pop(50)
     for step, packet in enumerate(sent[:180]):
@@ -102,7 +104,7 @@ def test_late_and_doubled_packets_are_counted() -> None:
 @pytest.mark.parametrize(("sent", "played"), [(1, 2), (2, 1)])
 def test_channels_are_fitted_to_the_listener(sent: int, played: int) -> None:
     codec = Codec("pcm16", channels=sent, packet_size=96)
-    packetizer = Packetizer(codec, ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
+    packetizer = Packetizer(BlockEncoder(codec), ssrc=1, redundancy=Redundancy(RedundancyRule(most=0)))
     playout = Playout(block_size=96, channels=played)
     for step, packet in enumerate(packetizer.push(AudioBlock(tone(1)[:, :sent], RATE))):
         playout.push(packet, now=step * 0.002)

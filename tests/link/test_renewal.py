@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Connected, DecodedAudio, Disconnected, Peers, ReceiveSession, SendSession, Session
+from tactophone.link import (
+    BlockEncoder,
+    Codec,
+    Connected,
+    DecodedAudio,
+    Disconnected,
+    Peers,
+    ReceiveSession,
+    SendSession,
+    Session,
+)
 from tactophone.link.connection import MAX_KEY_AGE, OVERLAP, RENEW_AFTER
 from tactophone.link.rtcp import ReceiverReport
 from tactophone.link.session import RECALL_AFTER
@@ -20,7 +30,7 @@ class Stream:
     def __init__(self, *, renew_after: float) -> None:
         peers = Peers({OPERATOR.fingerprint: "operator"}), Peers({ROBOT.fingerprint: "robot"})
         caller = Session(ROBOT, peers[0], call=AT_OPERATOR, renew_after=renew_after)
-        self.robot = SendSession(caller, Codec("pcm16", packet_size=PACKET))
+        self.robot = SendSession(caller, BlockEncoder(Codec("pcm16", packet_size=PACKET)))
         self.operator = ReceiveSession(Session(OPERATOR, peers[1]))
         self.now, self.position = 0.0, 0
         self.events: list[object] = []

@@ -26,31 +26,13 @@ from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualL
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS
 from tactophone.types import AudioBlock, Prediction, Touch
 
+from .session_pair import GroupMember
+
 OPUS = Codec("opus", packet_size=120)
 PACKET = 0.0025
 
 
-class Member:
-    """One operator's session of a group, as a link takes it."""
-
-    def __init__(self, group: SendGroup, number: int) -> None:
-        self._group, self._number = group, number
-
-    @property
-    def peer(self) -> str | None:
-        return self._group.members[self._number].peer
-
-    def receive(self, datagrams, *, now):
-        return self._group.receive(self._number, datagrams, now=now)
-
-    def poll(self, now):
-        return self._group.poll(self._number, now)
-
-    def outgoing(self):
-        return self._group.members[self._number].outgoing()
-
-
-class Lesson:
+class GroupCall:
     """A robot and its operators, each with a link of its own."""
 
     def __init__(
@@ -67,7 +49,7 @@ class Lesson:
             ReceiveSession(Session(each, Peers({self.robot.fingerprint: "robot"} if number < trusting else {})))
             for number, each in enumerate(identities)
         ]
-        self.links = [VirtualLink(Member(self.group, number), each) for number, each in enumerate(answerers)]
+        self.links = [VirtualLink(GroupMember(self.group, number), each) for number, each in enumerate(answerers)]
         self.events = [[] for _ in range(operators)]
         self.now, self.start = 0.0, 0
 
@@ -83,7 +65,7 @@ class Lesson:
             self.now += 0.005
         assert len(self.group.connected) == operators
 
-    def run(self, duration: float, each: Callable[["Lesson"], None] = lambda _: None, *, without=()) -> None:
+    def run(self, duration: float, each: Callable[["GroupCall"], None] = lambda _: None, *, without=()) -> None:
         for _ in range(round(duration / PACKET)):
             self.group.push(
                 AudioBlock(SOUND[self.start : self.start + 120, : self.group.codec.channels], 48_000, self.start)
@@ -102,102 +84,102 @@ SOUND = np.random.default_rng(0).normal(0, 0.05, (48_000, 4)).astype(np.float32)
 
 
 def alone(duration: float) -> bytes:
-    lesson = Lesson(1)
-    lesson.connect(1)
-    lesson.run(duration)
-    return lesson.decoded(0)
+    call = GroupCall(1)
+    call.connect(1)
+    call.run(duration)
+    return call.decoded(0)
 
 
 @pytest.mark.parametrize("fingers", [1, 2])
 def test_two_operators_feel_the_same_to_the_bit(fingers: int) -> None:
-    lesson = Lesson(2, Codec("opus", channels=2 * fingers, packet_size=120))
-    for link in lesson.links:
+    call = GroupCall(2, Codec("opus", channels=2 * fingers, packet_size=120))
+    for link in call.links:
         pipelines = [open_pipeline(sample_rate=48_000, channels=2) for _ in range(fingers)]
         link.operator = OperatorEndpoint(link.operator, Hand(pipelines))
-    lesson.connect(2)
-    robot, felt = RobotEndpoint(lesson.group), [[], []]
+    call.connect(2)
+    robot, felt = RobotEndpoint(call.group), [[], []]
     for start in range(0, 24_000, 120):
         robot.push(AudioBlock(SOUND[start : start + 120, : 2 * fingers], 48_000, start))
-        lesson.now += PACKET
-        for link, steps in zip(lesson.links, felt, strict=True):
-            steps += [(s.finger, s.predictions, s.commands) for _, s in link.carry(lesson.now) if s is not None]
+        call.now += PACKET
+        for link, steps in zip(call.links, felt, strict=True):
+            steps += [(s.finger, s.predictions, s.commands) for _, s in link.carry(call.now) if s is not None]
     assert felt[0] == felt[1]
     assert any(command.amplitude for _, _, commands in felt[0] for command in commands)
 
 
 def test_an_operator_that_leaves_or_comes_later_changes_nothing_for_the_other() -> None:
-    lesson = Lesson(2)
-    lesson.connect(1)
-    lesson.run(0.1, without=(1,))
-    lesson.run(0.3)
-    assert lesson.group.peers == ["operator 0", "operator 1"]
-    assert any(isinstance(event, DecodedAudio) for event in lesson.events[1])
-    lesson.links[1].operator.session.hang_up()
-    lesson.run(PACKET)  # with the goodbye; then its process is gone
-    lesson.run(0.1 - PACKET, without=(1,))
-    assert lesson.group.peers == ["operator 0"]
-    assert [type(event) for event in lesson.events[0] if not isinstance(event, DecodedAudio)] == [Connected]
-    assert lesson.decoded(0) == alone(0.5)
+    call = GroupCall(2)
+    call.connect(1)
+    call.run(0.1, without=(1,))
+    call.run(0.3)
+    assert call.group.peers == ["operator 0", "operator 1"]
+    assert any(isinstance(event, DecodedAudio) for event in call.events[1])
+    call.links[1].operator.session.hang_up()
+    call.run(PACKET)  # with the goodbye; then its process is gone
+    call.run(0.1 - PACKET, without=(1,))
+    assert call.group.peers == ["operator 0"]
+    assert [type(event) for event in call.events[0] if not isinstance(event, DecodedAudio)] == [Connected]
+    assert call.decoded(0) == alone(0.5)
 
 
 def test_whoever_comes_later_soon_decodes_the_same() -> None:
-    lesson = Lesson(2)
-    lesson.connect(1)
-    lesson.run(0.1, without=(1,))
-    lesson.run(0.6)
-    first, second = (np.frombuffer(lesson.decoded(number), np.float32)[-9600:] for number in (0, 1))
+    call = GroupCall(2)
+    call.connect(1)
+    call.run(0.1, without=(1,))
+    call.run(0.6)
+    first, second = (np.frombuffer(call.decoded(number), np.float32)[-9600:] for number in (0, 1))
     assert np.abs(first - second).max() < 1e-3
 
 
 def test_a_link_that_loses_packets_costs_only_its_own_operator() -> None:
-    lesson = Lesson(2)
-    lesson.connect(2)
-    lesson.links[1].to_operator = ImpairedLink(NetworkProfile(loss=0.3), seed=1)
-    lesson.run(0.8)
-    assert [member.redundancy.depth for member in lesson.group.members] == [1, 2]
-    assert lesson.group.loss > 0.1
-    assert lesson.decoded(0) == alone(0.8)
+    call = GroupCall(2)
+    call.connect(2)
+    call.links[1].to_operator = ImpairedLink(NetworkProfile(loss=0.3), seed=1)
+    call.run(0.8)
+    assert [member.redundancy.depth for member in call.group.members] == [1, 2]
+    assert call.group.loss > 0.1
+    assert call.decoded(0) == alone(0.8)
 
 
 def test_a_hostile_operator_changes_nothing_for_the_other() -> None:
-    lesson, generator = Lesson(2), random.Random(0)
-    lesson.connect(2)
+    call, generator = GroupCall(2), random.Random(0)
+    call.connect(2)
     seen: list[bytes] = []
-    push = lesson.links[1].to_robot.push
-    lesson.links[1].to_robot.push = lambda datagram, *, now: (seen.append(datagram), push(datagram, now=now))
+    push = call.links[1].to_robot.push
+    call.links[1].to_robot.push = lambda datagram, *, now: (seen.append(datagram), push(datagram, now=now))
 
-    def attack(lesson: Lesson) -> None:
+    def attack(call: GroupCall) -> None:
         for _ in range(5):
             forged = generator.randbytes(generator.randrange(200))
             changed = bytearray(generator.choice(seen) if seen else b"\x80")
             changed[generator.randrange(len(changed))] ^= 1
             for datagram in (forged, bytes(changed), *seen[-1:]):
-                push(datagram, now=lesson.now)
+                push(datagram, now=call.now)
 
-    lesson.run(0.5, attack)
-    assert lesson.group.members[1].session.faults["rejected"] > 100
-    assert lesson.group.members[0].session.refused == 0
-    assert lesson.decoded(0) == alone(0.5)
+    call.run(0.5, attack)
+    assert call.group.members[1].session.faults["rejected"] > 100
+    assert call.group.members[0].session.refused == 0
+    assert call.decoded(0) == alone(0.5)
 
 
 def test_an_operator_that_does_not_trust_the_robot_gets_nothing_and_the_other_all() -> None:
-    lesson = Lesson(2, trusting=1)
-    lesson.connect(1)
-    lesson.run(0.5)
-    assert lesson.group.peers == ["operator 0"]
-    assert "refused this machine's certificate" in str(lesson.group.members[1].session.failure)
-    assert not lesson.events[1]
-    assert lesson.decoded(0) == alone(0.5)
+    call = GroupCall(2, trusting=1)
+    call.connect(1)
+    call.run(0.5)
+    assert call.group.peers == ["operator 0"]
+    assert "refused this machine's certificate" in str(call.group.members[1].session.failure)
+    assert not call.events[1]
+    assert call.decoded(0) == alone(0.5)
 
 
 def test_each_operator_renews_its_keys_without_a_gap_at_any() -> None:
-    lesson = Lesson(2, renew_after=0.2)
-    lesson.connect(2)
-    lesson.run(0.5)
-    assert min(member.counters["handshakes"] for member in lesson.group.members) > 1
-    keys = {member.session.remote[1] for member in lesson.group.members}
+    call = GroupCall(2, renew_after=0.2)
+    call.connect(2)
+    call.run(0.5)
+    assert min(member.counters["handshakes"] for member in call.group.members) > 1
+    keys = {member.session.remote[1] for member in call.group.members}
     assert len(keys) == 2
-    assert lesson.decoded(0) == lesson.decoded(1) == alone(0.5)
+    assert call.decoded(0) == call.decoded(1) == alone(0.5)
 
 
 def test_a_fifth_operator_is_refused() -> None:
@@ -208,36 +190,36 @@ def test_a_fifth_operator_is_refused() -> None:
 
 
 def test_predictions_go_to_all() -> None:
-    lesson = Lesson(2)
-    lesson.connect(2)
-    lesson.group.send_prediction(Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1))
-    lesson.carry()
-    first, second = ([e for e in events if isinstance(e, PredictionReceived)] for events in lesson.events)
+    call = GroupCall(2)
+    call.connect(2)
+    call.group.send_prediction(Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1))
+    call.carry()
+    first, second = ([e for e in events if isinstance(e, PredictionReceived)] for events in call.events)
     assert len(first) == 1
     assert first == second
 
 
 def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_listen() -> None:
-    lesson = Lesson(2)
-    lesson.links[0].operator.bandwidth = 8_000
-    lesson.connect(1)
-    lesson.run(0.3, without=(1,))
-    assert lesson.group.codec.bandwidth == 8_000
-    lesson.links[1].operator.bandwidth = 4_000
-    lesson.run(0.5)
-    assert (len(lesson.group.connected), lesson.group.codec.bandwidth) == (2, 8_000)
-    lesson.links[1].operator.bandwidth = 12_000
-    lesson.run(0.3)
-    assert lesson.group.codec.bandwidth == 12_000
+    call = GroupCall(2)
+    call.links[0].operator.bandwidth = 8_000
+    call.connect(1)
+    call.run(0.3, without=(1,))
+    assert call.group.codec.bandwidth == 8_000
+    call.links[1].operator.bandwidth = 4_000
+    call.run(0.5)
+    assert (len(call.group.connected), call.group.codec.bandwidth) == (2, 8_000)
+    call.links[1].operator.bandwidth = 12_000
+    call.run(0.3)
+    assert call.group.codec.bandwidth == 12_000
 
 
 def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None:
-    lesson, logged = Lesson(2), []
-    lesson.group.tap = logged.append
-    lesson.connect(2)
-    lesson.run(0.1)
-    lesson.links[0].operator.session.hang_up()
-    lesson.run(0.1)
+    call, logged = GroupCall(2), []
+    call.group.tap = logged.append
+    call.connect(2)
+    call.run(0.1)
+    call.links[0].operator.session.hang_up()
+    call.run(0.1)
     kinds = [type(event) for event in logged]
     assert kinds.count(PacketReceived) == 80
     changes = [event for event in logged if not isinstance(event, PacketReceived)]

@@ -3,6 +3,7 @@
 All modules compute on values, with the time as an argument; only :mod:`~tactophone.link.udp` uses a socket.
 """
 
+from tactophone.link.block_encoder import BlockEncoder
 from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
 from tactophone.link.codec_loopback import round_trip
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
@@ -28,6 +29,7 @@ __all__ = [
     "MOST_OPERATORS",
     "NARROW_BAND",
     "Address",
+    "BlockEncoder",
     "Codec",
     "Connected",
     "DatagramSocket",

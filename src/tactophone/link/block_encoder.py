@@ -78,13 +78,6 @@ class BlockEncoder:
         self.recode(self.codec)
         self.position, self._filled, self._after_gap = None, 0, True
 
-    def flush(self) -> list[EncodedSound]:
-        """Return the incomplete packet, padded with silence."""
-        if not self._filled or self.position is None:
-            return []
-        padding = np.zeros((self.codec.packet_size - self._filled, self.codec.channels), np.float32)
-        return list(self._cut(padding, self.position))
-
     def _check(self, block: AudioBlock) -> None:
         if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
             raise ValueError(

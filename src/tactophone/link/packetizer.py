@@ -1,11 +1,10 @@
 """Encoded sound becomes the packets of one stream, each with as much redundancy as the loss requires."""
 
 import secrets
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass
 
 from tactophone.link.block_encoder import BlockEncoder, EncodedSound
-from tactophone.link.codec import Codec
 from tactophone.link.packet import (
     MAX_EARLIER_OFFSET,
     MAX_EARLIER_SIZE,
@@ -74,22 +73,12 @@ class Packetizer:
 
     Parameters
     ----------
-    prompt
-        Of the encoder: see `BlockEncoder`.
     encoder
-        Where several streams carry the same sound, their one encoder; else the stream makes its own.
+        Of this stream, or the one encoder of several streams that carry the same sound.
     """
 
-    def __init__(
-        self,
-        codec: Codec,
-        *,
-        ssrc: int,
-        redundancy: Redundancy,
-        prompt: bool = False,
-        encoder: BlockEncoder | None = None,
-    ) -> None:
-        self.encoder = encoder or BlockEncoder(codec, prompt=prompt)
+    def __init__(self, encoder: BlockEncoder, *, ssrc: int, redundancy: Redundancy) -> None:
+        self.encoder = encoder
         self.packets = self.octets = 0
         self.ssrc, self._redundancy = ssrc, redundancy
         # Below 2**15, as RFC 3711 section 3.3.1 recommends: the loss of the first packets cannot then cause a wrong
@@ -99,36 +88,13 @@ class Packetizer:
         self._past: deque[Payload] = deque(maxlen=2)
 
     @property
-    def codec(self) -> Codec:
-        """How the sound is encoded."""
-        return self.encoder.codec
-
-    @property
-    def faults(self) -> Counter[str]:
-        """Faults in the sound, as the encoder counts them."""
-        return self.encoder.faults
-
-    @property
     def origin(self) -> int:
         """The RTP timestamp of the source's first sample."""
         return self.encoder.origin
 
-    @property
-    def latency(self) -> float:
-        """Seconds that coding adds at most: a packet's duration and the codec's look-ahead."""
-        return self.codec.latency
-
     def push(self, block: AudioBlock) -> list[Packet]:
         """Take sound; return the packets that it completes, oldest first."""
         return [self.packet(encoded) for encoded in self.encoder.push(block)]
-
-    def recode(self, codec: Codec) -> None:
-        """Use another codec setting from the next packet on; channels and packet size must stay the same."""
-        self.encoder.recode(codec)
-
-    def flush(self) -> list[Packet]:
-        """Return the incomplete packet, padded with silence."""
-        return [self.packet(encoded) for encoded in self.encoder.flush()]
 
     def packet(self, encoded: EncodedSound) -> Packet:
         """Make the stream's next packet from encoded sound."""

@@ -27,8 +27,12 @@ class SendGroup:
     ----------
     sessions
         One for each operator, each calling another address.
-    rule, follow, haptics, prompt
+    rule, haptics
         As of `SendSession`, for each.
+    follow
+        Whether the bandwidth follows the operators' requests.
+    prompt
+        As of `BlockEncoder`.
 
     Attributes
     ----------
@@ -52,9 +56,7 @@ class SendGroup:
         if not 1 <= len(sessions) <= MOST_OPERATORS:
             raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
         self._encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
-        self.members = [
-            SendSession(session, codec, rule=rule, haptics=haptics, encoder=self._encoder) for session in sessions
-        ]
+        self.members = [SendSession(each, self._encoder, rule=rule, haptics=haptics) for each in sessions]
         self.tap: Callable[[Event], None] = _ignore
         self._sound_faults = 0
         self._lowers = True

@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from tactophone.errors import PacketError
 from tactophone.link.block_encoder import BlockEncoder, EncodedSound
-from tactophone.link.codec import NARROW_BAND, Codec
+from tactophone.link.codec import NARROW_BAND
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
 from tactophone.link.haptic_payload import is_silent, write_haptics
@@ -28,16 +28,12 @@ class SendSession:
 
     Parameters
     ----------
+    encoder
+        Of this session's sound; where others carry the same, their one encoder, which a `SendGroup` feeds.
     rule
         Of redundancy.
-    follow
-        Whether the bandwidth follows the operator's requests.
     haptics
         Whether predictions are sent in the payload of RFC 9993 instead of this project's own.
-    prompt
-        Whether the rest of a long block is sent in shorter packets at once; see `BlockEncoder`.
-    encoder
-        Where other sessions carry the same sound, their one encoder, which a `SendGroup` feeds and recodes.
 
     Attributes
     ----------
@@ -54,16 +50,12 @@ class SendSession:
     def __init__(
         self,
         session: Session,
-        codec: Codec,
+        encoder: BlockEncoder,
         *,
         rule: RedundancyRule | None = None,
-        follow: bool = False,
         haptics: bool = False,
-        prompt: bool = False,
-        encoder: BlockEncoder | None = None,
     ) -> None:
-        self.session, self.codec, self._follow, self._haptics = session, codec, follow, haptics
-        self._prompt, self._silent, self._encoder = prompt, True, encoder
+        self.session, self._encoder, self._haptics, self._silent = session, encoder, haptics, True
         self.bandwidth = 0.0
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
@@ -79,11 +71,6 @@ class SendSession:
         return self.session.peer
 
     @property
-    def latency(self) -> float:
-        """Seconds that coding adds at most: a packet's duration and the codec's look-ahead."""
-        return self.codec.latency
-
-    @property
     def origin(self) -> int | None:
         """The RTP timestamp of the source's first sample; ``None`` while nobody is connected."""
         return self._packetizer.origin if self._packetizer else None
@@ -92,8 +79,8 @@ class SendSession:
         """Send sound; it is dropped while nobody is connected, as it would be stale later."""
         if self._packetizer:
             self._send(self._packetizer.push(block))
-            self.counters["sound_faults"] += bool(self._packetizer.faults)
-            self._packetizer.faults.clear()
+            self.counters["sound_faults"] += bool(self._encoder.faults)
+            self._encoder.faults.clear()
 
     def send_encoded(self, encoded: Iterable[EncodedSound]) -> None:
         """Send what the encoder of several sessions has returned; it is dropped while nobody is connected."""
@@ -151,13 +138,7 @@ class SendSession:
                 self.tap(event)
             match event:
                 case Connected():
-                    self._packetizer = Packetizer(
-                        self.codec,
-                        ssrc=event.local_ssrc,
-                        redundancy=self.redundancy,
-                        prompt=self._prompt,
-                        encoder=self._encoder,
-                    )
+                    self._packetizer = Packetizer(self._encoder, ssrc=event.local_ssrc, redundancy=self.redundancy)
                     self.bandwidth = 0
                     self.counters["handshakes"] += 1
                 case Disconnected():
@@ -180,9 +161,6 @@ class SendSession:
             return
         if isinstance(report, ReceiverRequest):
             self.bandwidth = max(report.bandwidth, NARROW_BAND)
-            if self._follow and self._packetizer and self.bandwidth != self.codec.bandwidth:
-                self.codec = self.codec.for_bandwidth(self.bandwidth)
-                self._packetizer.recode(self.codec)
         elif isinstance(report, ReceiverReport):
             self.loss = report.fraction_lost
             self.redundancy.update(report.fraction_lost)

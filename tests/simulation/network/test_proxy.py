@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tactophone.link import (
+    BlockEncoder,
     Codec,
     DecodedAudio,
     Endpoint,
@@ -52,7 +53,7 @@ def test_a_session_over_real_sockets_and_a_bad_link_survives_a_restart() -> None
     ):
         for start in range(1, 3):
             session = Session(robot_identity, Peers({operator_identity.fingerprint: "operator"}), call=proxy.address)
-            robot = SendSession(session, Codec("opus", packet_size=240))
+            robot = SendSession(session, BlockEncoder(Codec("opus", packet_size=240)))
             assert call(robot, robots, operator, operators, seconds=1.5) > 150
             assert operator.counters["handshakes"] == start
 

@@ -6,6 +6,7 @@ from typing import Generic, Protocol, TypeVar
 
 from tactophone.link import (
     Address,
+    BlockEncoder,
     Codec,
     Datagrams,
     Identity,
@@ -50,7 +51,7 @@ def paired_sessions(
     robot, operator = Identity.create("robot"), Identity.create("operator")
     calling = Session(robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS)
     answering = Session(operator, Peers({robot.fingerprint: "robot"}))
-    return SendSession(calling, codec, rule=rule), ReceiveSession(answering, reorder=reorder)
+    return SendSession(calling, BlockEncoder(codec), rule=rule), ReceiveSession(answering, reorder=reorder)
 
 
 @dataclass
