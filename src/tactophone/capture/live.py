@@ -45,7 +45,7 @@ class LiveSource:
         self._position = 0
         self._channels, self._sample_rate = channels, sample_rate
         self._open = False
-        self._order = list(order) or list(range(channels))
+        self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
         self.device = open_device(self._enqueue)
 
     @property
@@ -113,9 +113,8 @@ class LiveSource:
             self.overflows += 1
             return
         samples = np.zeros((len(inputs[0]), self._channels), np.float32)
-        for channel, place in enumerate(self._order):
-            if place >= 0:
-                samples[:, channel] = inputs[place]
+        for channel, place in self._order:
+            samples[:, channel] = inputs[place]
         self._waiting += len(samples)
         self._queue.put(AudioBlock(samples, sample_rate=self._sample_rate, start=start))
 

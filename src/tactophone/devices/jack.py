@@ -11,9 +11,11 @@ the server waits for the client and the client for the server: so leaving has a 
 import contextlib
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from tactophone.devices.device import Process
 from tactophone.devices.jack_sockets import disconnect_from_jack
@@ -152,7 +154,7 @@ class JackClient:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
-        client.set_process_callback(self._cycle(list(client.inports), list(client.outports)))
+        client.set_process_callback(self._cycle(_Arrays(jack, client.inports), _Arrays(jack, client.outports)))
         client.set_xrun_callback(self._on_xrun)
         client.set_shutdown_callback(self._on_shutdown)
         # Polling the connections of a port would do too, but crashes when the server dies meanwhile.
@@ -166,14 +168,14 @@ class JackClient:
         _ABANDONED.append(self._client)
         self._client, self._lost = None, False
 
-    def _cycle(self, inputs: list[Any], outputs: list[Any]) -> Callable[[int], None]:
-        def cycle(_: int) -> None:
+    def _cycle(self, inputs: "_Arrays", outputs: "_Arrays") -> Callable[[int], None]:
+        def cycle(size: int) -> None:
             try:
-                self._process([port.get_array() for port in inputs], [port.get_array() for port in outputs])
+                self._process(inputs.now(size), outputs.now(size))
             except Exception:  # JACK must not see any exception: it would never call again
                 self.process_faults += 1
-                for port in outputs:
-                    port.get_array()[:] = 0.0
+                for output in outputs.now(size):
+                    output[:] = 0.0
 
         return cycle
 
@@ -208,6 +210,30 @@ class JackClient:
 
     def _named(self) -> str:
         return f" {self._server}" if self._server else ""
+
+
+class _Arrays:
+    """The sound of some ports as arrays, in each period.
+
+    A port has one of a few buffers, which JACK names anew in each period. The array of a buffer is made once: the
+    binding's own call makes it each time and takes six times as long.
+    """
+
+    def __init__(self, jack: Any, ports: Iterable[Any]) -> None:
+        self._ports, self._ffi = [port._ptr for port in ports], jack._ffi
+        self._buffer_of = jack._lib.jack_port_get_buffer
+        self._arrays: dict[Any, FloatArray] = {}
+
+    def now(self, size: int) -> list[FloatArray]:
+        """Return an array of ``size`` samples for each port; call it in the process callback only."""
+        found = []
+        for port in self._ports:
+            buffer = self._buffer_of(port, size)
+            array = self._arrays.get(buffer)
+            if array is None or len(array) != size:
+                array = self._arrays[buffer] = np.frombuffer(self._ffi.buffer(buffer, 4 * size), np.float32)
+            found.append(array)
+        return found
 
 
 def _jack() -> Any:

@@ -77,18 +77,21 @@ class Oscillator(Renderer):
     def render(self, out: FloatArray) -> None:
         """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         self._apply_changes()
+        self.silent = True
         fresh = max(0, self._timeout - self._since_command) if self._amplitude else len(out)
+        if fresh >= len(out):
+            self._write(out)
+            return
         self._write(out[:fresh])
-        if fresh < len(out):
-            self.faults["stale"] += 1
-            self._retarget(0.0, self._frequency)
-            self._write(out[fresh:])
+        self.faults["stale"] += 1
+        self._retarget(0.0, self._frequency)
+        self._write(out[fresh:])
 
     def _apply_changes(self) -> None:
         """Follow a command, limits or a stop set since the last call, perhaps by another thread."""
         # The three are read once and compared by identity: no lock, and a change between two reads is seen next time.
-        seen = (self._slot, self.limits, self._stopped)
-        if all(new is old for new, old in zip(seen, self._seen, strict=True)):
+        seen, before = (self._slot, self.limits, self._stopped), self._seen
+        if seen[0] is before[0] and seen[1] is before[1] and seen[2] is before[2]:
             return
         if seen[0] is not self._seen[0]:
             self._since_command = 0
@@ -127,6 +130,9 @@ class Oscillator(Renderer):
 
     def _write(self, out: FloatArray) -> None:
         self._since_command += len(out)
+        if len(out) <= MAX_PIECE:
+            self._write_piece(out)
+            return
         for start in range(0, len(out), MAX_PIECE):
             self._write_piece(out[start : start + MAX_PIECE])
 
@@ -136,6 +142,7 @@ class Oscillator(Renderer):
             out[:] = 0.0
             self._age += size
             return
+        self.silent = False
         envelope, phases = self._envelope[:size], self._phases[:size]
         np.add(self._counts[:size], self._age, out=phases)
         phases *= self._frequency

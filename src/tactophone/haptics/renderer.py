@@ -21,7 +21,11 @@ class Renderer:
     faults
         Counts of ``command`` (not finite, rendered as silence) and ``stale`` (a vibration faded because commands
         stopped arriving).
+    silent
+        Whether the last samples rendered are all exactly 0; false where that is not known.
     """
+
+    silent = False
 
     def __init__(self, limits: Limits | None) -> None:
         self.limits = limits or Limits()

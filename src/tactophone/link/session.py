@@ -89,7 +89,8 @@ class Session:
     @property
     def peer(self) -> str | None:
         """Name of the connected peer, or ``None``."""
-        return self._current.agreement.peer if self._current else None
+        current = self._keys.current
+        return current.agreement.peer if current else None
 
     @property
     def _current(self) -> Connection | None:
@@ -128,8 +129,8 @@ class Session:
 
     def send(self, packet: bytes) -> None:
         """Encrypt and queue a packet for the peer; it is dropped when there is none."""
-        if self._current:
-            self._outgoing.append((self._current.protect(packet), self._current.address))
+        if current := self._keys.current:
+            self._outgoing.append((current.protect(packet), current.address))
 
     def poll(self, now: float) -> list[Event]:
         """Let time pass: retransmit, call again, renew keys, time out. Call it about twenty times a second."""

@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from typing import Self
 
+import numpy as np
+
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ModelError
@@ -118,7 +120,7 @@ class Operator:
         self._session.bandwidth = round(max(finger.pipeline.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
-        self._submitted = self._rendered = self._losses = 0
+        self._submitted = self._rendered = self._losses = self._period = 0
         self._received_at = time.monotonic()
         self._budgeted_at = self._counted_at = 0.0
         self._counters: dict[str, int] = {}
@@ -379,10 +381,14 @@ class Operator:
         for finger, out in zip(self._fingers, outs, strict=True):
             finger.renderer.render(out)
             telemetry.rendered(out, finger=finger.index)
-            amplitude = max(amplitude, float(out.max()), -float(out.min()))
+            if not finger.renderer.silent:
+                # The methods of an array are functions in Python around these.
+                amplitude = max(amplitude, float(np.maximum.reduce(out)), -float(np.minimum.reduce(out)))
         telemetry.gauge("output_amplitude", amplitude)
-        telemetry.gauge("device_period", len(outs[0]) / LIVE_SAMPLE_RATE)
         telemetry.count("callbacks")
+        if len(outs[0]) != self._period:
+            self._period = len(outs[0])
+            telemetry.gauge("device_period", self._period / LIVE_SAMPLE_RATE)
         if submitted != self._rendered:
             self._rendered = submitted
             telemetry.mark(_RENDERED, submitted, now=time.monotonic())

@@ -48,7 +48,7 @@ from tactophone.runtime.wiring import (
     send_outgoing,
 )
 from tactophone.telemetry import MARKS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -114,8 +114,7 @@ class Robot:
         self._resources = ExitStack()
         info.progress("opening the source")
         self._source = open_source(settings)
-        # Asked once: whether an object fits a protocol takes as long as a packet.
-        self._labelled = self._source if isinstance(self._source, LabelledSource | LabelledHand) else None
+        self._truth_of = _truth_of(self._source)
         if isinstance(self._source, RehearsableSource):
             info.progress("compiling the simulation")
             self._source.rehearse()
@@ -289,18 +288,13 @@ class Robot:
             self._deferred.mark(_CAPTURED, position, now=captured)
             self._deferred.mark(_SENT, position, now=now)
         for step in steps:
-            self._deferred.publish(step, now=now, truth=self._truth(step.finger))
+            self._deferred.publish(step, now=now, truth=self._truth_of(step.finger))
             if self._checks[step.finger]:
                 self._unchecked.append(step)
         if self._deferred.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:
                 self._deferred.write()
-
-    def _truth(self, finger: int) -> int:
-        if isinstance(self._labelled, LabelledHand):
-            return self._labelled.truth_of(finger)
-        return self._labelled.truth_now() if self._labelled else -1
 
     def _log(self, event: Event) -> None:
         """Log a packet or a change of the connection; called under the lock of the session."""
@@ -328,6 +322,16 @@ class Robot:
     def _warn(self, code: str, warning: str) -> None:
         if warning:
             self._warnings = (*self._warnings, Fault(code, warning))
+
+
+def _truth_of(source: Source) -> Callable[[int], int]:
+    """Return a function of a finger: its true touch now; -1 where that is not known."""
+    # Asked once: whether an object fits a protocol takes 25 us.
+    if isinstance(source, LabelledHand):
+        return source.truth_of
+    if isinstance(source, LabelledSource):
+        return lambda _: source.truth_now()
+    return lambda _: -1
 
 
 def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:

@@ -311,5 +311,6 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the new preference.
-    socket.follow(cast(tuple[Endpoint, frozenset[int]] | None, session.session.remote))
-    socket.send(cast(list[tuple[bytes, Endpoint]], session.outgoing()))
+    socket.follow(cast("tuple[Endpoint, frozenset[int]] | None", session.session.remote))
+    if outgoing := session.outgoing():
+        socket.send(cast("list[tuple[bytes, Endpoint]]", outgoing))

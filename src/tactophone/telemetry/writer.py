@@ -1,8 +1,9 @@
 """The writing side of telemetry: the running process publishes its steps and counts, and reads its requests."""
 
 import math
+import struct
 from contextlib import suppress
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineSte
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
+
+_STEP, _PREDICTION, _MARK = struct.Struct("=dQQ3f4f3b?"), struct.Struct("=11d2b"), struct.Struct("=qd")
+"""Rows of the rings as their layouts have them: packed into memory, a row takes a quarter of the time of NumPy."""
 
 REQUEST_AGE = 10.0
 """Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
@@ -47,11 +51,15 @@ class Telemetry:
     def __init__(self, name: str, *, fingers: int = 1) -> None:
         self.name = name
         self._memory = Memory(name, create=True, fingers=fingers)
-        self._counters, self._totals = self._memory["counters"], [0] * len(COUNTERS)
+        # Single numbers are written through memory views: NumPy takes half as long again.
+        self._counters, self._totals = _view(self._memory["counters"]), [0] * len(COUNTERS)
         self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
+        self._published = {name: _view(self._memory[f"{name}_count"]) for name in self._counts}
+        self._rings = {name: list(self._memory[name]) for name in ("sound", "vibration")}
+        self._rows = {name: _rows_of(self._memory[name]) for name in ("steps", "predictions", "marks")}
         self._state_count = 0
-        self._mark_counts = [0] * len(MARKS)
-        self._gauges = self._memory["gauges"]
+        self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
+        self._gauges = _view(self._memory["gauges"])
         nothing: tuple[tuple[float, ...], float, float, int] = (math.nan,) * 3, math.nan, -math.inf, 0
         self._newest, self._commands = [nothing] * fingers, [(0.0, 0.0)] * fingers
         self._seen = np.zeros(self._memory["requests"].shape, np.uint64)
@@ -104,10 +112,11 @@ class Telemetry:
         event = 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
         probabilities, roughness, level_dbfs, touch = self._newest[finger]
         vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
-        # In one assignment: each entry written by its name takes as long as this whole row.
-        self._memory["steps"][finger, self._counts["step"][finger] % layout.STEP_CAPACITY] = (
-            block.end / block.sample_rate, self._counts["sound"][finger], vibrated, probabilities, roughness,
-            level_dbfs, *self._commands[finger], touch, event, truth, block.concealed,
+        row = finger * layout.STEP_CAPACITY + self._counts["step"][finger] % layout.STEP_CAPACITY
+        _STEP.pack_into(
+            self._rows["steps"], row * _STEP.size, block.end / block.sample_rate, self._counts["sound"][finger],
+            vibrated, *probabilities, roughness, level_dbfs, *self._commands[finger], touch, event, truth,
+            block.concealed,
         )  # fmt: skip
         self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
@@ -135,8 +144,9 @@ class Telemetry:
     def mark(self, index: int, position: int, *, now: float) -> None:
         """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
         count = self._mark_counts[index]
-        self._memory["marks"][index, count % layout.MARK_CAPACITY] = (position, now)
-        self._memory["mark_counts"][index] = self._mark_counts[index] = count + 1
+        row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY
+        _MARK.pack_into(self._rows["marks"], row * _MARK.size, position, now)
+        self._marked[index] = self._mark_counts[index] = count + 1
 
     def update(self, state: State, *, now: float) -> None:
         """Publish a state; the same one again counts as a heartbeat."""
@@ -179,31 +189,44 @@ class Telemetry:
         self._memory.unlink()
 
     def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int) -> None:
-        ring, count = self._memory["predictions"][finger], self._counts["prediction"][finger]
         time, amplitude, frequency = (
             (command.time, command.amplitude, command.frequency) if command else (prediction.end, math.nan, math.nan)
         )
-        ring[count % layout.PREDICTION_CAPACITY] = (
-            time, prediction.start, prediction.end, prediction.probabilities, prediction.roughness,
-            prediction.level_dbfs, amplitude, frequency, *_event(prediction),
+        row = finger * layout.PREDICTION_CAPACITY + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
+        _PREDICTION.pack_into(
+            self._rows["predictions"], row * layout.PREDICTION.itemsize, time, prediction.start, prediction.end,
+            *prediction.probabilities, prediction.roughness, prediction.level_dbfs, amplitude, frequency,
+            *_event(prediction),
         )  # fmt: skip
         self._advance("prediction", 1, finger)
 
     def _append(self, name: str, samples: FloatArray, finger: int) -> None:
-        ring = self._memory[name][finger]
+        ring = self._rings[name][finger]
         for start in range(0, len(samples), layout.LARGEST_WRITE):
             part = samples[start : start + layout.LARGEST_WRITE]
             # A part that reaches the end of the ring goes on at its beginning; the count moves on last.
             at = self._counts[name][finger] % layout.SOUND_CAPACITY
             head = min(len(part), layout.SOUND_CAPACITY - at)
             ring[at : at + head] = part[:head]
-            ring[: len(part) - head] = part[head:]
+            if head < len(part):
+                ring[: len(part) - head] = part[head:]
             self._advance(name, len(part), finger)
 
     def _advance(self, name: str, n: int, finger: int) -> None:
         """Count rows of a ring that have been written."""
-        self._counts[name][finger] += n
-        self._memory[f"{name}_count"][finger] = self._counts[name][finger]
+        counts = self._counts[name]
+        counts[finger] += n
+        self._published[name][finger] = counts[finger]
+
+
+def _view(array: Any) -> Any:
+    """Return the memory of an array of numbers."""
+    return memoryview(array)
+
+
+def _rows_of(ring: NDArray[Any]) -> Any:
+    """Return the memory of a ring as bytes, those of all fingers or marks after one another."""
+    return memoryview(ring.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
 
 
 def _stereo(samples: FloatArray) -> FloatArray:
