@@ -4,8 +4,11 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
+from tactophone.cli._support import recording_playback
+from tactophone.link import Codec
 from tests.bridges.recorded_run import record
 from tests.models import write_tiny_model
+from tests.perception.sensor_health.test_calibration_file import CALIBRATION
 
 pytest.importorskip("mcap")
 
@@ -67,3 +70,16 @@ def test_the_sound_of_a_log_is_processed_and_imported(
     assert main(["dataset", "import", str(log), str(tmp_path / "set"), "--surface", "slate", "--label", "rough"]) == 0
     assert "run.flac,slate,rough,contact" in (tmp_path / "set" / "metadata.csv").read_text()
     assert main(["dataset", "import", str(log), str(tmp_path / "other"), "--label", "soft"]) == 1
+
+
+def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calibration = tmp_path / "finger.toml"
+    CALIBRATION.write(calibration)
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    codec = Codec("pcm16", channels=2, packet_size=120)
+    log = record(tmp_path / "run.mcap", model, f"detector.calibration={calibration}", codec=codec)
+    calibration.unlink()
+    shown: list[recording_playback.Take] = []
+    monkeypatch.setattr(recording_playback, "play_on_page", lambda args, takes, name: shown.extend(takes))
+    assert main(["replay", str(log), "--dashboard"]) == 0
+    assert [pipeline.threshold_dbfs for take in shown for pipeline in take.pipelines] == [CALIBRATION.threshold_dbfs]

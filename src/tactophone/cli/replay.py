@@ -109,28 +109,26 @@ def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path
 
 
 def _show(args: argparse.Namespace, change: Any) -> None:
-    """Play the sound of the log on the page, through a pipeline with the settings of the replay."""
+    """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
     from tactophone.bridges import read_log
     from tactophone.capture import FileSource
     from tactophone.cli._support import recording_playback
-    from tactophone.hand_file import each_finger, names_of
-    from tactophone.offline.replay import settings_of, write_sound
-    from tactophone.runtime import open_pipeline_for
+    from tactophone.hand_file import names_of
+    from tactophone.offline.replay import LoggedEndpoint, write_sound
     from tactophone.telemetry import RunStart
 
-    start = next(entry for entry in read_log(args.log) if isinstance(entry, RunStart))
+    run = next(entry for entry in read_log(args.log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:
-        settings = change(settings_of(start))
+        endpoint = LoggedEndpoint(run, change)
         sounds, takes = write_sound(args.log, Path(folder)), []
         for number in dict.fromkeys(sound.session for sound in sounds):
             paths = [sound.path for sound in sounds if sound.session == number]
             pipelines = [
-                open_pipeline_for(own, channels=FileSource(path).channels)
-                for own, path in zip(each_finger(settings), paths, strict=True)
+                finger.open(FileSource(path).channels) for finger, path in zip(endpoint.fingers, paths, strict=True)
             ]
-            names = list(filter(None, names_of(settings)))
+            names = list(filter(None, names_of(endpoint.settings)))
             takes.append(recording_playback.Take(args.log.name, paths, pipelines, fingers=names))
         recording_playback.play_on_page(args, takes, name="replay")
 
