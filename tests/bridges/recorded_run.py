@@ -109,7 +109,7 @@ def record(
             for number, block in enumerate(sound or blocks(np.repeat(strokes(), codec.channels, axis=1), 120)):
                 meanwhile(operator, block.time)
                 sender.push(block)
-                link.carry(begun + block.end / RATE)
+                link.carry(round(begun + block.end / RATE, 9))  # as a clock tells it
                 if number % 80 == 0:
                     log.read()
             log.read()

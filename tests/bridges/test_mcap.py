@@ -1,10 +1,10 @@
 import io
 import json
-import math
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import astuple, replace
 from itertools import cycle
 from pathlib import Path
 
@@ -15,16 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactophone import config
-from tactophone.bridges import LogEnd, McapLog, is_mcap, mcap_file, read_log
-from tactophone.bridges.rtp_headers import RtpHeaders
-from tactophone.bridges.run_reader import prediction_entries
+from tactophone.bridges import LogEnd, LoggedPrediction, McapLog, is_mcap, read_log
+from tactophone.bridges.mcap_log import CHUNK_INTERVAL
+from tactophone.bridges.prediction_rows import check_of, entries_of, read_columns, write_columns
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
 from tactophone.telemetry import PREDICTION, Telemetry, memory, prediction_of
-from tactophone.types import EVENT_KINDS, TouchEvent
+from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
 
@@ -93,8 +93,8 @@ def test_mutes_ceilings_profiles_and_thresholds_set_meanwhile_are_replayed_to_th
     comparison = replayed(path).comparison
     assert comparison.equal > 150
     assert comparison.different == 0
-    rows = [json.loads(data) for data in messages(path, "/tactophone/prediction")]
-    assert any(row["amplitude"] == 0 and row["touch"] == "rough" for row in rows)
+    logged = [entry for entry in read_log(path) if isinstance(entry, LoggedPrediction)]
+    assert any(each.command.amplitude == 0 and each.prediction.touch is Touch.ROUGH for each in logged)
 
 
 def test_another_profile_or_ceiling_is_computed_instead(log: Path) -> None:
@@ -154,7 +154,7 @@ def test_foxgloves_own_schemas_read_the_sound(tmp_path: Path, model: Path) -> No
                 assert len(audio.data) == 240 * 4
             if schema.name == "tactophone.Packets":
                 arrivals = kind.FromString(messages(path, "/tactophone/packets")[-1]).arrivals
-                assert len(arrivals) > 10
+                assert sum(len(arrival.delays) for arrival in arrivals) > 10
 
 
 def test_events_and_state_can_be_read(tmp_path: Path, log: Path) -> None:
@@ -168,7 +168,7 @@ def test_each_chunk_reaches_the_disk(tmp_path: Path, model: Path) -> None:
     name = f"test-{tmp_path.name}"
     with Telemetry(name), McapLog(name, tmp_path / "a.mcap") as log:
         before = (tmp_path / "a.mcap").stat().st_size
-        for _ in range(3):
+        for _ in range(CHUNK_INTERVAL):
             log.read()
         assert (tmp_path / "a.mcap").stat().st_size > before
         (end,) = [entry for entry in read_log(tmp_path / "a.mcap") if isinstance(entry, LogEnd)]
@@ -183,8 +183,8 @@ def test_a_full_disk_ends_the_log_with_one_line(tmp_path: Path, model: Path) -> 
     name = f"test-{tmp_path.name}"
     with Telemetry(name), McapLog(name, tmp_path / "a.mcap") as log:
         log._writer._Writer__stream = Full()
-        log.read()
-        log.read()
+        for _ in range(CHUNK_INTERVAL - 1):
+            log.read()
         with pytest.raises(ConfigError, match=r"No space left on device\); the run goes on"):
             log.read()
 
@@ -236,7 +236,7 @@ def test_a_cut_or_changed_log_is_read_as_far_as_it_goes_or_refused_in_one_line(
 def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path) -> None:
     from mcap.writer import Writer
 
-    for profile, words in (("ros2", "another program"), ("tactophone 9", "newer")):
+    for profile, words in (("ros2", "another program"), ("tactophone 9", "version that wrote")):
         path = tmp_path / f"{profile}.mcap"
         with path.open("wb") as file:
             writer = Writer(file)
@@ -253,36 +253,53 @@ def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path) -> None:
         list(read_log(tmp_path / "none.mcap"))
 
 
-def test_a_log_of_the_first_layout_is_read(tmp_path: Path) -> None:
-    from mcap.writer import Writer
-
-    with (tmp_path / "a.mcap").open("wb") as file:
-        writer = Writer(file)
-        writer.start(profile="tactophone 1")
-        writer.finish()
-    assert list(read_log(tmp_path / "a.mcap")) == [LogEnd(complete=True)]
-    events = [bytes([kind]) + bytes(13) for kind in (0, 0, 1)]
-    assert [RtpHeaders().restore(event) for event in events] == events
-
-
-def test_levels_of_minus_infinity_survive() -> None:
-    entries = {
-        "none": 1.0, "smooth": 0.0, "rough": 0.0, "touch": "none", "roughness": 0.0, "level_dbfs": None,
-        "window": 0.256, "window_end": 0.256, "amplitude": None, "frequency": None, "time": 0.256,
-    }  # fmt: skip
-    logged = mcap_file._prediction(entries)
-    assert logged.prediction.level_dbfs == -math.inf
-    assert math.isnan(logged.command.amplitude)
-    assert logged.prediction.events == ()
+def some_predictions() -> list[tuple[Prediction, HapticCommand]]:
+    rows = np.zeros(3, PREDICTION)
+    rows["end"], rows["start"] = (0.256, 0.266, 0.279), (0.0, 0.01, 0.0230001)
+    rows["time"] = rows["end"] + 1 / 2823
+    rows["probabilities"] = np.array([[1, 0, 0], [0.1, 0.2, 0.7], [1e-30, 1 / 3, 2 / 3]])
+    rows["level_dbfs"], rows["roughness"], rows["touch"] = (-np.inf, -21.234, 0), (0, 0.7, 0.123456), (0, 2, 1)
+    rows["amplitude"], rows["frequency"] = (np.nan, 0.25, 0.5), (np.nan, 60.02, 120)
+    rows["event"][1], rows["event_time"][1] = 1 + EVENT_KINDS.index("slip"), 0.25
+    return [prediction_of(row) for row in rows]
 
 
-def test_a_touch_event_is_read_back_and_an_unknown_one_refused() -> None:
-    row = np.zeros(1, PREDICTION)[0]
-    row["event"], row["event_time"] = 1 + EVENT_KINDS.index("slip"), 0.25
-    entries = json.loads(json.dumps(prediction_entries(*prediction_of(row))))
-    assert mcap_file._prediction(entries).prediction.events == (TouchEvent("slip", 0.25),)
+def test_columns_hold_predictions_rounded_with_check_values_of_their_exact_numbers() -> None:
+    rows = some_predictions()
+    for (prediction, command), logged in zip(rows, read_columns(write_columns(rows)), strict=True):
+        assert logged.check == check_of(prediction, command)
+        found = logged.prediction
+        assert found.probabilities == pytest.approx(prediction.probabilities, abs=1e-4)
+        assert (found.touch, found.events) == (prediction.touch, prediction.events)
+        assert found.level_dbfs == pytest.approx(prediction.level_dbfs, abs=0.051)
+        for exact, rounded in ((prediction.start, found.start), (prediction.end, found.end)):
+            assert rounded == pytest.approx(exact, abs=1e-8)
+        for exact, rounded in zip(astuple(command), astuple(logged.command), strict=True):
+            assert rounded == pytest.approx(exact, abs=0.051, nan_ok=True)
+
+
+def test_the_last_bit_of_any_number_changes_the_check_value() -> None:
+    _, (prediction, command), _ = some_predictions()
+    none, smooth, rough = prediction.probabilities
+    for changed in (
+        replace(prediction, probabilities=(none, smooth, np.nextafter(rough, 1))),
+        replace(prediction, roughness=np.nextafter(prediction.roughness, 1)),
+        replace(prediction, end=np.nextafter(prediction.end, 1)),
+    ):
+        assert check_of(changed, command) != check_of(prediction, command)
+    louder = replace(command, amplitude=np.nextafter(command.amplitude, 1))
+    assert check_of(prediction, louder) != check_of(prediction, command)
+    assert check_of(prediction, replace(command, amplitude=-0.0)) == check_of(
+        prediction, replace(command, amplitude=0.0)
+    )
+
+
+def test_a_prediction_to_look_at_is_valid_json_and_an_unknown_event_is_refused() -> None:
+    first, second, _ = some_predictions()
+    assert json.loads(json.dumps(entries_of(*first), allow_nan=False))["level_dbfs"] is None
+    assert entries_of(*second)["event"] == "slip"
     with pytest.raises(ValueError, match="not in tuple"):
-        mcap_file._prediction(entries | {"event": ["poke"]})
+        list(read_columns(write_columns([second]).replace(b"slip", b"poke")))
 
 
 @pytest.mark.realtime

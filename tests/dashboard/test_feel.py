@@ -191,3 +191,44 @@ def test_silence_that_piled_up_does_not_delay_a_vibration(browser: webdriver.Chr
         """
     )
     assert 0 <= onset < 480
+
+
+def test_the_buffer_of_the_sound_grows_while_a_connection_stalls_and_shrinks_after_that(
+    browser: webdriver.Chrome, page: Page
+) -> None:
+    """In virtual time: 10 s of a message each 5 ms, 10 s in which it stalls for 35 ms twice a second, 60 s without."""
+    browser.get(page.url)
+    first, stalled, last = browser.execute_async_script(
+        """
+        const done = arguments[0];
+        Object.assign(globalThis, {
+          sampleRate: 48000,
+          currentTime: 0,
+          AudioWorkletProcessor: class { port = { postMessage() {} }; },
+          registerProcessor: (name, kind) => { globalThis.Vibration = kind; },
+        });
+        (async () => {
+          await import(new URL("static/vibration.js", location.href));
+          const node = new Vibration();
+          const out = new Float32Array(128);
+          let sent = 0, time = 0;
+          const delay = (seconds, stalls) => { // ms in the last second, in the middle of all
+            const found = [];
+            for (const end = time + seconds * 48000; time < end; time += 128) {
+              while (sent + 240 <= time && !(stalls && time % 24000 < 1680)) {
+                node.port.onmessage({ data: Float32Array.from({ length: 240 }, (_, k) => sent + k + 1) });
+                sent += 240;
+              }
+              out.fill(0);
+              node.process([], [[out]]);
+              if (out[0] && time > end - 48000) found.push((time - out[0]) / 48);
+            }
+            return found.sort((a, b) => a - b)[found.length >> 1];
+          };
+          done([delay(10, false), delay(10, true), delay(60, false)]);
+        })().catch((error) => done([String(error), 0, 0]));
+        """
+    )
+    assert 5 < first < 15
+    assert stalled > first + 10
+    assert last < first + 2

@@ -4,8 +4,9 @@ Each runs in a process of its own, reads telemetry, and sees nothing else of the
 is what any watcher may: to stop and to mute.
 """
 
-from tactophone.bridges.mcap_file import LogEnd, LogEntry, LoggedPrediction, is_mcap, read_log
+from tactophone.bridges.mcap_file import LogEnd, LogEntry, is_mcap, read_log
 from tactophone.bridges.mcap_log import McapLog
+from tactophone.bridges.prediction_rows import LoggedPrediction, check_of
 from tactophone.bridges.process import Bridge, BridgeProcess
 from tactophone.bridges.run_reader import Message, RunReader
 
@@ -18,6 +19,7 @@ __all__ = [
     "McapLog",
     "Message",
     "RunReader",
+    "check_of",
     "is_mcap",
     "read_log",
 ]

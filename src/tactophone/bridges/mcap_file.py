@@ -4,30 +4,20 @@ The file is read as a stream, so that one whose writer was killed is read to its
 """
 
 import json
-import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
-from tactophone.bridges import protobuf, schemas
-from tactophone.bridges.mcap_log import FORMAT, READABLE
-from tactophone.bridges.rtp_headers import RtpHeaders
+from tactophone.bridges import schemas
+from tactophone.bridges.mcap_log import FORMAT
+from tactophone.bridges.packet_coding import PacketReader
+from tactophone.bridges.prediction_rows import LoggedPrediction, read_columns
 from tactophone.errors import DatasetError
 from tactophone.telemetry import Controls, EventBatch, RunStart
-from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, TouchEvent
 
 MAGIC = b"\x89MCAP0\r\n"
-
-
-@dataclass(frozen=True, slots=True)
-class LoggedPrediction:
-    """A prediction and its command as they were, of one finger; the command is NaN where there was none."""
-
-    prediction: Prediction
-    command: HapticCommand
-    finger: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +27,8 @@ class LogEnd:
     complete: bool
     missed: int = 0
 
+
+_SOUND = {topic.kind for topic in (schemas.CONTACT_SOUND, schemas.AIR_SOUND, schemas.PCM_SOUND)}
 
 LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogEnd
 
@@ -74,6 +66,7 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
         raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
     file.seek(0)
     channels: dict[int, tuple[str, int]] = {}
+    packets = PacketReader()
     complete, missed, found = False, 0, False
     try:
         for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
@@ -84,7 +77,7 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
                     channels[number] = topic, int(metadata.get("finger", "0"))
                 case Message(channel_id=number, data=data):
                     topic, finger = channels.get(number, ("", 0))
-                    for entry in _read_message(path, topic, finger, data):
+                    for entry in _read_message(path, topic, finger, data, packets):
                         found = True
                         yield entry
                 case Metadata(name="tactophone", metadata=metadata):
@@ -105,72 +98,33 @@ def _entries(path: Path, file: BinaryIO) -> Iterator[LogEntry]:
 
 
 def _check_profile(path: Path, profile: str) -> None:
-    if profile in READABLE:
+    if profile == FORMAT:
         return
     if profile.partition(" ")[0] == FORMAT.partition(" ")[0]:
-        raise DatasetError(f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; install a newer one")
+        raise DatasetError(
+            f"{path}: the format is {profile!r}, this version reads {FORMAT!r}; use the version that wrote it"
+        )
     raise DatasetError(f"{path}: an MCAP file of another program (profile {profile!r}); give one written by --record")
 
 
-def _read_message(path: Path, topic: str, finger: int, data: bytes) -> Iterator[LogEntry]:
+def _read_message(path: Path, topic: str, finger: int, data: bytes, packets: PacketReader) -> Iterator[LogEntry]:
+    kind = topic.rpartition("/")[2]
     try:
         if topic == schemas.PACKETS.name:
-            headers = RtpHeaders()
-            base = next((int(value) for number, value in protobuf.fields(data) if number == 2), 0)
-            for number, arrival in protobuf.fields(data):
-                if number == 1:
-                    yield _arrival(_bytes(arrival), base, headers)
+            yield from packets.decode(data)
         elif topic == schemas.RUN.name:
             yield RunStart(**_known(RunStart, json.loads(data)))
         elif topic == schemas.CONTROLS.name:
             yield Controls(**_known(Controls, json.loads(data)))
-        elif topic.startswith("/tactophone/") and topic.endswith(f"/{schemas.PREDICTION.kind}"):
-            yield _prediction(json.loads(data), finger)
-    except (ValueError, KeyError, TypeError, struct.error) as error:
+        elif topic.startswith("/tactophone/") and kind in _SOUND:
+            packets.sound.add(finger, kind, data)
+        elif topic.startswith("/tactophone/") and kind == schemas.PREDICTIONS.kind:
+            yield from read_columns(data, finger)
+    except (ValueError, KeyError, TypeError, IndexError, struct.error) as error:
         raise DatasetError(f"{path}: a message of {topic} cannot be read ({error}); was the file changed?") from error
-
-
-def _arrival(message: bytes, base: int, headers: RtpHeaders) -> EventBatch:
-    time, polled, events = 0.0, False, []
-    for number, value in protobuf.fields(message):
-        if number == 1:
-            (time,) = struct.unpack("<d", _bytes(value))
-        elif number == 2:
-            polled = bool(value)
-        elif number == 3:
-            events.append(headers.restore(_bytes(value)))
-        elif number == 4 and isinstance(value, int):
-            time = (base + value) / 1e9
-    return EventBatch(time, tuple(events), polled)
-
-
-def _prediction(entries: dict[str, Any], finger: int = 0) -> LoggedPrediction:
-    def number(name: str, missing: float = math.nan) -> float:
-        return missing if entries[name] is None else float(entries[name])
-
-    end = number("window_end")
-    start = end - number("window") if "window" in entries else number("window_start")
-    time = end + number("delay") if "delay" in entries else number("time")
-    prediction = Prediction(
-        (number("none"), number("smooth"), number("rough")), Touch[entries["touch"].upper()], number("roughness"),
-        number("level_dbfs", -math.inf), start=start, end=end,
-        events=tuple(_events(entries)),
-    )  # fmt: skip
-    return LoggedPrediction(prediction, HapticCommand(number("amplitude"), number("frequency"), time), finger)
-
-
-def _events(entries: dict[str, Any]) -> Iterator[TouchEvent]:
-    if "event" in entries:
-        yield TouchEvent(EVENT_KINDS[EVENT_KINDS.index(entries["event"])], float(entries["event_time"]))
 
 
 def _known(kind: type, entries: dict[str, Any]) -> dict[str, Any]:
     """Leave out what a later version may have added."""
     names = {entry.name for entry in fields(kind)}
     return {name: value for name, value in entries.items() if name in names}
-
-
-def _bytes(value: int | bytes) -> bytes:
-    if isinstance(value, int):
-        raise ValueError("a number in place of bytes")
-    return value

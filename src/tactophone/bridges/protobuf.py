@@ -89,6 +89,18 @@ def fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:
         position += size
 
 
+def varints(packed: bytes) -> Iterator[int]:
+    """Return the whole numbers of a packed field.
+
+    >>> list(varints(varint(1) + varint(300)))
+    [1, 300]
+    """
+    position = 0
+    while position < len(packed):
+        value, position = _read_varint(packed, position)
+        yield value
+
+
 def describe_file(package: str, messages: Sequence[MessageType], *, imports: Sequence[str] = ()) -> bytes:
     """Return one file of a schema; a schema, a ``FileDescriptorSet``, is several of them joined.
 

@@ -7,18 +7,22 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from tactophone.bridges import protobuf, schemas
-from tactophone.bridges.rtp_headers import RtpHeaders
+from tactophone.bridges import schemas
+from tactophone.bridges.packet_coding import PacketWriter
+from tactophone.bridges.prediction_rows import entries_of, write_columns
 from tactophone.bridges.schemas import Topic, of_finger
-from tactophone.bridges.sound_messages import SoundMessages, read_sound_packet
+from tactophone.bridges.sound_messages import SoundMessages
 from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, prediction_of, read_records
 from tactophone.types import HapticCommand, Prediction, Touch
 
-HEALTH_INTERVAL = 2.0
+HEALTH_INTERVAL = 5.0
 """Seconds between two messages with counters and gauges."""
 
-LONGEST_BATCH = 0.5
-"""Seconds of arrivals in a message: a reader looks one up in the time of one read of a chunk."""
+LONGEST_BATCH = 1.0
+"""Seconds of arrivals in a message, where `RunReader.flush` does not end it before."""
+
+SHOWN_INTERVALS = {Touch.NONE: 1.0, Touch.SMOOTH: 0.2, Touch.ROUGH: 0.2}
+"""Seconds between two predictions to look at while the touch stays the same, where all of them are in columns."""
 
 _PACKET, _CONNECTED = 0, 2
 _INFO, _WARNING = 2, 3
@@ -40,6 +44,9 @@ class RunReader:
     ----------
     name
         Of a run that exists already.
+    in_columns
+        Whether all predictions are returned by `flush`, in columns, and at once each that changes the touch, and one in
+        `SHOWN_INTERVALS`.
 
     Attributes
     ----------
@@ -49,8 +56,9 @@ class RunReader:
         Of the fingers of a hand; one empty name where there is no hand.
     """
 
-    def __init__(self, name: str) -> None:
-        self.name = name
+    def __init__(self, name: str, *, in_columns: bool = False) -> None:
+        self.name, self._in_columns = name, in_columns
+        self._packet_writer = PacketWriter()
         self.missed = {"predictions": 0, "log": 0}
         self._follow(Watcher(name))
 
@@ -66,7 +74,13 @@ class RunReader:
 
     def flush(self) -> list[Message]:
         """Return what was held back to be joined."""
-        return [Message(*part) for part in self._sound.flush()]
+        messages = [*(Message(*part) for part in self._sound.flush()), *self._packets()]
+        for finger, (name, rows) in enumerate(zip(self.names, self._rows, strict=True)):
+            if rows:
+                topic = of_finger(schemas.PREDICTIONS, finger, name)
+                messages.append(Message(topic, self._lead + rows[-1][0].end, write_columns(rows)))
+                rows.clear()
+        return messages
 
     def _follow(self, watcher: Watcher) -> None:
         self.watcher, self.names = watcher, watcher.finger_names()
@@ -74,7 +88,10 @@ class RunReader:
         self._epoch = time.time() - time.monotonic()
         self._lead = math.inf
         self._sound = SoundMessages(self.names)
+        self._rows: list[list[tuple[Prediction, HapticCommand]]] = [[] for _ in self.names]
+        self._shown = [(Touch.NONE, -math.inf)] * len(self.names)
         self._partial: tuple[bytes, ...] = ()
+        self._arrivals: list[tuple[EventBatch, list[bool]]] = []
         self._previous = self._settled = State()
         self._health_at = 0.0
 
@@ -88,19 +105,15 @@ class RunReader:
         yield from self._records(list(read_records(log)))
 
     def _records(self, records: list[Record]) -> Iterator[Message]:
-        arrivals: list[EventBatch] = []
         for record in self._whole(records):
             if isinstance(record, EventBatch):
-                if arrivals and record.time - arrivals[0].time > LONGEST_BATCH:
-                    yield from self._packets(arrivals)
-                    arrivals = []
-                arrivals.append(record)
-                continue
-            # Packets and controls keep their order in the file, as their order decides about the replay.
-            yield from self._packets(arrivals)
-            arrivals = []
-            yield self._record(record)
-        yield from self._packets(arrivals)
+                if self._arrivals and record.time - self._arrivals[0][0].time > LONGEST_BATCH:
+                    yield from self._packets()
+                yield from self._sound_of(record)
+            else:
+                # Packets and controls keep their order in the file, as their order decides about the replay.
+                yield from self._packets()
+                yield self._record(record)
 
     def _whole(self, records: list[Record]) -> Iterator[Record]:
         """Put arrivals together that were too long for one record."""
@@ -120,20 +133,24 @@ class RunReader:
             return Message(schemas.RUN, time.time(), data)
         return Message(schemas.CONTROLS, time.time(), data)
 
-    def _packets(self, arrivals: list[EventBatch]) -> Iterator[Message]:
-        if not arrivals:
-            return
-        base, headers = round(arrivals[0].time * 1e9), RtpHeaders()
-        data = b"".join(protobuf.octets(1, encode_arrival(arrival, base, headers)) for arrival in arrivals)
-        data += protobuf.integer(2, max(base, 0))
-        yield Message(schemas.PACKETS, self._epoch + arrivals[-1].time, data)
-        for arrival in arrivals:
-            for event in arrival.events:
-                if event[:1] == bytes([_CONNECTED]):
-                    yield from self.flush()
-                    self._sound.reset()
-                elif event[:1] == bytes([_PACKET]) and (packet := read_sound_packet(event[1:])):
-                    yield from (Message(*part) for part in self._sound.push(packet, arrival=self._epoch + arrival.time))
+    def _sound_of(self, arrival: EventBatch) -> Iterator[Message]:
+        with_sound = []
+        for event in arrival.events:
+            parts = None
+            if event[:1] == bytes([_CONNECTED]):
+                yield from (Message(*part) for part in self._sound.flush())
+                self._sound.reset()
+            elif event[:1] == bytes([_PACKET]):
+                parts = self._sound.push(event[1:], arrival=self._epoch + arrival.time)
+                yield from (Message(*part) for part in parts or ())
+            with_sound.append(parts is not None)
+        self._arrivals.append((arrival, with_sound))
+
+    def _packets(self) -> Iterator[Message]:
+        if self._arrivals:
+            time = self._epoch + self._arrivals[-1][0].time
+            yield Message(schemas.PACKETS, time, self._packet_writer.encode(self._arrivals))
+            self._arrivals = []
 
     def _predictions(self, now: float) -> Iterator[Message]:
         for finger, name in enumerate(self.names):
@@ -151,8 +168,15 @@ class RunReader:
             # time of the day, evenly, where the time of reading would be a staircase.
             self._lead = min(self._lead, now - float(rows["end"][-1]))
         for row in rows:
-            entries = prediction_entries(*prediction_of(row))
-            yield Message(topic, self._lead + entries["window_end"], json.dumps(entries).encode())
+            prediction, command = prediction_of(row)
+            if self._in_columns:
+                self._rows[finger].append((prediction, command))
+                touch, shown = self._shown[finger]
+                due = prediction.touch is not touch or prediction.end >= shown + SHOWN_INTERVALS[touch]
+                if not due and not prediction.events:
+                    continue
+                self._shown[finger] = prediction.touch, prediction.end
+            yield Message(topic, self._lead + prediction.end, json.dumps(entries_of(prediction, command)).encode())
 
     def _state(self, now: float) -> Iterator[Message]:
         # The noise floor moves all the time; it is part of the next state that changes otherwise.
@@ -186,46 +210,6 @@ class RunReader:
         stamp = {"sec": int(now), "nsec": int(now % 1 * 1e9)}
         entries = {"timestamp": stamp, "level": level, "message": text, "name": self.name, "file": "", "line": 0}
         return Message(schemas.EVENTS, now, json.dumps(entries).encode())
-
-
-def encode_arrival(arrival: EventBatch, base: int, headers: RtpHeaders) -> bytes:
-    """Encode an arrival as the message ``tactophone.EventBatch``; ``base`` in ns, ``headers`` those of its message.
-
-    A time read from the clock is a whole number of ns. It is then written as such, after ``base``: three bytes in place
-    of nine. Any other time is written as it is, for a replay needs its last bit.
-    """
-    nanoseconds = round(arrival.time * 1e9)
-    if nanoseconds / 1e9 == arrival.time and nanoseconds >= base >= 0:
-        encoded = protobuf.integer(4, nanoseconds - base)
-    else:
-        encoded = protobuf.double(1, arrival.time)
-    encoded += protobuf.integer(2, arrival.polled) * arrival.polled
-    return encoded + b"".join(protobuf.octets(3, headers.shorten(event)) for event in arrival.events)
-
-
-def prediction_entries(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Return a prediction and its command by name; JSON has no NaN and no infinity, so those are ``None``."""
-    none, smooth, rough = prediction.probabilities
-    touch, end = prediction.touch, prediction.end
-    entries = {
-        "window_end": end, **_difference("window_start", prediction.start, "window", end),
-        **_difference("time", command.time, "delay", end),
-        "none": none, "smooth": smooth, "rough": rough, "touch": touch.name.lower(),
-        "contact": int(touch is not Touch.NONE), "level_dbfs": prediction.level_dbfs,
-        "roughness": prediction.roughness, "frequency": command.frequency, "amplitude": command.amplitude,
-    }  # fmt: skip
-    for event in prediction.events:
-        entries |= {"event": event.kind, "event_time": event.time}
-    return _finite(entries)
-
-
-def _difference(name: str, value: float, short: str, end: float) -> dict[str, float]:
-    """Return a time as its distance from the window's end, in as few digits as lose no bit."""
-    sign = -1 if short == "window" else 1
-    distance = sign * (value - end)
-    # A distance is the same at each prediction but for its last digits, which are those of the subtraction.
-    shortest = next((each for each in (round(distance, 9), distance) if end + sign * each == value), None)
-    return {name: value} if shortest is None else {short: shortest}
 
 
 def _finite(entries: dict[str, Any]) -> dict[str, Any]:

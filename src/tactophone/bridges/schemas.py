@@ -66,8 +66,8 @@ def _audio(name: str, *fields: FieldType) -> Schema:
 
 
 _NUMBERS = dict.fromkeys(
-    ("window_end", "window", "window_start", "delay", "time", "none", "smooth", "rough", "contact", "level_dbfs",
-     "roughness", "frequency", "amplitude"), "number",
+    ("window_end", "window", "delay", "none", "smooth", "rough", "level_dbfs", "roughness", "frequency", "amplitude"),
+    "number",
 )  # fmt: skip
 
 COMPRESSED_AUDIO = _audio("CompressedAudio", FieldType("format", "string"))
@@ -89,7 +89,7 @@ _PACKETS = Schema(
                     FieldType("time", "double"),
                     FieldType("polled", "bool"),
                     FieldType("events", "bytes", repeated=True),
-                    FieldType("after_base", "int64"),
+                    FieldType("delays", "int64", repeated=True),
                 ),
             ),
             MessageType(
@@ -120,8 +120,18 @@ CONTROLS = Topic(
 )  # fmt: skip
 PREDICTION = Topic(
     "/tactophone/prediction",
-    _json_schema("tactophone.Prediction", {**_NUMBERS, "touch": "string", "event": "string", "event_time": "number"}),
-    "each prediction, and its command as limited; null where there was none",
+    _json_schema(
+        "tactophone.Prediction",
+        {**_NUMBERS, "touch": "string", "contact": "number", "event": "string", "event_time": "number"},
+    ),
+    "a prediction, and its command as limited; null where there was none",
+)
+PREDICTIONS = Topic(
+    "/tactophone/predictions",
+    _json_schema(
+        "tactophone.Predictions", {**dict.fromkeys((*_NUMBERS, "touch", "events"), "array"), "check": "string"}
+    ),
+    "each prediction and command, in columns",
 )
 STATE = Topic("/tactophone/state", _json_schema("tactophone.State", {"role": "string"}), "the state at each change")
 HEALTH = Topic(
@@ -142,10 +152,10 @@ CONTACT_SOUND = Topic("/tactophone/sound/contact", COMPRESSED_AUDIO, "contact mi
 AIR_SOUND = Topic("/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came")
 PCM_SOUND = Topic("/tactophone/sound", RAW_AUDIO, "both microphones, 16 bit")
 
-OF_FINGER = (PREDICTION, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+OF_FINGER = (PREDICTION, PREDICTIONS, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 """Of these, each finger of a hand has its own (`of_finger`)."""
 
-TOPICS = (RUN, PACKETS, CONTROLS, PREDICTION, STATE, HEALTH, EVENTS, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
+TOPICS = (RUN, PACKETS, CONTROLS, PREDICTION, PREDICTIONS, STATE, HEALTH, EVENTS, CONTACT_SOUND, AIR_SOUND, PCM_SOUND)
 
 
 @functools.cache

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
+from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction, check_of
 from tactophone.errors import DatasetError
 from tactophone.hand_file import names_of
 from tactophone.haptics import Limits
@@ -224,13 +224,4 @@ def _no_command(prediction: Prediction) -> HapticCommand:
 
 
 def _same(logged: LoggedPrediction, computed: LoggedPrediction) -> bool:
-    """Compare all but the flag ``faulty``, which telemetry does not publish; NaN equals NaN."""
-    pairs = zip(_numbers(logged), _numbers(computed), strict=True)
-    return all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in pairs)
-
-
-def _numbers(entry: LoggedPrediction) -> Iterator[float]:
-    prediction, command = entry.prediction, entry.command
-    yield from prediction.probabilities
-    yield from (float(prediction.touch), prediction.roughness, prediction.level_dbfs, prediction.start, prediction.end)
-    yield from (command.time, command.amplitude, command.frequency)
+    return logged.check == check_of(computed.prediction, computed.command)

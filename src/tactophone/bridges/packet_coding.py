@@ -1,0 +1,188 @@
+"""Received packets in a log: what follows from others is left out, and computed again when the log is read.
+
+Within a message of `/tactophone/packets`, an RTP header follows from the one before if its number is the next and its
+timestamp as much later as that was than its own predecessor. A payload follows from the sound in the log, and the
+payloads that redundancy repeats from those of the packets before. Packets that are then alike differ in their times
+only. The layout is in docs/reference/log.md.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Iterator, Sequence
+
+from tactophone.bridges import protobuf
+from tactophone.bridges.sound_payload import LoggedSound, PacketLayout, read_layout
+from tactophone.telemetry import EventBatch
+
+FOLLOWING, SOUND, REPEATED = 16, 32, 64
+"""Bits of an event's kind, its first byte: without its RTP header, newest payload, repeated payloads."""
+
+_RTP_PACKET = 0
+_HEADER = struct.Struct("!BBHII")  # flags, payload type, number, timestamp, source (RFC 3550 section 5.1)
+_MOST_REPEATED = 4  # packets back that redundancy reaches, and one more
+
+
+class RtpHeaders:
+    """The headers of one message, in order; one object to write them, another to read them.
+
+    Examples
+    --------
+    >>> packets = [bytes([0]) + _HEADER.pack(128, 99, number, 240 * number, 1) + b"sound" for number in range(4)]
+    >>> writing, reading = RtpHeaders(), RtpHeaders()
+    >>> written = [writing.shorten(packet) for packet in packets]
+    >>> [len(event) for event in written], [reading.restore(event) for event in written] == packets
+    ([18, 18, 6, 6], True)
+    """
+
+    def __init__(self) -> None:
+        self._last = self._before = (0, 0, 0, 0, 0)
+
+    def shorten(self, event: bytes) -> bytes:
+        """Return an event without its RTP header, if that follows from those before."""
+        if event[:1] != bytes([_RTP_PACKET]) or len(event) <= _HEADER.size:
+            return event
+        header, expected = _HEADER.unpack_from(event, 1), self._expected()
+        self._last, self._before = header, self._last
+        return bytes([FOLLOWING]) + event[1 + _HEADER.size :] if header == expected else event
+
+    def restore(self, event: bytes) -> bytes:
+        """Return an event as it was."""
+        if event[:1] == bytes([_RTP_PACKET]) and len(event) > _HEADER.size:
+            self._last, self._before = _HEADER.unpack_from(event, 1), self._last
+        elif event[:1] == bytes([FOLLOWING]):
+            self._last, self._before = self._expected(), self._last
+            return bytes([_RTP_PACKET]) + _HEADER.pack(*self._last) + event[1:]
+        return event
+
+    def _expected(self) -> tuple[int, int, int, int, int]:
+        flags, kind, number, timestamp, source = self._last
+        step = timestamp - self._before[3]
+        return flags, kind, (number + 1) % (1 << 16), (timestamp + step) % (1 << 32), source
+
+
+class _Payloads:
+    """Newest payloads of the packets before, by timestamp; written and read alike."""
+
+    def __init__(self) -> None:
+        self._newest: deque[tuple[int, bytes]] = deque(maxlen=_MOST_REPEATED)
+
+    def keep(self, packet: bytes, layout: PacketLayout) -> None:
+        self._newest.append((layout.timestamp, packet[layout.newest :]))
+
+    def repeated(self, layout: PacketLayout) -> bytes | None:
+        """Return what redundancy repeats in a packet; ``None`` if one of these packets was lost."""
+        known = dict(self._newest)
+        found = [known.get((layout.timestamp - age) % (1 << 32)) for age, _ in layout.repeated]
+        return None if None in found else b"".join(payload for payload in found if payload is not None)
+
+
+class PacketWriter:
+    """Encodes the arrivals of a log, message after message."""
+
+    def __init__(self) -> None:
+        self._payloads = _Payloads()
+
+    def encode(self, arrivals: Sequence[tuple[EventBatch, Sequence[bool]]]) -> bytes:
+        """Return the message ``tactophone.Packets``; each event of an arrival with whether its sound is in the log."""
+        base = reached = max(0, round(arrivals[0][0].time * 1e9))
+        headers, encoded = RtpHeaders(), b""
+        delays, alike = b"", b""  # of arrivals that have the same content
+        for arrival, with_sound in arrivals:
+            events = zip(arrival.events, with_sound, strict=True)
+            content = protobuf.integer(2, arrival.polled) * arrival.polled
+            content += b"".join(protobuf.octets(3, self._event(event, known, headers)) for event, known in events)
+            nanoseconds = round(arrival.time * 1e9)
+            exact = nanoseconds / 1e9 == arrival.time and nanoseconds >= reached
+            if delays and not (exact and content == alike):
+                encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
+                delays = b""
+            if exact:
+                # A time read from the clock is a whole number of ns; any other is written to its last bit.
+                delays, alike = delays + protobuf.varint(nanoseconds - reached), content
+            else:
+                encoded += protobuf.octets(1, protobuf.double(1, arrival.time) + content)
+            reached = max(reached, nanoseconds)
+        if delays:
+            encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
+        return encoded + protobuf.integer(2, base)
+
+    def _event(self, event: bytes, with_sound: bool, headers: RtpHeaders) -> bytes:
+        shortened, layout = headers.shorten(event), None
+        if event[:1] == bytes([_RTP_PACKET]):
+            layout = read_layout(event[1:])
+        if layout is None:
+            return shortened
+        packet, repeated = event[1:], self._payloads.repeated(layout)
+        self._payloads.keep(packet, layout)
+        if not with_sound:
+            return shortened
+        head = shortened[1 : len(shortened) - len(packet) + layout.start]
+        if repeated == packet[layout.start : layout.newest]:
+            return bytes([shortened[0] | SOUND | REPEATED]) + head
+        return bytes([shortened[0] | SOUND]) + head + packet[layout.start : layout.newest]
+
+
+class PacketReader:
+    """Decodes them again; `sound` takes the messages that hold their sound, which come first."""
+
+    def __init__(self) -> None:
+        self.sound = LoggedSound()
+        self._payloads = _Payloads()
+
+    def decode(self, message: bytes) -> Iterator[EventBatch]:
+        """Yield the arrivals of a message ``tactophone.Packets``.
+
+        Raises
+        ------
+        ValueError
+            When the bytes are not such a message.
+        """
+        headers = RtpHeaders()
+        reached = next((int(value) for number, value in protobuf.fields(message) if number == 2), 0)
+        for number, value in protobuf.fields(message):
+            if number == 1:
+                for arrival in self._arrivals(_bytes(value), reached, headers):
+                    yield arrival
+                    reached = max(reached, round(arrival.time * 1e9))
+
+    def _arrivals(self, message: bytes, reached: int, headers: RtpHeaders) -> Iterator[EventBatch]:
+        polled, events = False, list[bytes]()
+        times = list[float]()
+        for number, value in protobuf.fields(message):
+            if number == 1:
+                times += struct.unpack("<d", _bytes(value))
+            elif number == 2:
+                polled = bool(value)
+            elif number == 3:
+                events.append(_bytes(value))
+            elif number == 4:
+                for delay in protobuf.varints(_bytes(value)):
+                    reached += delay
+                    times.append(reached / 1e9)
+        for time in times:
+            yield EventBatch(time, tuple(self._event(event, headers) for event in events), polled)
+
+    def _event(self, event: bytes, headers: RtpHeaders) -> bytes:
+        left_out = event[0] & (SOUND | REPEATED) if event else 0
+        if event[:1] and event[0] & ~(SOUND | REPEATED | FOLLOWING):
+            return event
+        event = headers.restore(bytes([event[0] & ~left_out]) + event[1:]) if event else event
+        packet = event[1:]
+        layout = read_layout(packet)
+        if layout is None:
+            if left_out:
+                raise ValueError("a packet without sound refers to sound")
+            return event
+        if left_out:
+            repeated = self._payloads.repeated(layout) if left_out & REPEATED else b""
+            if repeated is None:
+                raise ValueError("a packet repeats one that is missing")
+            packet += repeated + self.sound.next_payload(layout.kind)
+        self._payloads.keep(packet, layout)
+        return bytes([_RTP_PACKET]) + packet
+
+
+def _bytes(value: int | bytes) -> bytes:
+    if isinstance(value, int):
+        raise ValueError("a number in place of bytes")
+    return value
