@@ -26,7 +26,7 @@ def main() -> None:
         path = record(Path(folder) / "run.mcap", Path(model), codec=codec, sound=blocks(sound, 120))
         size = path.stat().st_size
     sys.stdout.write(
-        f"{model}, Opus at {codec.bitrate_bps // 1000} kbit/s: {size / seconds * 600 / 1e6:.1f} MB in 10 minutes, "
+        f"{model}, Opus at {codec.bitrate_bps // 1000} kbit/s: {size / seconds * 600 / 1e6:.2f} MB in 10 minutes, "
         f"{codec.bitrate_bps * 600 / 8e6:.1f} of them sound\n"
     )
 

@@ -16,7 +16,7 @@ from tactophone.link import Address, Codec, Datagrams
 from tactophone.pipeline import Hand
 from tactophone.runtime import OutputGate, SessionRecorder, open_pipeline_for
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry import ARRIVAL_DIGITS, Telemetry
 from tactophone.types import AudioBlock
 from tests.sounds import blocks, strokes
 
@@ -109,7 +109,7 @@ def record(
             for number, block in enumerate(sound or blocks(np.repeat(strokes(), codec.channels, axis=1), 120)):
                 meanwhile(operator, block.time)
                 sender.push(block)
-                link.carry(round(begun + block.end / RATE, 9))  # as a clock tells it
+                link.carry(round(begun + block.end / RATE, ARRIVAL_DIGITS))
                 if number % 80 == 0:
                     log.read()
             log.read()

@@ -12,12 +12,13 @@ from collections.abc import Iterator, Sequence
 
 from tactophone.bridges import protobuf
 from tactophone.bridges.sound_payload import LoggedSound, PacketLayout, read_layout
-from tactophone.telemetry import EventBatch
+from tactophone.telemetry import ARRIVAL_DIGITS, EventBatch
 
 FOLLOWING, SOUND, REPEATED = 16, 32, 64
 """Bits of an event's kind, its first byte: without its RTP header, newest payload, repeated payloads."""
 
 _RTP_PACKET = 0
+_TICKS = 10**ARRIVAL_DIGITS  # in a second
 _HEADER = struct.Struct("!BBHII")  # flags, payload type, number, timestamp, source (RFC 3550 section 5.1)
 _MOST_REPEATED = 4  # packets back that redundancy reaches, and one more
 
@@ -84,24 +85,23 @@ class PacketWriter:
 
     def encode(self, arrivals: Sequence[tuple[EventBatch, Sequence[bool]]]) -> bytes:
         """Return the message ``tactophone.Packets``; each event of an arrival with whether its sound is in the log."""
-        base = reached = max(0, round(arrivals[0][0].time * 1e9))
+        base = reached = max(0, round(arrivals[0][0].time * _TICKS))
         headers, encoded = RtpHeaders(), b""
         delays, alike = b"", b""  # of arrivals that have the same content
         for arrival, with_sound in arrivals:
             events = zip(arrival.events, with_sound, strict=True)
             content = protobuf.integer(2, arrival.polled) * arrival.polled
             content += b"".join(protobuf.octets(3, self._event(event, known, headers)) for event, known in events)
-            nanoseconds = round(arrival.time * 1e9)
-            exact = nanoseconds / 1e9 == arrival.time and nanoseconds >= reached
+            ticks = round(arrival.time * _TICKS)
+            exact = ticks / _TICKS == arrival.time and ticks >= reached
             if delays and not (exact and content == alike):
                 encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
                 delays = b""
             if exact:
-                # A time read from the clock is a whole number of ns; any other is written to its last bit.
-                delays, alike = delays + protobuf.varint(nanoseconds - reached), content
+                delays, alike = delays + protobuf.varint(ticks - reached), content
             else:
                 encoded += protobuf.octets(1, protobuf.double(1, arrival.time) + content)
-            reached = max(reached, nanoseconds)
+            reached = max(reached, ticks)
         if delays:
             encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
         return encoded + protobuf.integer(2, base)
@@ -143,7 +143,7 @@ class PacketReader:
             if number == 1:
                 for arrival in self._arrivals(_bytes(value), reached, headers):
                     yield arrival
-                    reached = max(reached, round(arrival.time * 1e9))
+                    reached = max(reached, round(arrival.time * _TICKS))
 
     def _arrivals(self, message: bytes, reached: int, headers: RtpHeaders) -> Iterator[EventBatch]:
         polled, events = False, list[bytes]()
@@ -158,7 +158,7 @@ class PacketReader:
             elif number == 4:
                 for delay in protobuf.varints(_bytes(value)):
                     reached += delay
-                    times.append(reached / 1e9)
+                    times.append(reached / _TICKS)
         for time in times:
             yield EventBatch(time, tuple(self._event(event, headers) for event in events), polled)
 

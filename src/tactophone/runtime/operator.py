@@ -49,7 +49,7 @@ from tactophone.runtime.wiring import (
     send_outgoing,
     tip_warning,
 )
-from tactophone.telemetry import MARKS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02
@@ -313,7 +313,7 @@ class Operator:
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
             datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
-            received = time.monotonic()
+            received = round(time.monotonic(), ARRIVAL_DIGITS)
             for finger in self._fingers:
                 if finger.changed():
                     self._recorder.controls(*finger.controls(), finger=finger.index)

@@ -47,7 +47,7 @@ from tactophone.runtime.wiring import (
     operators_of,
     send_outgoing,
 )
-from tactophone.telemetry import MARKS, Fault, FingerState, State, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
@@ -298,7 +298,7 @@ class Robot:
 
     def _log(self, event: Event) -> None:
         """Log a packet or a change of the connection; called under the lock of the session."""
-        self._recorder.arrival(time.monotonic(), [event])
+        self._recorder.arrival(round(time.monotonic(), ARRIVAL_DIGITS), [event])
 
     def _follow_network(self, operator: int) -> None:
         name_thread("tactophone-net")

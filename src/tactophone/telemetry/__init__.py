@@ -27,11 +27,20 @@ from tactophone.telemetry.registry import (
     Request,
     State,
 )
-from tactophone.telemetry.session_log import Controls, EventBatch, Record, RunStart, read_records, write_record
+from tactophone.telemetry.session_log import (
+    ARRIVAL_DIGITS,
+    Controls,
+    EventBatch,
+    Record,
+    RunStart,
+    read_records,
+    write_record,
+)
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running
 from tactophone.telemetry.writer import Telemetry
 
 __all__ = [
+    "ARRIVAL_DIGITS",
     "COUNTERS",
     "GAUGES",
     "LARGEST_RECORD",

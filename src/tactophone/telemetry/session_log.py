@@ -18,6 +18,12 @@ _SIZE = struct.Struct("<H")
 
 _RUN, _ARRIVED, _CONTROLS = range(3)
 
+ARRIVAL_DIGITS = 5
+"""Digits of an arrival's time after the point, in s: 10 microseconds, a five-hundredth of a packet's duration.
+
+An end takes the time of an arrival from the clock with these, so that a log holds the same number in a byte or two.
+"""
+
 ARRIVAL_SIZE = 1 << 15
 """Bytes of events in one record; an arrival with more is split, the last part counting as its end."""
 
