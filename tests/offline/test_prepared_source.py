@@ -6,6 +6,7 @@ import soundfile
 
 from tactophone.capture import FileSource
 from tactophone.offline import Preparation, PreparedSource
+from tactophone.offline.mains_hum import Hum
 from tests.sounds import noise
 
 
@@ -59,3 +60,23 @@ def test_quiet_sound_is_amplified_and_a_converters_noise_is_not(loudest_dbfs: fl
 def test_invalid_samples_are_passed_on(tmp_path: Path) -> None:
     samples = np.full((900, 1), np.nan, np.float32)
     assert np.isnan(prepared(written(tmp_path / "a.wav", samples))[1]).all()
+
+
+def test_mains_hum_is_subtracted_before_a_channel_is_left_out(tmp_path: Path) -> None:
+    samples = np.zeros((4 * 48_000, 2), np.float32)
+    samples[:, 1] = noise(level_dbfs=-40, duration=4, channels=1)[:, 0]
+    hum = 0.1 * np.sin(2 * np.pi * 50 * np.arange(len(samples)) / 48_000)
+    preparation, found = prepared(written(tmp_path / "a.wav", samples + np.array([0, 1]) * hum[:, None]))
+    assert found.shape == (len(samples), 1)
+    np.testing.assert_allclose(found[:, 0], samples[:, 1], atol=2e-3)
+    assert preparation.notes(2)[-1] == "hum of 50 Hz mains at -23 dBFS was removed: see the cables"
+
+
+@pytest.mark.parametrize(
+    ("tip", "level_dbfs", "subtracted"),
+    [("pad", -40.0, False), ("", -40.0, False), ("pad", -25.0, True), ("stylus", -40.0, True)],
+)
+def test_hum_that_a_model_was_trained_with_is_left(tip: str, level_dbfs: float, subtracted: bool) -> None:
+    amplitude = np.full((1, 1, 4), 10 ** (level_dbfs / 20) * np.sqrt(2), np.complex64)
+    hum = Hum(48_000, np.full((1, 1), 50.0), amplitude)
+    assert (Preparation((0,), (0.0,), hum=hum).for_tip(tip).hum is hum) == subtracted

@@ -247,7 +247,7 @@ def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
 
 def _prepare(path: Path, card: ModelCard, args: argparse.Namespace) -> tuple[Preparation, RecordingFloor | None]:
     """Read a recording before it is processed: what to correct in it, and its contact threshold if none is given."""
-    preparation = Preparation.of(FileSource(path))
+    preparation = Preparation.of(FileSource(path)).for_tip(card.tip)
     if args.threshold is not None:
         return preparation, None
     floor = _measure_floor(path, preparation, card)

@@ -1,7 +1,7 @@
-"""A recording as models expect it: without a channel that is silent, without an offset, and loud enough.
+"""A recording as models expect it: without a channel that is silent, an offset or mains hum, and loud enough.
 
 A recording can be read twice. So what a live run only reports as a fault of a microphone is corrected here: a
-microphone in one channel of a stereo file, a converter's offset, a gain far from any in training.
+microphone in one channel of a stereo file, a converter's offset, hum of a cable, a gain far from any in training.
 """
 
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from typing import Self
 
 import numpy as np
 
+from tactophone.offline.mains_hum import Hum, HumMeter
 from tactophone.types import AudioBlock, Source
 
 SILENT = 1e-6
@@ -27,6 +28,13 @@ LEVEL_DBFS = -35.0
 MOST_GAIN_DB = 60.0
 """Over that, it is a converter's noise that would be amplified."""
 
+TRAINED_HUM_DBFS = -30.0
+"""Models but for a hard tip are trained with hum under this, that of the simulated contact microphone: without it they
+are right 0.02 less often (docs/research/contact.md)."""
+
+WITHOUT_HUM = ("plastic", "stylus")
+"""Tips whose models were trained on an air microphone, without hum."""
+
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
@@ -40,26 +48,37 @@ class Preparation:
         Mean of each of these, which is removed; 0 where it is negligible.
     gain_db
         Of all of them.
+    hum
+        Of all channels of the source, which is subtracted; None where there is none.
     """
 
     channels: tuple[int, ...]
     offset: tuple[float, ...]
     gain_db: float = 0.0
+    hum: Hum | None = None
 
     @classmethod
     def of(cls, source: Source) -> Self:
         """Read a source to its end, and return what to change but for the gain."""
         peak, total, count = np.zeros(source.channels), np.zeros(source.channels), 0
+        meter = HumMeter(source.sample_rate, source.channels)
         with source:
             for block in source:
                 peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
                 total += block.samples.sum(axis=0, dtype=np.float64)
                 count += block.size
+                meter.push(block.samples)
         live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
         # Invalid samples leave no mean to remove: the comparison with NaN is false.
-        return cls(channels, tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels))
+        offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
+        return cls(channels, offset, hum=meter.hum())
+
+    def for_tip(self, tip: str) -> Self:
+        """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
+        trained = tip not in WITHOUT_HUM and self.hum is not None and self.hum.level_dbfs < TRAINED_HUM_DBFS
+        return replace(self, hum=None) if trained else self
 
     def amplified(self, loudest_dbfs: float) -> Self:
         """Return this with the gain for sound whose loudest 32 ms have this banded level."""
@@ -73,6 +92,10 @@ class Preparation:
             notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
         if any(self.offset):
             notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
+        if self.hum:
+            notes.append(
+                f"hum of {self.hum.mains} Hz mains at {self.hum.level_dbfs:.0f} dBFS was removed: see the cables"
+            )
         if self.gain_db:
             notes.append(f"very quiet: amplified by {self.gain_db:.0f} dB; record with more gain")
         return notes
@@ -94,6 +117,7 @@ class PreparedSource:
         self._channels = list(preparation.channels) if self.channels < source.channels else None
         self._offset = np.array(preparation.offset, np.float32)
         self._gain = np.float32(10 ** (preparation.gain_db / 20))
+        self._hum = preparation.hum
 
     def __enter__(self) -> Self:
         self._source.__enter__()
@@ -103,10 +127,16 @@ class PreparedSource:
         self._source.__exit__(None, None, None)
 
     def __iter__(self) -> Iterator[AudioBlock]:
+        self._position = 0
         return map(self._prepared, self._source)
 
     def _prepared(self, block: AudioBlock) -> AudioBlock:
-        samples = block.samples if self._channels is None else block.samples[:, self._channels]
+        samples = block.samples
+        if self._hum:
+            samples = samples - self._hum.waveform(self._position, block.size)
+            self._position += block.size
+        if self._channels is not None:
+            samples = samples[:, self._channels]
         if self._offset.any():
             samples = samples - self._offset
         if self._gain != 1:
