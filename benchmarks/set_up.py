@@ -1,9 +1,10 @@
 """How good is a detector after a minute with a new finger? Prints the table of docs/research/set-up.md.
 
-    python benchmarks/set_up.py --model FILE [--lmt DIR] [--draws 12]
+    python benchmarks/set_up.py --model FILE [--lmt DIR] [--draws 40]
 
 Each draw takes one or two smooth and as many rough surfaces of real sound (`lmt`), three takes of 4.8 s each, fits the
 boundary as `tactophone setup` does, and scores six takes of all surfaces that are neither drawn nor kin of those drawn.
+Draws differ; where there are no more than asked for, all are scored.
 FILE is a model of one air microphone that has never been trained on these recordings.
 """
 
@@ -12,6 +13,7 @@ import csv
 import os
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from itertools import combinations, product
 from pathlib import Path
 
 import numpy as np
@@ -59,15 +61,18 @@ def joined(takes: Sequence[ObjectSound]) -> ObjectSound:
 
 def draw(surfaces: Surfaces, per_class: int, count: int) -> list[tuple[list[ObjectSound], list[ObjectSound]]]:
     """Return draws of fitted surfaces and of those to score; of kin one at most is drawn."""
-    rng, draws = np.random.default_rng(0), []
-    classes = [[key for key in surfaces if key[1] is rough] for rough in (True, False)]
-    while len(draws) < count:
-        chosen = [keys[at] for keys in classes for at in rng.choice(len(keys), per_class, replace=False)]
+    classes = [combinations([key for key in surfaces if key[1] is rough], per_class) for rough in (True, False)]
+    draws = []
+    for chosen in (smooth + rough for rough, smooth in product(*classes)):
         kin = {kin_of(key[0]) for key in chosen}
         rest = [key for key in surfaces if kin_of(key[0]) not in kin]
         if len(kin) == len(chosen) and len({key[1] for key in rest}) == 2:
-            draws.append(([joined(surfaces[key][:TRAIN]) for key in chosen], [joined(surfaces[key]) for key in rest]))
-    return draws
+            draws.append((chosen, rest))
+    picked = np.random.default_rng(0).permutation(len(draws))[:count]
+    return [
+        ([joined(surfaces[key][:TRAIN]) for key in chosen], [joined(surfaces[key]) for key in rest])
+        for chosen, rest in (draws[at] for at in picked)
+    ]
 
 
 def balanced(logits: Sequence[np.ndarray], sounds: Sequence[ObjectSound]) -> float:
@@ -84,13 +89,13 @@ def main() -> None:
     parser.add_argument("--model", type=Path, required=True)
     recordings = os.environ.get("TACTOPHONE_RECORDINGS", "")
     parser.add_argument("--lmt", type=Path, default=Path(recordings) / "lmt")
-    parser.add_argument("--draws", type=int, default=12)
+    parser.add_argument("--draws", type=int, default=40)
     args = parser.parse_args()
     model = read_model(args.model)
     everything = read_surfaces(args.lmt, model)
     core = {key: takes for key, takes in everything.items() if key[2] == "core"}
-    print("| surfaces | sound | before | `setup` | " + " | ".join(f"always {name}" for name in SCORES) + " |")
-    print("|---|---|--:|--:|" + "--:|" * len(SCORES))
+    print("| surfaces | sound | draws | before | `setup` | " + " | ".join(f"always {name}" for name in SCORES) + " |")
+    print("|---|---|--:|--:|--:|" + "--:|" * len(SCORES))
     for name, surfaces in (("core", core), ("core + extended", everything)):
         for per_class, seconds in ((2, 58), (1, 29)):
             columns: dict[str, list[float]] = defaultdict(list)
@@ -102,7 +107,7 @@ def main() -> None:
                     fixed = fit_boundary(sounds, score, channels=1)
                     columns[score].append(balanced([fixed.logit(sound) for sound in rest], rest))
             cells = [f"{np.median(values):.2f}, {min(values):.2f}" for values in columns.values()]
-            print(f"| {name} | {seconds} s | " + " | ".join(cells) + " |", flush=True)
+            print(f"| {name} | {seconds} s | {len(columns['before'])} | " + " | ".join(cells) + " |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,14 +52,39 @@ def test_the_score_that_is_right_on_things_left_out_is_chosen_and_its_boundary_m
     assert fit.balanced_accuracy_before == pytest.approx(0.5, abs=0.01)
 
 
+def test_another_score_that_is_hardly_better_on_things_left_out_is_not_taken() -> None:
+    sounds = objects(shown_by="impulses")
+    for sound in sounds:
+        sound.logit[:] += 4 * sound.rough
+        sound.features[::25, COLUMNS] -= 1 if sound.rough else -1  # 4 % of the impulses are wrong
+    assert fit_set_up(sounds, channels=1, tip="stylus").score == "impulses"
+    assert fit_set_up(sounds, channels=1, tip="pad").score == "model"
+
+
+def test_the_boundary_lies_between_the_tails_that_face_each_other() -> None:
+    """Rough sound spreads wide: midway between the middles, much of the rough class would be smooth."""
+    rng = np.random.default_rng(0)
+    sounds = [
+        ObjectSound(name, rough, np.zeros((2000, 40), np.float32), rng.normal(middle, spread, 2000))
+        for name, rough, middle, spread in (("smooth", False, -1.0, 0.1), ("rough", True, 2.0, 1.5))
+    ]
+    correction = fit_boundary(sounds, "model", channels=1)
+    wrong = [float(np.mean((correction.logit(sound) > 0) != sound.rough)) for sound in sounds]
+    assert wrong[0] < 0.01
+    assert wrong[1] < 0.06
+    longer = replace(sounds[0], logit=np.tile(sounds[0].logit, 9), features=np.zeros((18_000, 40), np.float32))
+    assert fit_boundary([longer, sounds[1]], "model", channels=1).bias == pytest.approx(correction.bias, abs=0.01)
+
+
 def test_under_a_rubber_tip_impulses_are_not_used() -> None:
     assert fit_set_up(objects(shown_by="impulses"), channels=1, tip="rubber").score == "model"
 
 
-def test_one_thing_of_a_kind_has_a_boundary_but_no_estimate() -> None:
-    first, _, third, _ = objects(shown_by="impulses")
-    fit = fit_set_up([first, third], channels=1, tip="pad")
-    assert fit.score == "impulses"
+@pytest.mark.parametrize(("tip", "score"), [("stylus", "impulses"), ("plastic", "impulses"), ("pad", "model")])
+def test_one_thing_of_a_kind_has_a_boundary_by_the_tips_own_score_but_no_estimate(tip: str, score: str) -> None:
+    first, _, third, _ = objects(shown_by=score)
+    fit = fit_set_up([first, third], channels=1, tip=tip)
+    assert fit.score == score
     assert np.isnan(fit.balanced_accuracy)
     assert ((fit.correction.logit(third) > 0).mean(), (fit.correction.logit(first) < 0).mean()) == (1.0, 1.0)
 

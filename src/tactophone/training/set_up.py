@@ -1,10 +1,10 @@
 """Fits a shipped model to one set-up from a minute of its own sound: `tactophone setup`.
 
 On a new finger the boundary is what is wrong, so little is fitted: which score to use, and its boundary. There are
-three scores: the shipped model's own logit; the *impulses*, crest and clicks and how much they vary, which under a
-hard tip grow with roughness by geometry (docs/reference/simulator.md), whatever the room and the gain; and their mean.
-The score is the one that is right on objects left out one at a time. Weights on all features, from two smooth and two
-rough objects, learn those objects (docs/research/set-up.md).
+three scores: the shipped model's own logit; the *impulses*, crest and clicks, which under a hard tip grow with
+roughness by geometry (docs/reference/simulator.md), whatever the room and the gain; and their mean. The tip says which
+to use; another is taken only if it is clearly better on objects left out one at a time, as two objects of a kind say
+little. Weights on all features, from two smooth and two rough objects, learn those objects (docs/research/set-up.md).
 """
 
 import math
@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import ModelError
-from tactophone.perception import BAND_VALUES, Model, WindowDetector
-from tactophone.training.features.examples import even_weights
-from tactophone.training.features.linear_classifier import IMPULSES
+from tactophone.perception import BAND_VALUES, CREST_INDEX, Model, WindowDetector
+from tactophone.training.features.linear_classifier import HARD_TIPS
 from tactophone.types import AudioBlock, FloatArray, Prediction
 
 Floats = NDArray[np.float64]
@@ -37,8 +36,14 @@ LOGIT_LIMIT = 6.0
 MOST_UNKNOWN = 0.05
 """Share of a finger's own sound that may be unknown to the shipped model before its abstention is switched off."""
 
-BOUNDARY = 20.0
-"""The boundary is looked for within this of the mean of the objects."""
+MARGIN = 0.1
+"""By which the share that is right on objects left out must be larger for another score than the tip's own."""
+
+TAIL = 0.1
+"""Share of an object's windows that lies beyond the quantile that faces the other class."""
+
+MIN_SCALE, MIN_LOGIT_SCALE = 1e-3, 0.5
+"""Least deviation of a feature and of a logit within an object: steadier sound is not known more precisely."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,9 +163,10 @@ def collect(
 
 
 def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> SetUpFit:
-    """Fit the boundary to the objects of a set-up, by the score that is right on objects left out.
+    """Fit the boundary to the objects of a set-up, by the tip's own score unless another is clearly better.
 
-    With one object of a class there is nothing to choose by: impulses are taken, under a soft tip the model's logit.
+    That of a hard tip is impulses, that of a soft one the model's logit. With one object of a class there is nothing to
+    choose by.
 
     Raises
     ------
@@ -169,37 +175,49 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     """
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
-    names = ["model"] if tip == SOFT_TIP else list(SCORES)
-    losses = {name: _held_out_loss(sounds, name, channels) for name in names}
-    score = min(names, key=lambda name: losses[name])
-    entries = tuple(_leave_out(sounds, sound, score, channels) for sound in sounds)
+    own = "impulses" if tip in HARD_TIPS else "model"
+    names = [own] if tip == SOFT_TIP else [own, *(name for name in SCORES if name != own)]
+    left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
+    # The first of those that are equal: with nothing to choose by, the tip's own.
+    score = max(names, key=lambda name: _right(left_out[name]) + MARGIN * (name == own))
     unknown = float(np.mean([sound.unknown for sound in sounds]))
-    return SetUpFit(fit_boundary(sounds, score, channels=channels), score, entries, unknown)
+    return SetUpFit(fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown)
 
 
 def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) -> Correction:
-    """Fit the boundary of a score; every object of a class has the same weight."""
+    """Fit the boundary of a score: midway between the facing tails of the two classes.
+
+    A mean of tails, each over the objects of a class, and deviations within an object: neither depends on how long an
+    object was slid over, nor on how far apart the objects lie. The tails, and not the middles, because rough sound
+    spreads several times as wide as smooth sound.
+    """
     impulses, model = SCORES[score]
-    features = np.concatenate([sound.features for sound in sounds]).astype(np.float64)
-    # The mean of objects, so that the one slid over for longest does not pull the centre towards itself.
-    centre = np.nan_to_num(np.mean([np.nan_to_num(sound.features).mean(axis=0) for sound in sounds], axis=0))
-    scale = np.maximum(np.nan_to_num(features.std(axis=0), nan=1.0), 1e-3)
-    columns = impulse_columns(features.shape[1], channels)
-    weights = np.zeros(features.shape[1])
+    features = [np.nan_to_num(sound.features).astype(np.float64) for sound in sounds]
+    centre = np.mean([each.mean(axis=0) for each in features], axis=0)
+    scale = np.maximum(np.sqrt(np.mean([each.var(axis=0) for each in features], axis=0)), MIN_SCALE)
+    columns = impulse_columns(features[0].shape[1], channels)
+    weights = np.zeros(len(centre))
     weights[columns] = impulses / len(columns)
-    logit = _bounded(np.concatenate([sound.logit for sound in sounds]))
-    unbiased = Correction(centre, scale, weights, model / max(float(logit.std()), 0.5), 0.0)
-    sizes = [len(sound.logit) for sound in sounds]
-    rough = np.repeat([sound.rough for sound in sounds], sizes)
-    weight = even_weights(rough, np.repeat(np.arange(len(sounds)), sizes))
-    return replace(unbiased, bias=_boundary(np.concatenate([unbiased.logit(sound) for sound in sounds]), rough, weight))
+    spread = math.sqrt(np.mean([_bounded(sound.logit).var() for sound in sounds]))
+    unbiased = Correction(centre, scale, weights, model / max(spread, MIN_LOGIT_SCALE), 0.0)
+    smooth, rough = (
+        _facing([unbiased.logit(sound) for sound in sounds if sound.rough is label], label) for label in (False, True)
+    )
+    return replace(unbiased, bias=-(smooth + rough) / 2)
+
+
+def _facing(logits: Sequence[Floats], rough: bool) -> float:
+    """Return where the tail of a class that faces the other begins, the mean over its objects."""
+    return float(np.mean([np.quantile(logit, TAIL if rough else 1 - TAIL) for logit in logits]))
 
 
 def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
-    """Return the columns of crest and clicks, means and deviations, of the air microphone where there are two.
+    """Return the columns of crest and clicks, of the air microphone where there are two.
+
+    Their means alone: deviations, over 250 ms, are of too few windows to be steady.
 
     >>> impulse_columns(40, 1).tolist()
-    [17, 18, 37, 38]
+    [17, 18]
 
     Raises
     ------
@@ -208,19 +226,7 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     """
     if features != 2 * BAND_VALUES * channels:
         raise ModelError("only models of kind texture can be fitted to a set-up; choose one with --model")
-    return 2 * BAND_VALUES * (channels - 1) + np.array(IMPULSES)
-
-
-def _held_out_loss(sounds: Sequence[ObjectSound], score: str, channels: int) -> float:
-    """Return the mean logistic loss over objects left out; the place in the list where none can be left out."""
-    losses = [
-        float(
-            np.logaddexp(0, -(2 * sound.rough - 1) * fit_boundary(rest, score, channels=channels).logit(sound)).mean()
-        )
-        for sound in sounds
-        if (rest := _others(sounds, sound))
-    ]
-    return float(np.mean(losses)) if losses else float(list(SCORES).index(score))
+    return 2 * BAND_VALUES * (channels - 1) + np.array([CREST_INDEX, CREST_INDEX + 1])
 
 
 def _leave_out(sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int) -> LeftOut:
@@ -236,14 +242,10 @@ def _others(sounds: Sequence[ObjectSound], sound: ObjectSound) -> list[ObjectSou
     return rest if len({other.rough for other in rest}) == 2 else []
 
 
-def _boundary(logit: Floats, rough: NDArray[np.bool_], weight: Floats) -> float:
-    """Return the bias at which both classes are missed alike: the zero of the logistic loss's slope, by bisection."""
-    low, high = -BOUNDARY, BOUNDARY
-    for _ in range(60):
-        middle = (low + high) / 2
-        slope = weight @ (1 / (1 + np.exp(-(logit + middle))) - rough)
-        low, high = (low, middle) if slope > 0 else (middle, high)
-    return (low + high) / 2
+def _right(entries: Sequence[LeftOut]) -> float:
+    """Return the mean share that is right of the objects that could be left out; 0 if none could."""
+    shares = [entry.after for entry in entries if not math.isnan(entry.after)]
+    return float(np.mean(shares)) if shares else 0.0
 
 
 def _balanced(shares: Sequence[tuple[bool, float]]) -> float:
