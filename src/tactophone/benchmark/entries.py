@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import soundfile
 
@@ -14,10 +13,8 @@ from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import DecisionRule
 from tactophone.training import FEATURE_RECIPES, OPEN_GATE, RECIPES, VARIANTS, TrainingOptions
-from tactophone.training.network.settings import Precision
+from tactophone.training.network.processor import fastest_precision
 from tactophone.types import AIR
-
-CPU_FLAGS = Path("/proc/cpuinfo")
 
 NO_AIR = "texture/no-air"
 """An ablation: the model of ``texture`` with a silent air microphone."""
@@ -95,15 +92,6 @@ def channels_of(dataset: Dataset) -> int:
 def reference_with_seed(dataset: Dataset, name: str, seed: int) -> Method | None:
     """Return an entry's method with another seed; ``None`` for methods without one."""
     return _entry(name, dataset, channels_of(dataset), seed=seed).method if name.startswith("paper/") else None
-
-
-def fastest_precision() -> Precision:
-    """Return bfloat16 where the processor multiplies in it, otherwise float32, which is then many times faster."""
-    try:
-        flags = CPU_FLAGS.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return "float32"
-    return "bfloat16" if "avx512_bf16" in flags or "amx_bf16" in flags else "float32"
 
 
 def _entry(name: str, dataset: Dataset, channels: int, *, seed: int = 0) -> BenchmarkEntry:

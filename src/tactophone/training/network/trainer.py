@@ -19,6 +19,7 @@ from tactophone.perception import magnitudes
 from tactophone.training.network import checkpoint
 from tactophone.training.network.checkpoint import Checkpoint
 from tactophone.training.network.model import PaperNetwork, Weights, weights_of, with_weights
+from tactophone.training.network.processor import float32_products
 from tactophone.training.network.settings import NetworkSettings
 from tactophone.training.network.windows import Windows, batches, grid
 from tactophone.training.network.worker_group import WorkerGroup, init_distributed
@@ -132,9 +133,7 @@ def train(
 
 
 def _prepare_torch() -> None:
-    # "medium" sends float32 products to oneDNN, twice as fast here as torch's default on AMD, and still float32;
-    # on processors with AMX it rounds their inputs to bfloat16.
-    torch.set_float32_matmul_precision("medium")
+    torch.set_float32_matmul_precision(float32_products())
     torch.use_deterministic_algorithms(True)
     torch.set_flush_denormal(True)
 
