@@ -1,31 +1,26 @@
 """``tactophone feel``: recordings in; the vibration that a finger would feel, and a timeline of predictions, out."""
 
 import argparse
-import math
-import shlex
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from rich.markup import escape
 
 from tactophone.capture import FileSource
 from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
-from tactophone.dataset import Segment, ground_truth
+from tactophone.cli._support.feel_result import Result, as_json, print_result
+from tactophone.dataset import ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
 from tactophone.offline import (
     OutputFiles,
     Preparation,
     PreparedSource,
-    RunSummary,
     draw_recording,
     process_recording,
 )
 from tactophone.perception import (
-    SILENT_DBFS,
     ModelCard,
     RecordingFloor,
     default_model,
@@ -108,9 +103,9 @@ def run(args: argparse.Namespace) -> int:
             terminal.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
             continue
         if not args.json:
-            _print(results[-1])
+            print_result(results[-1])
     if args.json:
-        terminal.print_json([_as_json(result) for result in results])
+        terminal.print_json([as_json(result) for result in results])
     if args.dashboard:
         from tactophone.cli._support import recording_playback
 
@@ -143,37 +138,6 @@ def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
     return recordings, failed
 
 
-@dataclass(frozen=True, slots=True)
-class _Result:
-    path: Path
-    pipeline: Pipeline
-    profile: str
-    chosen_for_mono: bool
-    label: str
-    truth: tuple[Segment, ...]
-    summary: RunSummary
-    files: dict[str, Path]
-    floor: RecordingFloor | None
-    notes: list[str]
-    events: Counter[str] = field(default_factory=Counter)
-
-
-def _as_json(result: _Result) -> dict[str, Any]:
-    return {
-        "recording": str(result.path),
-        "model": result.pipeline.detector_name,
-        "profile": result.profile,
-        "label": result.label or None,
-        **asdict(result.summary),
-        "threshold_dbfs": result.pipeline.threshold_dbfs,
-        "noise_floor_dbfs": result.floor.floor_dbfs if result.floor and result.floor.known else None,
-        "notes": result.notes,
-        "events": dict(result.events),
-        "speed": result.summary.speed,
-        "files": {kind: str(path) for kind, path in result.files.items()},
-    }
-
-
 def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     """Name the results of each recording after it; a second ``a.wav`` from another folder becomes ``a-2``."""
     taken: set[str] = set()
@@ -187,7 +151,7 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     return stems
 
 
-def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
+def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
     source = FileSource(path)
     model = args.model or default_model(args.tip)
     card = read_model(model_path(model)).card
@@ -236,7 +200,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> _Result:
     mono = sound.channels == 1 and not args.model and args.tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
     notes = preparation.notes(source.channels) + _missing_treble(source, card)
-    return _Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, notes, counts)
+    return Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, notes, counts)
 
 
 def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
@@ -285,57 +249,3 @@ def _open_pipeline(
     )
     pipeline.threshold_dbfs = floor.threshold_dbfs if floor else args.threshold
     return pipeline
-
-
-def _print(result: _Result) -> None:
-    summary, show = result.summary, terminal.out().print
-    label = f"; labelled {result.label}" if result.label else ""
-    show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
-    show(f"  model      {escape(result.pipeline.detector_name)}{', for one channel' if result.chosen_for_mono else ''}")
-    if result.chosen_for_mono:
-        show("             (taken as the contact microphone; of a rod with its microphone on it, state --tip stylus)")
-    show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
-    show(f"  threshold  {_threshold(result)}", soft_wrap=True)
-    for note in result.notes:
-        show(f"  [yellow]note[/]       {note}", soft_wrap=True)
-    if result.events:
-        show("  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(result.events.items())))
-    if summary.faults:
-        show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
-    for kind, path in result.files.items():
-        show(f"  {kind:10} {escape(str(path))}", soft_wrap=True)
-    show(f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound")
-    if not summary.contact:
-        cause, command = _no_contact(result)
-        show("[bold red]NO CONTACT was found: nothing vibrates.[/]")
-        show(f"  cause      {cause}", soft_wrap=True)
-        show(f"  try        {escape(command)}", soft_wrap=True)
-
-
-def _threshold(result: _Result) -> str:
-    floor, threshold = result.floor, f"{result.pipeline.threshold_dbfs:.1f} dBFS"
-    if floor is None:
-        return f"{threshold}, as given"
-    if floor.known:
-        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS"
-    return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
-
-
-def _no_contact(result: _Result) -> tuple[str, str]:
-    """Return the likely cause of a recording without contact, and the next command."""
-    floor, loudest = result.floor, result.summary.loudest_dbfs
-    again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
-    if result.summary.faults:
-        return "the sound or the model's output is invalid", f"tactophone dataset check {result.path.parent}"
-    if loudest < SILENT_DBFS:
-        return "the recording is digital silence: no microphone was connected", "tactophone calibrate"
-    if floor is None:
-        return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"
-    if floor.known:
-        found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
-        return found, f"{again} {floor.floor_dbfs - 6:.0f}"
-    return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone calibrate"
-
-
-def _percent(share: float) -> str:
-    return "none" if math.isnan(share) else f"{100 * share:.0f} %"
