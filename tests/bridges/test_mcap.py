@@ -23,7 +23,7 @@ from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, Telemetry, memory, prediction_of
+from tactophone.telemetry import PREDICTION, State, Telemetry, memory, prediction_of
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
@@ -164,6 +164,17 @@ def test_events_and_state_can_be_read(tmp_path: Path, log: Path) -> None:
     assert {"tactophone", "numpy", "onnxruntime"} <= set(run["versions"])
 
 
+def test_a_threshold_that_follows_the_noise_floor_is_no_event_at_each_read(tmp_path: Path) -> None:
+    name = f"test-{tmp_path.name}"
+    with Telemetry(name) as telemetry, McapLog(name, tmp_path / "a.mcap") as log:
+        for threshold in (-40.4, -40.6, -40.2, -37.0):
+            telemetry.update(State(role="operator", threshold_dbfs=threshold, noise_floor_dbfs=threshold), now=0.0)
+            log.read()
+    texts = [json.loads(data)["message"] for data in messages(tmp_path / "a.mcap", "/tactophone/events")]
+    assert [text for text in texts if "threshold" in text] == ["threshold_dbfs: -40.4", "threshold_dbfs: -37.0"]
+    assert len(messages(tmp_path / "a.mcap", "/tactophone/state")) == 2
+
+
 def test_each_chunk_reaches_the_disk(tmp_path: Path, model: Path) -> None:
     name = f"test-{tmp_path.name}"
     with Telemetry(name), McapLog(name, tmp_path / "a.mcap") as log:
@@ -269,7 +280,7 @@ def test_columns_hold_predictions_rounded_with_check_values_of_their_exact_numbe
     for (prediction, command), logged in zip(rows, read_columns(write_columns(rows)), strict=True):
         assert logged.check == check_of(prediction, command)
         found = logged.prediction
-        assert found.probabilities == pytest.approx(prediction.probabilities, abs=1e-4)
+        assert found.probabilities == pytest.approx(prediction.probabilities, abs=1e-3)
         assert (found.touch, found.events) == (prediction.touch, prediction.events)
         assert found.level_dbfs == pytest.approx(prediction.level_dbfs, abs=0.051)
         for exact, rounded in ((prediction.start, found.start), (prediction.end, found.end)):

@@ -16,8 +16,8 @@ from typing import Any
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, TouchEvent
 
 DIGITS = {
-    "window_end": 9, "window": 9, "delay": 9, "none": 4, "smooth": 4, "rough": 4, "roughness": 4, "level_dbfs": 1,
-    "frequency": 1, "amplitude": 4,
+    "window_end": 9, "window": 9, "delay": 9, "none": 3, "smooth": 3, "rough": 3, "roughness": 3, "level_dbfs": 1,
+    "frequency": 1, "amplitude": 3,
 }  # fmt: skip
 """Digits after the point."""
 

@@ -5,14 +5,24 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from tactophone.bridges import schemas
 from tactophone.bridges.packet_coding import PacketWriter
 from tactophone.bridges.prediction_rows import entries_of, write_columns
 from tactophone.bridges.schemas import Topic, of_finger
 from tactophone.bridges.sound_messages import SoundMessages
-from tactophone.telemetry import Controls, EventBatch, Record, RunStart, State, Watcher, prediction_of, read_records
+from tactophone.telemetry import (
+    Controls,
+    EventBatch,
+    FingerState,
+    Record,
+    RunStart,
+    State,
+    Watcher,
+    prediction_of,
+    read_records,
+)
 from tactophone.types import HapticCommand, Prediction, Touch
 
 HEALTH_INTERVAL = 5.0
@@ -24,8 +34,13 @@ LONGEST_BATCH = 1.0
 SHOWN_INTERVALS = {Touch.NONE: 1.0, Touch.SMOOTH: 0.2, Touch.ROUGH: 0.2}
 """Seconds between two predictions to look at while the touch stays the same, where all of them are in columns."""
 
+SETTLED_DB = 1.0
+"""Less than this is no change of a threshold's."""
+
 _PACKET, _CONNECTED = 0, 2
 _INFO, _WARNING = 2, 3
+
+_AnyState = TypeVar("_AnyState", State, FingerState)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +107,7 @@ class RunReader:
         self._shown = [(Touch.NONE, -math.inf)] * len(self.names)
         self._partial: tuple[bytes, ...] = ()
         self._arrivals: list[tuple[EventBatch, list[bool]]] = []
-        self._previous = self._settled = State()
+        self._settled = State()
         self._health_at = 0.0
 
     def _session(self) -> Iterator[Message]:
@@ -179,25 +194,23 @@ class RunReader:
             yield Message(topic, self._lead + prediction.end, json.dumps(entries_of(prediction, command)).encode())
 
     def _state(self, now: float) -> Iterator[Message]:
-        # The noise floor moves all the time; it is part of the next state that changes otherwise.
-        state = self.watcher.state()
-        fingers = tuple(replace(finger, noise_floor_dbfs=0.0) for finger in state.fingers)
-        settled = replace(state, noise_floor_dbfs=0.0, fingers=fingers)
-        if settled == self._settled:
+        state, before = self.watcher.state(), self._settled
+        fingers = zip(state.fingers, before.fingers or state.fingers, strict=True)
+        settled = replace(_settle(state, before), fingers=tuple(_settle(*finger) for finger in fingers))
+        if settled == before:
             return
         self._settled = settled
         yield Message(schemas.STATE, now, json.dumps(_finite(asdict(state))).encode())
-        before = {fault.code: fault.text for fault in self._previous.faults}
         for finger, name in enumerate(self.names):
             of = f"{name}: " if name else ""
-            for text in _changes(self._previous.of_finger(finger), state.of_finger(finger)):
+            for text in _changes(before.of_finger(finger), settled.of_finger(finger)):
                 yield self._event(now, f"{of}{text}", _INFO)
-        if self._previous.link != state.link:
+        if before.link != state.link:
             yield self._event(now, f"link: {state.link}", _INFO)
+        known = {fault.code: fault.text for fault in before.faults}
         for fault in state.faults:
-            if before.get(fault.code) != fault.text:
+            if known.get(fault.code) != fault.text:
                 yield self._event(now, fault.text, _WARNING)
-        self._previous = state
 
     def _health(self, now: float) -> Iterator[Message]:
         if now - self._health_at < HEALTH_INTERVAL:
@@ -220,6 +233,12 @@ def _finite_value(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(each) if isinstance(each, dict) else each for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _settle(now: _AnyState, before: _AnyState) -> _AnyState:
+    """Leave out what moves all the time: the noise floor, and a threshold that follows it."""
+    near = abs(now.threshold_dbfs - before.threshold_dbfs) < SETTLED_DB
+    return replace(now, noise_floor_dbfs=0.0, threshold_dbfs=before.threshold_dbfs if near else now.threshold_dbfs)
 
 
 def _changes(before: State, after: State) -> Iterator[str]:
