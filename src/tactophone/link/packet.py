@@ -155,7 +155,8 @@ def parse_packet(datagram: bytes) -> Packet:
         # What our own senders make when nothing is lost: no extras in the header, one payload.
         payload = Payload(kind, timestamp, datagram[_HEADER.size :])
         return Packet(sequence, ssrc, payload, (), second > 0x7F)
-    body = datagram[_body_start(datagram, first) : _body_end(datagram, first)]
+    start, end = (_HEADER.size, None) if first == _PLAIN else (_body_start(datagram, first), _body_end(datagram, first))
+    body = datagram[start:end]
     *earlier, payload = _read_payloads(second & 0x7F, timestamp, body)
     return Packet(sequence, ssrc, payload, tuple(earlier), marker=bool(second >> 7))
 
@@ -263,11 +264,12 @@ def _read_redundancy_heads(body: bytes) -> tuple[list[tuple[PayloadType, int, in
 
 def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
     now = payload.timestamp
-    heads = b"".join(
-        _EARLIER.pack(1 << 31 | past.kind << 24 | (now - past.timestamp) % (1 << 32) << 10 | len(past.content))
-        for past in earlier
-    )
-    return heads + bytes([payload.kind]) + b"".join(past.content for past in earlier) + payload.content
+    heads, contents = b"", b""
+    for past in earlier:
+        behind = (now - past.timestamp) % (1 << 32)
+        heads += _EARLIER.pack(1 << 31 | past.kind << 24 | behind << 10 | len(past.content))
+        contents += past.content
+    return heads + bytes([payload.kind]) + contents + payload.content
 
 
 def _kind(number: int) -> PayloadType:

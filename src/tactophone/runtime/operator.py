@@ -323,12 +323,12 @@ class Operator:
                 steps = itertools.chain(steps, self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
             # moment at which its sound was decoded and free to be processed.
-            decoded = time.monotonic()
+            decoded, origin = time.monotonic(), self._session.origin
             for number, (event, step) in enumerate(steps, 1):
                 if step is None or not step.finger:
-                    self._mark_arrival(event, received=received, decoded=decoded)
+                    self._mark_arrival(event, origin, received=received, decoded=decoded)
                 if step is not None:
-                    self._submit(step)
+                    self._submit(step, origin)
                     finger = self._fingers[step.finger]
                     if finger.changed():
                         self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
@@ -344,25 +344,22 @@ class Operator:
                 checked_at = received
                 self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
 
-    def _mark_arrival(self, event: ReceiveEvent, *, received: float, decoded: float) -> None:
+    def _mark_arrival(self, event: ReceiveEvent, origin: int, *, received: float, decoded: float) -> None:
         if isinstance(event, DecodedAudio):
-            position, waited = self._position(event.block.end), event.waited
+            samples, waited = event.block.end, event.waited
         elif isinstance(event, PredictionReceived):
-            position, waited = self._position(round(event.prediction.end * LIVE_SAMPLE_RATE)), 0.0
+            samples, waited = round(event.prediction.end * LIVE_SAMPLE_RATE), 0.0
         else:
             return
+        position = _timestamp(origin, samples)
         mark = self._deferred.mark
         mark(_RECEIVED, position, now=received - waited)
         mark(_RELEASED, position, now=received)
         mark(_DECODED, position, now=decoded)
 
-    def _position(self, samples: int) -> int:
-        """Convert samples since the stream began to the timestamp on the wire."""
-        return (self._session.origin + samples) % (1 << 32)
-
-    def _submit(self, step: PipelineStep) -> None:
+    def _submit(self, step: PipelineStep, origin: int) -> None:
         """Pass a step's newest command to the renderer of its finger."""
-        bounded, end = self._fingers[step.finger].submit(step), self._position(step.block.end)
+        bounded, end = self._fingers[step.finger].submit(step), _timestamp(origin, step.block.end)
         if bounded.commands:
             self._submitted = end
         now = time.monotonic()
@@ -409,6 +406,11 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
         )
     if operator.failure is not None:
         raise operator.failure
+
+
+def _timestamp(origin: int, samples: int) -> int:
+    """Return the timestamp on the wire of samples since the stream began, where ``origin`` is that of its beginning."""
+    return (origin + samples) % (1 << 32)
 
 
 def _muted_because(settings: Settings, info: ProcessInfo) -> str:

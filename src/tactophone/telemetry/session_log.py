@@ -153,6 +153,9 @@ def _framed(kind: int, body: bytes) -> bytes:
 
 
 def _parts(arrival: EventBatch) -> Iterator[EventBatch]:
+    if len(arrival.events) <= 1:
+        yield arrival
+        return
     part: list[bytes] = []
     size = 0
     for event in arrival.events:
@@ -167,7 +170,7 @@ def _parts(arrival: EventBatch) -> Iterator[EventBatch]:
 def _write_arrival(arrival: EventBatch) -> bytes:
     # The flag `more` is the highest bit of the count: a record holds far fewer than 2**15 events.
     head = _ARRIVAL.pack(arrival.time, arrival.polled, len(arrival.events) | arrival.more << 15)
-    return head + b"".join(_SIZE.pack(len(event)) + event for event in arrival.events)
+    return head + b"".join([_SIZE.pack(len(event)) + event for event in arrival.events])
 
 
 def _read_arrival(body: bytes) -> EventBatch:
