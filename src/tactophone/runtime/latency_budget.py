@@ -39,7 +39,7 @@ class LocalPeer:
 
     def refresh(self) -> None:
         """Find the run, or its successor if it has ended."""
-        if self._name and (self.watcher is None or not self.watcher.snapshot().alive):
+        if self._name and (self.watcher is None or not self.watcher.alive):
             with contextlib.suppress(TactophoneError):
                 self.watcher = Watcher(self._name)
 

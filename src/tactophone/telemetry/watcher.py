@@ -109,7 +109,6 @@ class Watcher:
         steps, step_end = self._ring("step", since.step_end if since else 0, finger)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
         vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
-        age = time.monotonic() - float(self._memory["beat"])
         return Snapshot(
             state=self._state(),
             counters=dict(zip(COUNTERS, self._memory["counters"].tolist(), strict=True)),
@@ -120,14 +119,24 @@ class Watcher:
             step_end=step_end,
             sound_end=sound_end,
             vibration_end=vibration_end,
-            age=age,
-            alive=age < STALE_AFTER and self._memory.writer_alive,
+            age=self._age,
+            alive=self.alive,
         )
 
     @property
     def pid(self) -> int:
         """Pid of the writing process."""
         return int(self._memory["pid"])
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process exists and has shown a sign of life lately."""
+        return self._age < STALE_AFTER and self._memory.writer_alive
+
+    @property
+    def _age(self) -> float:
+        """Seconds since the last sign of life."""
+        return time.monotonic() - float(self._memory["beat"])
 
     @property
     def writer_alive(self) -> bool:

@@ -62,7 +62,8 @@ class Telemetry:
         self._gauges = _view(self._memory["gauges"])
         nothing: tuple[tuple[float, ...], float, float, int] = (math.nan,) * 3, math.nan, -math.inf, 0
         self._newest, self._commands = [nothing] * fingers, [(0.0, 0.0)] * fingers
-        self._seen = np.zeros(self._memory["requests"].shape, np.uint64)
+        self._request_counts = self._memory["requests"]["count"]
+        self._seen = self._request_counts.tobytes()
         self.state = State()
 
     def __enter__(self) -> Self:
@@ -173,9 +174,12 @@ class Telemetry:
             Where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what lies
             in memory that was overwritten.
         """
+        before, self._seen = self._seen, self._request_counts.tobytes()
+        if before == self._seen:
+            return []
         slots = self._memory["requests"]
-        new = np.argwhere(slots["count"] != self._seen)
-        self._seen[:] = slots["count"]
+        counts = [np.frombuffer(each, np.uint64).reshape(slots.shape) for each in (before, self._seen)]
+        new = np.argwhere(counts[0] != counts[1])
         found = [
             request
             for action, place in new.tolist()
