@@ -1,4 +1,4 @@
-# `make demo` runs the main job; `make check` is for every edit (90 s); `make test` is all that CI checks (6 minutes).
+# `make demo` runs the main job; `make check` is for every edit; `make test` is all that CI checks.
 VENV   ?= .venv
 PYTHON ?= python3
 BIN     = $(VENV)/bin
@@ -15,7 +15,10 @@ demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints w
 
 check: lint types words fast  ## lint, types, retired words and the fast tests
 
-test: lint types imports words unit package realtime  ## everything that CI checks
+# What needs one processor runs two at once; the tests share both.
+test: $(READY)  ## everything that CI checks
+	$(MAKE) --jobs 2 --output-sync=target package types lint imports words
+	$(MAKE) unit realtime
 
 $(READY): pyproject.toml constraints.txt scripts/system-packages
 	scripts/system-packages
@@ -49,14 +52,13 @@ unit: $(READY)
 package: $(READY)
 	$(PYTEST) -m package tests
 
-# Real servers and processes, one after another, as they would disturb each other's timing; but pages, whose browsers
-# mostly wait, two at once. A shared machine may stall in the middle of a test, so each may be repeated; the summary names
-# those that were.
+# Real servers and processes, two at once, as they mostly wait; those that measure the time of sound one after another. A
+# shared machine may stall in the middle of a test, so each may be repeated; the summary names those that were.
 RERUNS = --reruns 2 --reruns-delay 1 -rR
-PAGES  = tests/dashboard tests/game
+TIMED  = tests/runtime tests/capture tests/measurement tests/cli/test_latency.py tests/cli/test_demo.py
 realtime: $(READY)
-	$(PYTEST) -n 2 --dist loadfile -m realtime $(RERUNS) $(PAGES)
-	$(BIN)/python -m pytest -m realtime $(RERUNS) $(PAGES:%=--ignore=%) tests
+	$(PYTEST) -n 2 --dist loadfile -m realtime $(RERUNS) $(TIMED:%=--ignore=%) tests
+	$(BIN)/python -m pytest -m realtime $(RERUNS) $(TIMED)
 
 # Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
 # same examples of the property tests in every run.
