@@ -68,6 +68,7 @@ def test_the_sound_of_a_log_is_processed_and_imported(
     assert main(["feel", str(log), "--out", str(tmp_path)]) == 0
     assert (tmp_path / "run.haptic.wav").is_file()
     assert main(["dataset", "import", str(log), str(tmp_path / "set"), "--surface", "slate", "--label", "rough"]) == 0
+    assert "1 recording in " in capsys.readouterr().out
     assert "run.flac,slate,rough,contact" in (tmp_path / "set" / "metadata.csv").read_text()
     assert main(["dataset", "import", str(log), str(tmp_path / "other"), "--label", "soft"]) == 1
 

@@ -187,7 +187,7 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
             for sound in write_sound(log, Path(folder))
         ]  # fmt: skip
         converted = convert(Dataset(log.stem, Path(folder), tuple(takes)), args.out)
-    print(f"{len(converted.recordings)} recordings in {args.out}")
+    _print_count(len(converted.recordings), args.out)
     return 0
 
 
@@ -226,7 +226,7 @@ def _import_published(args: argparse.Namespace) -> int:
         )
     for problem in problems:
         terminal.log().print(f"left out: {problem}", soft_wrap=True)
-    print(f"{len(made.recordings)} recordings in {args.out}")
+    _print_count(len(made.recordings), args.out)
     if not any(recording.label is not None for recording in made.recordings):
         terminal.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")
     return 0
@@ -253,3 +253,7 @@ def _surfaces(dataset: Dataset) -> list[dict[str, Any]]:
         }
         for surface in dataset.surfaces
     ]
+
+
+def _print_count(recordings: int, folder: Path) -> None:
+    print(f"{recordings} recording{'s' * (recordings != 1)} in {folder}")

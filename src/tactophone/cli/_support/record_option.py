@@ -35,13 +35,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--osc", metavar="HOST:PORT", help="send predictions and vibration as OSC messages")
     add(
         "--osc-listen", type=int, default=0, metavar="PORT",
-        help="obey /tactophone/stop at this UDP port of this machine, 1 to 65535 (default: none)",
+        help="obey /tactophone/stop at this UDP port of this machine, 1 to 65535; 0: none",
     )  # fmt: skip
     add("--osc-avatar", action="store_true", help="send VRChat's avatar parameters too")
     add("--finger", metavar="NAME", help="finger in the names of OSC and ROS, where there is no hand (default: index)")
     add(
         "--ros-over", choices=("dds", "zenoh"), default="dds",
-        help="how ROS 2 is reached; zenoh is that of rmw_zenoh_cpp (default: dds)",
+        help="how ROS 2 is reached; zenoh is that of rmw_zenoh_cpp",
     )  # fmt: skip
     add("--ros", action="store_true", help="publish to ROS 2, in the domain of ROS_DOMAIN_ID (default: 0)")
     add(
