@@ -22,6 +22,8 @@ PCM = {96: 1, 97: 2, **{101 + fingers: 2 * fingers for fingers in range(2, MOST_
 OPUS = {98: 1, 99: 2, **{110 + fingers: 2 * fingers for fingers in range(2, MOST_FINGERS + 1)}}
 """Channels of each payload type (docs/reference/wire-format.md); a hand has contact and air of each finger in turn."""
 
+_FINGERS = {kind: max(1, channels // 2) for kind, channels in (PCM | OPUS).items()}
+
 _CODE, _CELT = 3, 16  # bits with the number of frames; the first configuration of CELT (RFC 6716 section 3.1)
 
 
@@ -57,7 +59,7 @@ def read_layout(packet: bytes) -> PacketLayout | None:
         if position >= len(packet):
             return None
         kind, position = packet[position], position + 1
-    return PacketLayout(kind, timestamp, position, tuple(repeated)) if kind in (PCM | OPUS) else None
+    return PacketLayout(kind, timestamp, position, tuple(repeated)) if kind in _FINGERS else None
 
 
 def split_payload(kind: int, payload: bytes) -> list[bytes] | None:
@@ -95,7 +97,7 @@ def join_payload(kind: int, parts: Sequence[bytes]) -> bytes:
 
 def fingers_of(kind: int) -> int:
     """Return how many fingers a payload type is for."""
-    return max(1, (PCM | OPUS)[kind] // 2)
+    return _FINGERS[kind]
 
 
 def join_opus(head: int, frames: list[bytes]) -> bytes:
