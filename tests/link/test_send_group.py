@@ -226,3 +226,37 @@ def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None
     assert [(type(event), getattr(event, "peer", "")) for event in changes] == [
         (Connected, "operator 0"), (Disconnected, ""), (Connected, "operator 1"),
     ]  # fmt: skip
+
+
+def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refused_in_one_line() -> None:
+    robot, operator = Identity.create("robot"), Identity.create("trainer")
+    trusted, addresses = Peers({operator.fingerprint: "trainer"}), [("192.0.2.1", 6000), ("198.51.100.1", 6000)]
+    group = SendGroup([Session(robot, trusted, call=address) for address in addresses], OPUS)
+    answerer = Session(operator, Peers({robot.fingerprint: "robot"}))
+    connected = []
+
+    def run(begin: float, end: float, *, unreachable: tuple[int, ...] = ()) -> None:
+        for step in range(round(begin * 50), round(end * 50)):
+            now = step / 50
+            for number, member in enumerate(group.members):
+                group.poll(number, now)
+                sent = [] if number in unreachable else [datagram for datagram, _ in member.outgoing()]
+                for datagram in sent:
+                    connected.extend(answerer.receive(datagram, source=("192.0.2.2", number), now=now))
+            answerer.poll(now)
+            for datagram, (_, number) in answerer.outgoing():
+                if number not in unreachable:
+                    group.receive(number, [(datagram, addresses[number])], now=now)
+
+    run(0.0, 4.5)
+    assert group.peers == ["trainer"]
+    (left_out,) = [member for member in group.members if member.peer is None]
+    assert left_out.session.failure == (
+        "it is 'trainer', connected already under another address: name each operator once"
+    )
+    assert sum(isinstance(event, Connected) for event in connected) == 1
+    # Once the address in use fails, the other one takes over.
+    in_use = next(number for number, member in enumerate(group.members) if member.peer)
+    run(4.5, 20.0, unreachable=(in_use,))
+    assert group.members[1 - in_use].peer == "trainer"
+    assert group.members[in_use].peer is None

@@ -8,7 +8,7 @@ import codecs
 import hashlib
 import hmac
 import secrets
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -63,9 +63,19 @@ class Agreement:
 
 
 class Handshakes:
-    """Starts handshakes for one identity and its trusted peers."""
+    """Starts handshakes for one identity and its trusted peers.
+
+    Attributes
+    ----------
+    is_taken
+        Whether a trusted peer, by its fingerprint, is refused because another session has it already.
+    accepted, taken
+        Fingerprint of the peer whose certificate was accepted since the last call, and name of one refused as taken.
+    """
 
     def __init__(self, identity: Identity, peers: Peers) -> None:
+        self.is_taken: Callable[[str], bool] = lambda _: False
+        self.accepted = self.taken = ""
         self._peers = peers
         self._cookie_key = secrets.token_bytes(32)
         self._context = self._make_context(identity)
@@ -74,6 +84,7 @@ class Handshakes:
 
     def call(self, *, now: float, continues: bytes = b"") -> "Handshake":
         """Begin a handshake as the caller, or one that renews the keys of the session with this `continuation`."""
+        self.accepted = ""
         connection = self._connection()
         connection.set_tlsext_host_name(b".".join((self._label, continues or b"new", b"tactophone")))
         connection.set_connect_state()
@@ -125,7 +136,15 @@ class Handshakes:
 
     def _is_trusted(self, _: SSL.Connection, certificate: crypto.X509, error: int, depth: int, ok: int) -> bool:
         """Accept the pinned certificate itself, whatever its issuer; certificates above it do not count."""
-        return depth == 0 and self._peers.name_of(_fingerprint(certificate)) is not None
+        fingerprint = _fingerprint(certificate)
+        name = self._peers.name_of(fingerprint) if depth == 0 else None
+        if name is None:
+            return False
+        if self.is_taken(fingerprint):
+            self.taken = name
+            return False
+        self.accepted = fingerprint
+        return True
 
     def _cookie(self, connection: SSL.Connection) -> bytes:
         return hmac.digest(self._cookie_key, repr(connection.get_app_data()).encode(), hashlib.sha256)

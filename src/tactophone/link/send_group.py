@@ -64,6 +64,7 @@ class SendGroup:
         self._begun: dict[int, Connected] = {}
         for number, member in enumerate(self.members):
             member.tap = partial(self._log, number)
+            member.session.leave_to_others(partial(self._is_taken, number))
 
     @property
     def codec(self) -> Codec:
@@ -150,6 +151,11 @@ class SendGroup:
             if requested != used:
                 self._encoder.recode(self.codec.for_bandwidth(requested))
         return events
+
+    def _is_taken(self, operator: int, fingerprint: str) -> bool:
+        """Whether another member has the operator of this certificate: it was given under two addresses."""
+        others = (member for number, member in enumerate(self.members) if number != operator)
+        return any(member.session.claims(fingerprint) for member in others)
 
     def _log(self, operator: int, event: Event) -> None:
         """Pass on one connected operator's events, and when it leaves those of the next, as a connection of its own."""

@@ -16,6 +16,7 @@ of a datagram gives its protocol (RFC 7983).
 
 import logging
 from collections import Counter
+from collections.abc import Callable
 
 from tactophone.errors import PacketError
 from tactophone.link.admission import Admission
@@ -37,7 +38,7 @@ BUSY = "it is connected to another robot, and takes one at a time"
 """The reason that a second trusted caller gets."""
 
 BUSY_PAUSE = 3.0
-"""Seconds before a caller that was sent away calls again."""
+"""Seconds before a caller that was sent away, or that has refused a peer as taken, calls again."""
 
 
 class Session:
@@ -91,6 +92,16 @@ class Session:
         """Name of the connected peer, or ``None``."""
         current = self._keys.current
         return current.agreement.peer if current else None
+
+    def leave_to_others(self, is_taken: Callable[[str], bool]) -> None:
+        """Refuse the peers, by fingerprint, that other sessions of this end `claims`."""
+        self._handshakes.is_taken = is_taken
+
+    def claims(self, fingerprint: str) -> bool:
+        """Whether this session is connected to a peer, or will be at the end of its handshake."""
+        if self._current and self._current.agreement.fingerprint == fingerprint:
+            return True
+        return bool(self._pending) and self._handshakes.accepted == fingerprint
 
     @property
     def _current(self) -> Connection | None:
@@ -246,6 +257,9 @@ class Session:
         self._collect(handshake, key[0])
         if handshake.refused:
             self.failure = self._refusal()
+        if handshake.failure and (name := self._handshakes.taken):
+            self._handshakes.taken, self._call_after = "", now + BUSY_PAUSE
+            handshake.failure = f"it is {name!r}, connected already under another address: name each operator once"
         if handshake.failure:
             self._drop(key, handshake.failure)
         if handshake.agreement is None:
