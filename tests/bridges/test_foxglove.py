@@ -72,7 +72,7 @@ def test_a_client_of_either_protocol_sees_predictions_and_state(
     assert info["op"] == "serverInfo"
     assert info["capabilities"] == []
     by_topic = {channel["topic"]: channel for channel in advertised["channels"]}
-    assert set(by_topic) == {topic.name for topic in TOPICS} - {"/tactophone/packets"}
+    assert set(by_topic) == {topic.name for topic in TOPICS} - {"/tactophone/packets", "/tactophone/predictions"}
     sound = by_topic["/tactophone/sound/contact"]
     assert (sound["schemaName"], sound["encoding"]) == ("foxglove.CompressedAudio", "protobuf")
     assert b"CompressedAudio" in base64.b64decode(sound["schema"])

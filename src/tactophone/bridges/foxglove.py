@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.bridges.run_reader import Message, RunReader
-from tactophone.bridges.schemas import PACKETS, Topic, topics_of
+from tactophone.bridges.schemas import PACKETS, PREDICTIONS, Topic, topics_of
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ VIEWERS = 8
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """A layout to import in Foxglove or Lichtblick."""
 
+_ONLY_KEPT = {PACKETS.kind, PREDICTIONS.kind}
 _FRAME = struct.Struct("<BIQ")  # message data, subscription, time in ns
 _MESSAGE_DATA = 1
 
@@ -70,7 +71,7 @@ class FoxgloveBridge:
     def __init__(self, name: str, address: str = ADDRESS, *, token: str = "") -> None:
         self.name, self.token = name, token
         self._reader = RunReader(name)
-        shown = [topic for topic in topics_of(self._reader.names) if topic is not PACKETS]
+        shown = [topic for topic in topics_of(self._reader.names) if topic.kind not in _ONLY_KEPT]
         self._shown = {topic.name: number for number, topic in enumerate(shown, 1)}
         self._advertised = json.dumps(
             {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
