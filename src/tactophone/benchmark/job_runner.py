@@ -5,9 +5,8 @@ cached by content. A worker that dies loses the fold it was at: that fold runs a
 """
 
 import importlib.util
-import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -16,6 +15,7 @@ from tactophone.benchmark.crossvalidation import Cache, Method, fold_key, predic
 from tactophone.dataset import Fold
 from tactophone.errors import ConfigError
 from tactophone.evaluation import TakePredictions
+from tactophone.worker_processes import open_pool
 
 Place = Literal["here", "processes", "ray"]
 
@@ -96,10 +96,7 @@ def _processes(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[Ta
 
 
 def _pool(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePredictions]]]:
-    # Spawned, not forked: torch and BLAS do not survive a fork once their threads run.
-    with ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_use_single_thread
-    ) as pool:
+    with open_pool(workers, prepare=_use_single_thread) as pool:
         futures = {pool.submit(_run, job): job for job in jobs}
         try:
             for future in as_completed(futures):

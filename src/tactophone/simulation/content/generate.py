@@ -2,9 +2,8 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
 
@@ -29,6 +28,7 @@ from tactophone.simulation.physics.session_variation import COMPETITION, Session
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
 from tactophone.simulation.physics.tip import tip_named
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.worker_processes import open_pool
 
 VERSION = "2"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
@@ -133,7 +133,7 @@ def render_dataset(folder: Path, jobs: Sequence[RenderJob], *, processes: int = 
         return
     # The first job compiles the kernels; started at once, every process would compile them again.
     yield _write(folder, missing.pop(0))
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with open_pool(processes) as pool:
         try:
             for future in as_completed([pool.submit(_write, folder, job) for job in missing]):
                 yield future.result()
