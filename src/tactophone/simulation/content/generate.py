@@ -30,7 +30,7 @@ from tactophone.simulation.physics.tip import tip_named
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
 from tactophone.worker_processes import open_pool
 
-VERSION = "2"
+VERSION = "3"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""
 
 DURATION = 30.0

@@ -50,7 +50,7 @@ class Tip:
     electronics
         Microphones and the noise around them.
     air_gain_db
-        Bounds of extra gain of the air microphone: that of a stylus is unknown.
+        Bounds of extra gain of the air microphone: that of a stylus is unknown, but set so that strokes hardly clip.
     """
 
     name: str
@@ -125,7 +125,7 @@ TIPS = MappingProxyType(
                 air_distance=(0.03, 0.15),
                 shaken=(3e-4, 6e-3),
                 electronics=_ROD_ELECTRONICS,
-                air_gain_db=(0.0, 20.0),
+                air_gain_db=(-10.0, 10.0),
             ),
             Tip(
                 "stylus",
@@ -142,7 +142,7 @@ TIPS = MappingProxyType(
                 air_distance=(0.03, 0.15),
                 shaken=(3e-4, 6e-3),
                 electronics=_ROD_ELECTRONICS,
-                air_gain_db=(0.0, 20.0),
+                air_gain_db=(-10.0, 10.0),
             ),
         )
     }
