@@ -6,6 +6,7 @@ flexible filament. The bracket is printed in rigid filament: a ring around the p
 microphone, which overlap, as slicers join them. Nobody has built either yet.
 """
 
+import argparse
 import sys
 from dataclasses import dataclass
 from itertools import pairwise
@@ -170,8 +171,13 @@ def write_stl(path: Path, faces: NDArray[np.float64]) -> None:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="make the fingertip's pad and the microphone's bracket as STL files")
+    parser.add_argument(
+        "folder", nargs="?", type=Path, default=Path(__file__).parent, help="created if it does not exist"
+    )
+    folder = parser.parse_args().folder
+    folder.mkdir(parents=True, exist_ok=True)
     tip, bracket = Fingertip(), Bracket()
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent
     surface = triangles(tip)
     write_stl(folder / PAD, surface)
     write_stl(folder / BRACKET, np.concatenate(bracket.shells()))

@@ -1,5 +1,6 @@
 """Draws docs/images/wiring.svg: which part is connected to which. ``python hardware/wiring.py [OUT.svg]``."""
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -68,6 +69,9 @@ def _wire(begin: tuple[int, int], end: tuple[int, int], words: str) -> list[str]
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent.parent / "docs" / "images" / "wiring.svg"
+    parser = argparse.ArgumentParser(description="draw which part is connected to which, as SVG")
+    default = Path(__file__).parent.parent / "docs" / "images" / "wiring.svg"
+    parser.add_argument("target", nargs="?", type=Path, default=default, metavar="OUT.svg")
+    target = parser.parse_args().target
     target.write_text(draw(), encoding="utf-8")
     sys.stdout.write(f"{target}\n")

@@ -3,7 +3,10 @@ from pathlib import Path
 
 import pytest
 
+from tactophone.benchmark import TableRow
+from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS
 from tactophone.cli import main
+from tactophone.cli._support.paper_tables import print_rows
 from tactophone.dataset import write_metadata
 from tests.surfaces import surfaces
 
@@ -44,6 +47,19 @@ def test_impossible_options_end_in_one_line(data: str, capsys: pytest.CaptureFix
     assert "no method guesswork" in errors
     assert "1 or more" in errors
     assert "--authors-layout" in errors
+
+
+def test_the_papers_tables_show_whole_figures_in_80_characters(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    rows = [
+        TableRow("paper/fine-tuned (knows a rough stone's kin)", dict.fromkeys((*TWO_COLUMNS, IN_CONTACT), "0.123"))
+    ]
+    print_rows("Table II", rows, as_json=False)
+    shown = capsys.readouterr().out
+    assert shown.count("0.123") == len(rows[0].values)
+    assert max(map(len, shown.splitlines())) <= 80
 
 
 def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

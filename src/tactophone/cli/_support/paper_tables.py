@@ -25,7 +25,7 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "
             for chosen, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
                 if chosen:
                     heading = f"{title}, {dataset.name} ({origin_of(dataset)}), {gate}"
-                    _print_rows(heading, make(gated), as_json=args.json)
+                    print_rows(heading, make(gated), as_json=args.json)
     if args.table3:
         _print_task(args)
     return 0
@@ -39,14 +39,16 @@ def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[st
         return predict_held_out(dataset, names, cache, report=lambda name: bar.update(task, note=name))
 
 
-def _print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
+def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
+    """Print one of Tables I and II."""
     if as_json:
         terminal.print_json({"title": title, "lines": [row.as_json() for row in rows]})
         return
     table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("", no_wrap=True)
+    table.add_column("")
     for name in rows[0].values:
-        table.add_column(name.replace("_", " "), justify="right")
+        # In 80 characters the names wrap, the figures do not.
+        table.add_column(name.replace("_", " "), justify="right", min_width=len("smooth"))
     for row in rows:
         table.add_row(row.name, *row.values.values())
     terminal.out().print(table)
