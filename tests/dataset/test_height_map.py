@@ -62,6 +62,9 @@ def test_short_and_coarse_measurements_are_doubted() -> None:
     assert any("finer ones were not seen" in note for note in fine.notes)
     eight_bits = measure_heights(np.round(ridges(1e-6) / 5e-6) * 5e-6 + np.eye(SIZE) * 5e-6, step=STEP, cutoff=0.8e-3)
     assert any("steps of 5 um" in note for note in eight_bits.notes)
+    in_um = measure_heights(1e6 * ridges(20e-6), step=STEP, cutoff=0.8e-3)
+    assert any("--unit" in note for note in in_um.notes)
+    assert not any("--unit" in note for note in coarse.notes)
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,10 @@ class ArealRoughness:
     sz: float
 
 
+STEEPEST = 10.0
+"""Slope, rms: 84 degrees. Steeper ones come from heights in another unit than stated."""
+
+
 @dataclass(frozen=True, slots=True)
 class HeightReport:
     """What was measured, with what, and what to beware of; lengths in m.
@@ -249,6 +253,8 @@ def _mean(values: list[float]) -> float:
 
 def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float) -> list[str]:
     doubts = []
+    if profile.rdq > STEEPEST:
+        doubts.append(f"slopes of {profile.rdq:.3g} on average are no surface's: state the heights' unit with --unit")
     if resolution and profile.ra < resolution:
         doubts.append(
             f"Ra {1e6 * profile.ra:.3g} um is below the sensor's resolution of {1e6 * resolution:g} um: it may be noise"
