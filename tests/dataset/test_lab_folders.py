@@ -106,6 +106,12 @@ def test_a_lone_microphone_keeps_its_name_and_a_file_without_label_is_named(tmp_
     assert [problem.path.name for problem in dataset.problems] == ["odd.wav"]
 
 
+def test_a_number_after_the_label_in_a_name_is_no_part_of_it(tmp_path: Path) -> None:
+    write_sound(tmp_path / "rough1.wav")
+    write_sound(tmp_path / "smooth02_slate.wav")
+    assert [take.label for take in find_importable(tmp_path).dataset.recordings] == [Touch.ROUGH, Touch.SMOOTH]
+
+
 def test_nothing_with_a_label_says_what_to_do(tmp_path: Path) -> None:
     write_sound(tmp_path / "odd.wav")
     with pytest.raises(DatasetError, match="rough/, smooth/"):

@@ -128,7 +128,7 @@ def _parse(path: Path) -> _Name:
         stem, microphone = match["rest"], MICROPHONES[match["word"].lower()]
     surface, take = surface_and_take(stem)
     if not label:
-        label = next((word for word in re.split(r"[ _.-]", stem.lower()) if word in ("rough", "smooth")), "")
+        label = next((word for word in re.split(r"[ _.\d-]", stem.lower()) if word in ("rough", "smooth")), "")
     key = Path(*filter(None, (side, label)), *others, stem)
     if others:
         return _Name(key, label, microphone, side, "/".join(others), stem, False)
