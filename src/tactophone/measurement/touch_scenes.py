@@ -15,7 +15,7 @@ from tactophone.simulation import SessionVariation, SimulatedFinger, find, singl
 from tactophone.simulation.content.movement import Script
 from tactophone.simulation.physics.session_variation import COMPETITION
 from tactophone.simulation.physics.source import Truth
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, TouchEvent
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, TouchEvent
 
 KNOCK_TO_CONTACT_DB = -20.0
 """What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
@@ -43,7 +43,14 @@ class TouchScene:
 
 
 def touch_scene(
-    name: str, *, seed: int, duration: float = 12.0, taps: bool = True, knocks: bool = True, motors: bool = False
+    name: str,
+    *,
+    seed: int,
+    duration: float = 12.0,
+    taps: bool = True,
+    knocks: bool = True,
+    motors: bool = False,
+    tip: str = DEFAULT_TIP,
 ) -> TouchScene:
     """Render a scene on an object of the catalogue.
 
@@ -59,6 +66,8 @@ def touch_scene(
         Whether there are any; without taps the finger only slides.
     motors
         Whether it takes place in the competition's noise: a hall full of people, and running motors.
+    tip
+        What touches, one of `tactophone.types.TIP_NAMES`.
     """
     rng = np.random.default_rng([0x7A9, seed])
     scene = single(find(name))
@@ -80,7 +89,7 @@ def touch_scene(
                 if rests:
                     script.stroke(script.x, 0.5, force)
     script.hover(0.4)
-    session = SessionVariation.draw(seed, COMPETITION if motors else None)
+    session = SessionVariation.draw(seed, COMPETITION if motors else None, tip=tip)
     finger = SimulatedFinger(scene, script.moves, session=session, seed=seed)
     sound = finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples.copy()
     events, gaps = _events(finger.truth)
