@@ -282,7 +282,7 @@ def test_columns_hold_predictions_rounded_with_check_values_of_their_exact_numbe
         found = logged.prediction
         assert found.probabilities == pytest.approx(prediction.probabilities, abs=1e-3)
         assert (found.touch, found.events) == (prediction.touch, prediction.events)
-        assert found.level_dbfs == pytest.approx(prediction.level_dbfs, abs=0.051)
+        assert found.level_dbfs == pytest.approx(prediction.level_dbfs, abs=0.51)
         for exact, rounded in ((prediction.start, found.start), (prediction.end, found.end)):
             assert rounded == pytest.approx(exact, abs=1e-8)
         for exact, rounded in zip(astuple(command), astuple(logged.command), strict=True):

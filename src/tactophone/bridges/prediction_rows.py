@@ -47,7 +47,7 @@ def check_of(prediction: Prediction, command: HapticCommand) -> str:
         prediction.start, prediction.end, command.time, command.amplitude, command.frequency,
     )  # fmt: skip
     # Adding 0 makes -0 to 0; NaN has many forms, of which one is taken.
-    exact = struct.pack("<11d", *(math.nan if math.isnan(number) else number + 0.0 for number in numbers))
+    exact = struct.pack("<11d", *[math.nan if math.isnan(number) else number + 0.0 for number in numbers])
     return hashlib.blake2b(exact, digest_size=_CHECK_DIGITS // 2).hexdigest()
 
 
@@ -76,6 +76,8 @@ def write_columns(rows: Sequence[tuple[Prediction, HapticCommand]]) -> bytes:
     """
     entries = [entries_of(*row) for row in rows]
     columns: dict[str, Any] = {name: [entry[name] for entry in entries] for name in (*DIGITS, "touch")}
+    # The level varies most, so its digits would cost most.
+    columns["level_dbfs"] = [None if level is None else round(level) for level in columns["level_dbfs"]]
     columns["window_end"] = [round(end - before, 9) for before, end in pairwise([0.0, *columns["window_end"]])]
     columns = {name: column[:1] if column.count(column[0]) == len(rows) else column for name, column in columns.items()}
     columns["check"] = "".join(check_of(*row) for row in rows)
