@@ -16,7 +16,7 @@ from tactophone.benchmark import (
     write_report,
 )
 from tactophone.benchmark.costs import cost_of_model
-from tactophone.benchmark.entries import NO_AIR, entries_for, entry_names
+from tactophone.benchmark.entries import FAST_STEPS, NO_AIR, entries_for, entry_names
 from tactophone.benchmark.html_report import COLUMNS, row_of
 from tactophone.benchmark.plan import folds_with_edges
 from tactophone.benchmark.result import MethodResult
@@ -107,6 +107,14 @@ def test_entries(dataset: Dataset) -> None:
     assert set(names) == set(entry_names(2))
     with pytest.raises(ConfigError, match="no method guesswork"):
         entries_for(dataset, ["guesswork"])
+
+
+def test_a_fast_benchmark_trains_the_network_for_fewer_steps_and_with_one_seed(dataset: Dataset) -> None:
+    full, fast = (plan_for(dataset, ["paper/general", "texture"], ["3-fold"], fast=fast) for fast in (False, True))
+    assert (len(full.seeds), len(fast.seeds)) == (2, 0)
+    networks = [plan.entries[0].method.identity for plan in (full, fast)]
+    assert networks[0] == networks[1].replace(f"least_steps={FAST_STEPS}", "least_steps=600") != networks[1]
+    assert full.entries[1] == fast.entries[1]
 
 
 def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) -> None:

@@ -22,6 +22,9 @@ NO_AIR = "texture/no-air"
 NETWORK_CHANGES = {"hop": 21, "batch_size": 500, "least_steps": 600}
 """Of the training of the paper's network, as in docs/research/scores.md: its score is flat in the number of steps."""
 
+FAST_STEPS = 200
+"""Least steps of the network in a fast benchmark, of which its nine folds would otherwise take most of the time."""
+
 REFERENCE_SEEDS = (0, 1, 2)
 """Of the reference: one seed of a network says little about the next."""
 
@@ -63,8 +66,10 @@ def entry_names(channels: int) -> tuple[str, ...]:
     return (*networks, *baselines, *RENDERERS, *((NO_AIR, "texture") if channels == 2 else ("texture",)))
 
 
-def entries_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[BenchmarkEntry, ...]:
+def entries_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False) -> tuple[BenchmarkEntry, ...]:
     """Make the entries for a data set, all by default, and the control where its sound has a band over 8 kHz.
+
+    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`.
 
     Raises
     ------
@@ -81,7 +86,7 @@ def entries_for(dataset: Dataset, names: Sequence[str] = ()) -> tuple[BenchmarkE
     sample_rate = soundfile.info(dataset.recordings[0].path).samplerate
     control = BenchmarkEntry(RegressionMethod(HIGH_BAND_CONTROL), control=True)
     has_high_band = sample_rate >= 2 * HIGH_BAND_EDGES[-1]
-    return (*(_entry(name, dataset, channels) for name in chosen), *((control,) if has_high_band else ()))
+    return (*(_entry(name, dataset, channels, fast=fast) for name in chosen), *((control,) if has_high_band else ()))
 
 
 def channels_of(dataset: Dataset) -> int:
@@ -94,15 +99,16 @@ def reference_with_seed(dataset: Dataset, name: str, seed: int) -> Method | None
     return _entry(name, dataset, channels_of(dataset), seed=seed).method if name.startswith("paper/") else None
 
 
-def _entry(name: str, dataset: Dataset, channels: int, *, seed: int = 0) -> BenchmarkEntry:
+def _entry(name: str, dataset: Dataset, channels: int, *, seed: int = 0, fast: bool = False) -> BenchmarkEntry:
     if name in RENDERERS:
         return BenchmarkEntry(RegressionMethod(name), latency=PASSTHROUGH[RENDERERS[name]](None).latency)
     if name.startswith("paper/"):
         # Without labelled segments every window is contact, both in training and in the model's gate.
         gate = None if any(recording.segments for recording in dataset.recordings) else OPEN_GATE
+        changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
-            precision=fastest_precision(), gate=gate, seed=seed, changes=NETWORK_CHANGES,
+            precision=fastest_precision(), gate=gate, seed=seed, changes=changes,
         )  # fmt: skip
         return BenchmarkEntry(method_of(RECIPES["paper-fast"].open_job(options)), latency=NETWORK_LATENCY)
     recipe = name.partition("/")[0]

@@ -87,10 +87,10 @@ class DatasetResults:
         return asdict(self)
 
 
-def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, one_seed: bool = False) -> Plan:
+def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, fast: bool = False) -> Plan:
     """Plan a benchmark of the named entries, all if there are no names, with its controls.
 
-    The reference runs with several seeds, unless ``one_seed``.
+    The reference runs with several seeds; with ``fast``, with one, and fewer steps.
 
     Raises
     ------
@@ -101,8 +101,8 @@ def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, o
     has_heights = any(recording.known("ra_um") for recording in dataset.recordings)
     heights = HeightMethod(FeatureSpec("texture", channels)) if has_heights else None
     permuted = recipe_method("texture", channels=channels)
-    entries = entries_for(dataset, names)
-    seeds = () if one_seed else REFERENCE_SEEDS[1:]
+    entries = entries_for(dataset, names, fast=fast)
+    seeds = () if fast else REFERENCE_SEEDS[1:]
     others = (reference_with_seed(dataset, entries[0].name, seed) for seed in seeds)
     return Plan(dataset, entries, tuple(splits), permuted, heights, tuple(filter(None, others)))
 
