@@ -72,7 +72,6 @@ def test_a_known_label_is_shown(model: str, tmp_path: Path, capsys: pytest.Captu
     [
         (["--ceiling", "2"], "from 0 to 1 of full drive"),
         (["--threshold", "5"], "from -120 to 0 dBFS"),
-        (["--profile", "papr"], "did you mean paper"),
     ],
 )
 def test_a_wrong_setting_is_one_line(
@@ -81,6 +80,12 @@ def test_a_wrong_setting_is_one_line(
     assert main(["feel", record(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path), *arguments]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
+
+
+def test_a_misspelt_profile_brings_the_nearest_of_all(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["feel", "a.wav", "--profile", "pich"])
+    assert "did you mean pitch" in capsys.readouterr().err
 
 
 def test_a_threshold_over_everything_renders_nothing_and_says_why(

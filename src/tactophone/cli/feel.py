@@ -57,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touched the surface")
     add(
         "--profile",
+        choices=(*PROFILES, *PASSTHROUGH),
         default="paper",
         metavar="NAME",
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
