@@ -59,6 +59,7 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
     print_rows("Table II", rows, as_json=False)
     shown = capsys.readouterr().out
     assert shown.count("0.123") == len(rows[0].values)
+    assert "paper/fine-tuned" in shown
     assert max(map(len, shown.splitlines())) <= 80
 
 

@@ -44,11 +44,11 @@ def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None
     if as_json:
         terminal.print_json({"title": title, "lines": [row.as_json() for row in rows]})
         return
-    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=0)
     table.add_column("")
     for name in rows[0].values:
-        # In 80 characters the names wrap, the figures do not.
-        table.add_column(name.replace("_", " "), justify="right", min_width=len("smooth"))
+        # In 80 characters the headings wrap, the figures and the names' words do not.
+        table.add_column(name.replace("_", " "), justify="right", width=len("contact"))
     for row in rows:
         table.add_row(row.name, *row.values.values())
     terminal.out().print(table)
