@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.dataset import Recording, write_metadata
-from tactophone.perception import read_model
+from tactophone.perception import model_path, read_model
 from tactophone.types import Touch
 from tests.models import write_tiny_model
 
@@ -53,3 +53,11 @@ def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:
 def test_an_invalid_goal_is_an_error(goal: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["set-threshold", "paper", "--data", "nowhere", *goal]) == 1
     assert "such as" in capsys.readouterr().err
+
+
+def test_a_shipped_model_is_copied_not_changed(data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = model_path("texture").read_bytes()
+    assert main(["set-threshold", "texture", "--data", str(data), "--false-positives", "1"]) == 0
+    assert model_path("texture").read_bytes() == before
+    assert read_model(tmp_path / "texture.onnx").card.scores["operating point"]["dataset"] == data.name

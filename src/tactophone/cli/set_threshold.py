@@ -12,7 +12,7 @@ from tactophone.cli._support.dataset_options import add_filter, open_filtered
 from tactophone.cli.calibrate import per_minute
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception import Model, model_path, read_model
+from tactophone.perception import Model, model_path, read_model, shipped_models
 
 if TYPE_CHECKING:
     from tactophone.evaluation import Estimate, Goal, OperatingPoint, TakePredictions
@@ -32,7 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     goal.add_argument(
         "--false-positives", type=float, metavar="SHARE", help="share of smooth contact predicted rough, over 0 to 1"
     )
-    parser.add_argument("--out", type=Path, metavar="FILE", help="model file to write (default: MODEL itself)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)",
+    )
     parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
     parser.add_argument("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -44,7 +49,8 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.evaluation import candidate_rules, choose_rule, draw_trade_off, measure_rule, try_rules
 
     path = model_path(args.model)
-    out = args.out or path
+    # The package's own files stay as they are: other programs of this installation use them.
+    out = args.out or (Path(path.name) if args.model in shipped_models() else path)
     model = read_model(path)
     dataset = open_filtered(args.data, args.filter, channels=model.card.channels)
     rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
