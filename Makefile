@@ -52,12 +52,12 @@ unit: $(READY)
 package: $(READY)
 	$(PYTEST) -m package tests
 
-# Real servers and processes, two at once, as they mostly wait; those that measure the time of sound one after another. A
+# Real servers and processes, three at once, as they mostly wait; those that measure the time of sound one after another. A
 # shared machine may stall in the middle of a test, so each may be repeated; the summary names those that were.
 RERUNS = --reruns 2 --reruns-delay 1 -rR
-TIMED  = tests/runtime tests/capture tests/measurement tests/cli/test_latency.py tests/cli/test_demo.py
+TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement tests/cli/test_latency.py tests/cli/test_demo.py
 realtime: $(READY)
-	$(PYTEST) -n 2 --dist loadfile -m realtime $(RERUNS) $(TIMED:%=--ignore=%) tests
+	$(PYTEST) -n 3 --dist loadfile -m realtime $(RERUNS) $(TIMED:%=--ignore=%) tests
 	$(BIN)/python -m pytest -m realtime $(RERUNS) $(TIMED)
 
 # Guided by coverage where atheris is installed; `make test` has 30 s of random inputs (tests/fuzz/test_fuzz.py), and the
