@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 
 from tactophone.bridges import protobuf
-from tactophone.bridges.sound_payload import LoggedSound, PacketLayout, read_layout
+from tactophone.bridges.sound_payload import RTP_HEADER, LoggedSound, PacketLayout, read_layout
 from tactophone.telemetry import ARRIVAL_DIGITS, EventBatch
 
 FOLLOWING, SOUND, REPEATED = 16, 32, 64
@@ -19,7 +19,6 @@ FOLLOWING, SOUND, REPEATED = 16, 32, 64
 
 _RTP_PACKET = 0
 _TICKS = 10**ARRIVAL_DIGITS  # in a second
-_HEADER = struct.Struct("!BBHII")  # flags, payload type, number, timestamp, source (RFC 3550 section 5.1)
 _MOST_REPEATED = 4  # packets back that redundancy reaches, and one more
 
 
@@ -28,7 +27,7 @@ class RtpHeaders:
 
     Examples
     --------
-    >>> packets = [bytes([0]) + _HEADER.pack(128, 99, number, 240 * number, 1) + b"sound" for number in range(4)]
+    >>> packets = [bytes([0]) + RTP_HEADER.pack(128, 99, number, 240 * number, 1) + b"sound" for number in range(4)]
     >>> writing, reading = RtpHeaders(), RtpHeaders()
     >>> written = [writing.shorten(packet) for packet in packets]
     >>> [len(event) for event in written], [reading.restore(event) for event in written] == packets
@@ -40,19 +39,19 @@ class RtpHeaders:
 
     def shorten(self, event: bytes) -> bytes:
         """Return an event without its RTP header, if that follows from those before."""
-        if event[:1] != bytes([_RTP_PACKET]) or len(event) <= _HEADER.size:
+        if event[:1] != bytes([_RTP_PACKET]) or len(event) <= RTP_HEADER.size:
             return event
-        header, expected = _HEADER.unpack_from(event, 1), self._expected()
+        header, expected = RTP_HEADER.unpack_from(event, 1), self._expected()
         self._last, self._before = header, self._last
-        return bytes([FOLLOWING]) + event[1 + _HEADER.size :] if header == expected else event
+        return bytes([FOLLOWING]) + event[1 + RTP_HEADER.size :] if header == expected else event
 
     def restore(self, event: bytes) -> bytes:
         """Return an event as it was."""
-        if event[:1] == bytes([_RTP_PACKET]) and len(event) > _HEADER.size:
-            self._last, self._before = _HEADER.unpack_from(event, 1), self._last
+        if event[:1] == bytes([_RTP_PACKET]) and len(event) > RTP_HEADER.size:
+            self._last, self._before = RTP_HEADER.unpack_from(event, 1), self._last
         elif event[:1] == bytes([FOLLOWING]):
             self._last, self._before = self._expected(), self._last
-            return bytes([_RTP_PACKET]) + _HEADER.pack(*self._last) + event[1:]
+            return bytes([_RTP_PACKET]) + RTP_HEADER.pack(*self._last) + event[1:]
         return event
 
     def _expected(self) -> tuple[int, int, int, int, int]:

@@ -16,7 +16,9 @@ from tactophone.bridges import protobuf
 from tactophone.bridges.schemas import AIR_SOUND, CONTACT_SOUND, PCM_SOUND
 from tactophone.types import MOST_FINGERS
 
-_RTP = struct.Struct("!BBHII")
+RTP_HEADER = struct.Struct("!BBHII")
+"""Flags, payload type, number, timestamp, source (RFC 3550 section 5.1)."""
+
 _RED = 101
 PCM = {96: 1, 97: 2, **{101 + fingers: 2 * fingers for fingers in range(2, MOST_FINGERS + 1)}}
 OPUS = {98: 1, 99: 2, **{110 + fingers: 2 * fingers for fingers in range(2, MOST_FINGERS + 1)}}
@@ -44,10 +46,10 @@ class PacketLayout:
 
 def read_layout(packet: bytes) -> PacketLayout | None:
     """Read an RTP packet of this link's wire format; ``None`` if it is no sound."""
-    if len(packet) < _RTP.size:
+    if len(packet) < RTP_HEADER.size:
         return None
-    first, second, _, timestamp, _ = _RTP.unpack_from(packet)
-    kind, position, repeated = second & 0x7F, _RTP.size, []
+    first, second, _, timestamp, _ = RTP_HEADER.unpack_from(packet)
+    kind, position, repeated = second & 0x7F, RTP_HEADER.size, []
     if first != 0x80:
         return None
     if kind == _RED:

@@ -94,9 +94,7 @@ class Codec:
     def largest_packet(self, samples: int) -> int:
         """Return the size of the largest packet, up to its own, of so many samples; 0 if there is none."""
         most = min(samples, self.packet_size)
-        if self.name == "pcm16" or most < OPUS_SIZES[0]:
-            return most if self.name == "pcm16" else 0
-        return max(size for size in OPUS_SIZES if size <= most)
+        return most if self.name == "pcm16" else max((size for size in OPUS_SIZES if size <= most), default=0)
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
         """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
