@@ -12,7 +12,7 @@ import pytest
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.measurement import EndlessStroke
-from tactophone.runtime import ProcessInfo, Supervisor, pair_on_one_machine, run_operator, run_robot
+from tactophone.runtime import ProcessInfo, Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
 from tactophone.runtime.supervisor import Main
 from tactophone.telemetry import Telemetry, Watcher
 
@@ -45,7 +45,7 @@ def test_a_run_loads_nothing(profile: str, tmp_path: Path) -> None:
     changes = ["output.actuator=none", f"rendering.profile={profile}"]
     robot, operator = pair_on_one_machine(config.change(Settings(), changes), tmp_path, name=name)
     send = partial(run_robot, open_source=EndlessStroke)
-    with (
+    with supervised(
         Supervisor(partial(audited, run_operator, tmp_path / "operator.txt"), operator, name=name),
         Supervisor(partial(audited, send, tmp_path / "robot.txt"), robot, name=robot.process.name),
     ):

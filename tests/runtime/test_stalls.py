@@ -18,7 +18,7 @@ from tactophone.config import Settings
 from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendSession
 from tactophone.link.depacketizer import STALENESS
 from tactophone.measurement import EndlessStroke
-from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import MAIN_PRIORITY, prioritize_thread
 from tactophone.simulation.network import paired_sessions
@@ -221,10 +221,9 @@ def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Pat
     name = f"test-stall-{os.getpid()}-{side}"
     changes = ["output.actuator=none", "detector.check_microphones=false", "process.watchdog=false"]
     robot, operator = pair_on_one_machine(config.change(Settings(), changes), tmp_path, name=name)
-    with (
-        Supervisor(run_operator, operator, name=name) as receiving,
-        Supervisor(partial(run_robot, open_source=EndlessStroke), robot, name=robot.process.name) as sending,
-    ):
+    receiving = Supervisor(run_operator, operator, name=name)
+    sending = Supervisor(partial(run_robot, open_source=EndlessStroke), robot, name=robot.process.name)
+    with supervised(receiving, sending):
         watcher = Watcher(name)
         last_stale(watcher, seconds=1.5)
         assert watcher.snapshot().counters["packets_received"] > 100

@@ -9,7 +9,7 @@ import pytest
 
 from tactophone.config import Settings
 from tactophone.errors import DeviceError, TactophoneError
-from tactophone.runtime.supervisor import ProcessInfo, Supervisor
+from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
 from tactophone.telemetry import State, Telemetry, Watcher
 
 from .live_system import writer_of
@@ -134,3 +134,17 @@ def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
         os.kill(supervisor.pid, signal.SIGSTOP)
     with pytest.raises(TactophoneError, match="cannot watch"):
         Watcher(name)
+
+
+def test_sides_start_together_and_end_together_when_one_fails(name: str) -> None:
+    first, second = Supervisor(live, Settings(), name=name), Supervisor(live, Settings(), name=f"{name}-2")
+    with supervised(first, second):
+        assert first.running
+        assert second.running
+        pids = [first.pid, second.pid]
+    assert not any(os.path.exists(f"/proc/{pid}") for pid in pids)
+    failing = Supervisor(fail_to_open, Settings(), name=f"{name}-3")
+    running = Supervisor(live, Settings(), name=name)
+    with pytest.raises(TactophoneError, match="no such device"), supervised(running, failing):
+        pass
+    assert not os.path.exists(f"/proc/{running.pid}")

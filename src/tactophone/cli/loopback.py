@@ -81,18 +81,19 @@ def both_sides(
     ``open_source`` replaces the way in which the settings' source is opened.
     """
     from tactophone.cli._support import sources
-    from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, temporary_keys
+    from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised, temporary_keys
 
     with temporary_keys() as folder, ExitStack() as stack:
         robot, operator = pair_on_one_machine(settings, folder, name=name)
         receive = partial(run_operator, robot=robot.process.name)
-        receiving = stack.enter_context(Supervisor(receive, operator, name=name, report=terminal.note))
+        receiving = Supervisor(receive, operator, name=name, report=terminal.note)
         if network != "clean":
             port = _impaired_port(stack, operator, network, seed)
             robot = replace(robot, link=replace(robot.link, port=port))
         send = partial(run_robot, open_source=open_source or sources.open_source)
         sending = Supervisor(send, robot, name=robot.process.name, report=terminal.note)
-        yield [receiving, stack.enter_context(sending)]
+        stack.enter_context(supervised(receiving, sending))
+        yield [receiving, sending]
 
 
 def _require_page(args: argparse.Namespace, settings: Settings) -> None:

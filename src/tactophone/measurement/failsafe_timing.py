@@ -4,6 +4,7 @@ The robot sends an endless stroke, and a JACK client records the peaks at the op
 the time is measured until the vibration has fallen to -60 dB.
 """
 
+import contextlib
 import itertools
 import math
 import os
@@ -127,6 +128,9 @@ def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Si
         moment = time.monotonic()
         stop(sides)
         time.sleep(AFTERMATH)
+        for side in (sides.robot, sides.operator):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(side.pid, signal.SIGCONT)  # a frozen process would only end once it is killed, after seconds
         return recorder.time_to_silence(moment)
 
 

@@ -27,6 +27,7 @@ from tactophone.runtime import (
     pair_on_one_machine,
     run_operator,
     run_robot,
+    supervised,
     temporary_keys,
 )
 from tactophone.telemetry import MARKS, Watcher
@@ -138,8 +139,9 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
         robot, operator = pair_on_one_machine(settings, folder, name=name)
         receive = partial(run_operator, robot=robot.process.name)
         send = partial(run_robot, open_source=open_source)
-        receiving = stack.enter_context(Supervisor(receive, operator, name=operator.process.name))
-        sending = stack.enter_context(Supervisor(send, robot, name=robot.process.name))
+        receiving = Supervisor(receive, operator, name=operator.process.name)
+        sending = Supervisor(send, robot, name=robot.process.name)
+        stack.enter_context(supervised(receiving, sending))
         _await_connection(operator.process.name)
         yield Sides(sending, receiving)
 

@@ -6,7 +6,7 @@ from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys, with
 from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.robot import Robot, run_robot
 from tactophone.runtime.session_recorder import SessionRecorder
-from tactophone.runtime.supervisor import ProcessInfo, Supervisor
+from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
 from tactophone.runtime.wiring import OpenSource, open_device, open_pipeline_for
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "prioritize_thread",
     "run_operator",
     "run_robot",
+    "supervised",
     "temporary_keys",
     "with_operator",
 ]

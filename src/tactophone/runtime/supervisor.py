@@ -91,14 +91,8 @@ class Supervisor:
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
 
     def __enter__(self) -> Self:
-        remove_leftovers()
-        self._begin()
-        try:
-            self._await_start()
-        except BaseException:
-            self._end()
-            raise
-        self._thread.start()
+        self.begin()
+        self.await_start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -106,6 +100,26 @@ class Supervisor:
         if self._thread.is_alive():
             self._thread.join()
         self._end()
+
+    def begin(self) -> None:
+        """Start the process without waiting for it; `await_start` has to follow."""
+        remove_leftovers()
+        self._begin()
+
+    def await_start(self) -> None:
+        """Wait until the process runs, and supervise it from then on.
+
+        Raises
+        ------
+        TactophoneError
+            When it does not start; the process has ended then.
+        """
+        try:
+            self._await_start()
+        except BaseException:
+            self._end()
+            raise
+        self._thread.start()
 
     @property
     def running(self) -> bool:
@@ -247,6 +261,18 @@ class Supervisor:
             process.kill()
             process.join()
         remove_memory(self.name)
+
+
+@contextlib.contextmanager
+def supervised(*sides: Supervisor) -> Iterator[None]:
+    """Start several sides at once, which takes as long as one does, and wait for all; ends them, the last first."""
+    with contextlib.ExitStack() as stack:
+        for side in sides:
+            stack.push(side)
+            side.begin()
+        for side in sides:
+            side.await_start()
+        yield
 
 
 def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:
