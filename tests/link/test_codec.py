@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ConfigError, PacketError
-from tactophone.link.codec import OPUS_SIZES, Codec, open_decoder, open_encoder
+from tactophone.link.codec import Codec, open_decoder, open_encoder
 from tactophone.link.packet import SOUND_FORMATS, PayloadType
+from tactophone.opus_packets import FRAME_SIZES
 from tactophone.types import FloatArray
 from tests.sounds import noise
 
 CODECS = [
-    *(Codec("opus", channels=channels, packet_size=size) for size in OPUS_SIZES for channels in (1, 2)),
+    *(Codec("opus", channels=channels, packet_size=size) for size in FRAME_SIZES for channels in (1, 2)),
     Codec("pcm16", channels=1, packet_size=128),
     Codec("pcm16", packet_size=120),
 ]

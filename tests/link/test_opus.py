@@ -5,7 +5,8 @@ import pytest
 
 from tactophone.errors import PacketError
 from tactophone.link.codec import Codec, open_decoder, open_encoder
-from tactophone.link.opus import OPUS_SIZES, OpusDecoder, OpusEncoder, split_streams
+from tactophone.link.opus import OpusDecoder, OpusEncoder
+from tactophone.opus_packets import FRAME_SIZES, split_streams
 from tactophone.types import FloatArray
 
 
@@ -32,7 +33,7 @@ def sounds(channels: int, sizes: list[int]) -> list[FloatArray]:
 
 @pytest.mark.parametrize("bitrate_kbps", [0, 12, 24, 510, 1500], ids=lambda rate: f"{rate}kbps")
 @pytest.mark.parametrize("bandwidth", [4000, 20_000])
-@pytest.mark.parametrize("size", OPUS_SIZES)
+@pytest.mark.parametrize("size", FRAME_SIZES)
 @pytest.mark.parametrize("channels", [1, 2])
 def test_payloads_and_sound_equal_those_of_the_multistream_api(
     channels: int, size: int, bandwidth: float, bitrate_kbps: int

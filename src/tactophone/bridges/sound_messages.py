@@ -10,14 +10,12 @@ from dataclasses import dataclass, field
 
 from tactophone.bridges import protobuf
 from tactophone.bridges.schemas import AIR_SOUND, CONTACT_SOUND, PCM_SOUND, Topic, of_finger
-from tactophone.bridges.sound_payload import PCM, fingers_of, join_opus, read_layout, split_payload
+from tactophone.bridges.sound_payload import PCM, fingers_of, read_layout, split_payload
+from tactophone.opus_packets import FRAME_SIZES, join_frames
 from tactophone.types import LIVE_SAMPLE_RATE
 
 JOINED = 0.12
 """Seconds of sound in a message: what Opus allows in a packet, with 48 frames."""
-
-# Frame durations of the CELT modes, by the two lowest bits of the configuration (RFC 6716 section 3.1).
-_CELT_SAMPLES = (120, 240, 480, 960)
 
 _SoundMessage = tuple[Topic, float, bytes]
 
@@ -83,7 +81,7 @@ class SoundMessages:
 
     def _join(self, topic: Topic, part: bytes, position: int) -> Iterator[_SoundMessage]:
         joined = self._joined.setdefault(topic.name, _Joined(topic))
-        size = _CELT_SAMPLES[part[0] >> 3 & 3]
+        size = FRAME_SIZES[part[0] >> 3 & 3]
         full = position + size - joined.begun > JOINED * LIVE_SAMPLE_RATE
         if joined.frames and (position != joined.end or part[0] != joined.head or full):
             yield from self._finish(joined)
@@ -95,7 +93,7 @@ class SoundMessages:
     def _finish(self, joined: _Joined) -> Iterator[_SoundMessage]:
         if joined.frames:
             time = self._time(joined.begun)
-            data = join_opus(joined.head, joined.frames)
+            data = join_frames(joined.head, joined.frames)
             yield (
                 joined.topic,
                 time,

@@ -1,8 +1,7 @@
 """Sound payloads of this link taken apart, one part for each microphone, and put together again.
 
-A packet of two microphones holds two Opus streams, the first in its self-delimited form (RFC 6716 appendix B, RFC
-7845 section 5.1.1); of a hand, such a pair for each finger. Readable messages hold the parts; as the payload follows
-from them, a log holds it only once.
+A packet of two microphones holds two Opus streams; of a hand, such a pair for each finger. Readable messages hold the
+parts; as the payload follows from them, a log holds it only once.
 """
 
 import struct
@@ -14,6 +13,7 @@ import numpy as np
 
 from tactophone.bridges import protobuf
 from tactophone.bridges.schemas import AIR_SOUND, CONTACT_SOUND, PCM_SOUND
+from tactophone.opus_packets import join_streams, split_frames, split_streams
 from tactophone.types import MOST_FINGERS
 
 RTP_HEADER = struct.Struct("!BBHII")
@@ -80,8 +80,8 @@ def split_payload(kind: int, payload: bytes) -> list[bytes] | None:
     else:
         each = len(payload) // fingers_of(kind)
         for first in range(0, each * fingers_of(kind), max(each, 1)):
-            parts += _split_pair(payload[first : first + each]) if OPUS[kind] > 1 else [payload]
-        if any(not part or part[0] & _CODE or part[0] >> 3 < _CELT for part in parts):
+            parts += split_streams(payload[first : first + each], min(OPUS[kind], 2))
+        if any(part[0] & _CODE or part[0] >> 3 < _CELT for part in parts):
             return None  # not one CELT frame each, which is all that our encoder makes
     return parts if parts and join_payload(kind, parts) == payload else None
 
@@ -91,45 +91,12 @@ def join_payload(kind: int, parts: Sequence[bytes]) -> bytes:
     if channels := PCM.get(kind):
         width = min(channels, 2)
         return np.hstack([np.frombuffer(part, "<i2").reshape(-1, width) for part in parts]).astype(">i2").tobytes()
-    if OPUS[kind] == 1:
-        return parts[0]
-    pairs = zip(parts[::2], parts[1::2], strict=True)
-    return b"".join(first[:1] + length(len(first) - 1) + first[1:] + second for first, second in pairs)
+    return b"".join(join_streams(parts[first : first + 2]) for first in range(0, len(parts), 2))
 
 
 def fingers_of(kind: int) -> int:
     """Return how many fingers a payload type is for."""
     return _FINGERS[kind]
-
-
-def join_opus(head: int, frames: list[bytes]) -> bytes:
-    """Join frames of the same configuration to a packet of code 3 (RFC 6716 section 3.2.5)."""
-    if len(frames) == 1:
-        return bytes([head]) + frames[0]
-    if len({len(frame) for frame in frames}) == 1:
-        return bytes([head | _CODE, len(frames)]) + b"".join(frames)
-    lengths = b"".join(length(len(frame)) for frame in frames[:-1])
-    return bytes([head | _CODE, 0x80 | len(frames)]) + lengths + b"".join(frames)
-
-
-def split_opus(packet: bytes) -> list[bytes]:
-    """Return the packets of one frame each that `join_opus` has joined.
-
-    >>> split_opus(join_opus(0xF0, [b"abc", b"d", b"ef"]))
-    [b'\\xf0abc', b'\\xf0d', b'\\xf0ef']
-    """
-    if packet[0] & _CODE == 0:
-        return [packet]
-    head, count, position = bytes([packet[0] & ~_CODE]), packet[1] & 0x3F, 2
-    sizes = [(len(packet) - 2) // max(count, 1)] * (count - 1)
-    if packet[1] & 0x80:
-        for number in range(count - 1):
-            sizes[number], position = _read_length(packet, position)
-    frames = []
-    for size in sizes:
-        frames.append(head + packet[position : position + size])
-        position += size
-    return [*frames, head + packet[position:]]
 
 
 class LoggedSound:
@@ -141,7 +108,7 @@ class LoggedSound:
     def add(self, finger: int, kind: str, message: bytes) -> None:
         """Take a message of the topic of this kind."""
         (data,) = (bytes(value) for number, value in protobuf.fields(message) if number == 2)
-        self._parts[finger, kind] += [data] if kind == PCM_SOUND.kind else split_opus(data)
+        self._parts[finger, kind] += [data] if kind == PCM_SOUND.kind else split_frames(data)
 
     def next_payload(self, kind: int) -> bytes:
         """Return the payload of the next packet.
@@ -156,20 +123,3 @@ class LoggedSound:
         if not all(queues):
             raise ValueError("the sound of a packet is missing")
         return join_payload(kind, [queue.popleft() for queue in queues])
-
-
-def length(size: int) -> bytes:
-    """Encode the length of a frame (RFC 6716 section 3.2.1)."""
-    return bytes([size]) if size < 252 else bytes([252 + (size & 3), (size - 252 - (size & 3)) >> 2])
-
-
-def _read_length(packet: bytes, position: int) -> tuple[int, int]:
-    size = packet[position]
-    return (size, position + 1) if size < 252 else (4 * packet[position + 1] + size, position + 2)
-
-
-def _split_pair(payload: bytes) -> list[bytes]:
-    if len(payload) < 3:
-        return [b""]
-    size, start = _read_length(payload, 1)
-    return [payload[:1] + payload[start : start + size], payload[start + size :]]

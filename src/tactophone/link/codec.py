@@ -22,9 +22,10 @@ from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 from tactophone.errors import ConfigError, PacketError
-from tactophone.link.opus import LOOKAHEAD, OPUS_SIZES, OpusDecoder, OpusEncoder
+from tactophone.link.opus import LOOKAHEAD, OpusDecoder, OpusEncoder
 from tactophone.link.packet import CLOCK_RATE, PAYLOAD_SPACE, SOUND_FORMATS, PayloadType
 from tactophone.link.pcm import PcmDecoder, PcmEncoder, most_pcm_samples
+from tactophone.opus_packets import FRAME_SIZES
 from tactophone.types import MOST_FINGERS, FloatArray
 
 NARROW_BAND = 4_000.0
@@ -94,7 +95,7 @@ class Codec:
     def largest_packet(self, samples: int) -> int:
         """Return the size of the largest packet, up to its own, of so many samples; 0 if there is none."""
         most = min(samples, self.packet_size)
-        return most if self.name == "pcm16" else max((size for size in OPUS_SIZES if size <= most), default=0)
+        return most if self.name == "pcm16" else max((size for size in FRAME_SIZES if size <= most), default=0)
 
     def for_bandwidth(self, bandwidth: float) -> "Codec":
         """Return this codec for another bandwidth in Hz; a default bitrate is adapted to it."""
@@ -102,9 +103,9 @@ class Codec:
         return replace(self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0)
 
     def _check_packet_size(self) -> None:
-        if self.name == "opus" and self.packet_size not in OPUS_SIZES:
-            sizes = ", ".join(f"{size / 48:g} ms" for size in OPUS_SIZES)
-            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({OPUS_SIZES})")
+        if self.name == "opus" and self.packet_size not in FRAME_SIZES:
+            sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
+            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})")
         most = most_pcm_samples(self.channels)
         longest = math.floor(most / CLOCK_RATE * 1e5) / 1e5
         if self.name == "pcm16" and not 1 <= self.packet_size <= most:
@@ -171,5 +172,5 @@ def open_decoder(kind: PayloadType) -> Decoder:
 
 def _default_bitrate(codec: Codec) -> int:
     """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
-    per_channel = 64_000 if codec.packet_size == OPUS_SIZES[0] else 48_000
+    per_channel = 64_000 if codec.packet_size == FRAME_SIZES[0] else 48_000
     return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)

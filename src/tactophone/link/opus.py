@@ -15,10 +15,8 @@ import numpy as np
 
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.packet import CLOCK_RATE, PayloadType
+from tactophone.opus_packets import FRAME_SIZES, LARGEST_FRAME, LONG_LENGTH, frame_length, split_streams
 from tactophone.types import FloatArray
-
-OPUS_SIZES = (120, 240, 480, 960)
-"""Packet sizes of Opus at low delay, in samples at 48 kHz: 2.5, 5, 10 and 20 ms."""
 
 LOOKAHEAD = 120
 """Samples by which the output of restricted low-delay Opus lies behind its input, as ``OPUS_GET_LOOKAHEAD``."""
@@ -28,12 +26,6 @@ LARGEST_PACKET = 5_760
 
 _BANDWIDTHS = {4_000: 1101, 8_000: 1103, 12_000: 1104, 20_000: 1105}
 """Highest frequency in Hz, and its number in ``opus_defines.h``; 6 kHz does not exist at low delay (RFC 6716)."""
-
-_LARGEST_FRAME = 1275
-"""Bytes of the largest frame (RFC 6716 section 3.4)."""
-
-_LONG_LENGTH = 252
-"""Least length of a frame that takes two bytes to write (RFC 6716 section 3.2.1)."""
 
 _GET_ENCODER_STATE, _GET_DECODER_STATE = 5120, 5122
 """Requests of ``opus_multistream.h`` for the state of one stream."""
@@ -59,7 +51,7 @@ class OpusEncoder:
         """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
         # libopus does not check the length: it would read past the end of a short array.
         count = len(samples)
-        if samples.shape != (count, self._channels) or count not in OPUS_SIZES or count > self._size:
+        if samples.shape != (count, self._channels) or count not in FRAME_SIZES or count > self._size:
             raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
         self._sound[:, :count] = samples.T
         return b"".join([finger.encode(count) for finger in self._fingers])
@@ -85,7 +77,7 @@ class _FingerEncoder:
         self._error = opus.OpusError
         self._encode_all = _function(opus, "opus_multistream_encode_float", _ENCODING)
         self._encode = _function(opus, "opus_encode_float", _ENCODING)
-        self._sound, self._payload = sound, bytearray(2 * _LARGEST_FRAME)
+        self._sound, self._payload = sound, bytearray(2 * LARGEST_FRAME)
         self._memory = (ctypes.c_char * len(self._payload)).from_buffer(self._payload)
         self._pointer = ctypes.addressof(self._memory)
         control = _function(opus, "opus_multistream_encoder_ctl", (_POINTER, _INT))
@@ -102,12 +94,12 @@ class _FingerEncoder:
         at, left = 0, self._whole
         if len(self._streams) == 2:
             # The limits are those of the multistream API; at constant bitrate the sizes are those of its first packet.
-            size, limit = 1 if self._first <= _LONG_LENGTH else 2, left - (3 if left > 2 + _LONG_LENGTH else 2)
+            size, limit = 1 if self._first <= LONG_LENGTH else 2, left - (3 if left > 2 + LONG_LENGTH else 2)
             state, sound = self._streams[0]
             self._check(self._encode(state, sound, count, self._pointer + size, limit))
             # Between the first stream's first byte and its frame stands the length of the frame.
             self._payload[0] = self._payload[size]
-            self._payload[1 : 1 + size] = _length(self._first - 1)
+            self._payload[1 : 1 + size] = frame_length(self._first - 1)
             at = size + self._first
         state, sound = self._streams[-1]
         self._check(self._encode(state, sound, count, self._pointer + at, left - at))
@@ -155,9 +147,9 @@ class OpusDecoder:
     def conceal(self, size: int, following: bytes | None) -> FloatArray:
         """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
         # Opus extrapolates, and smooths the transition to the next packet; it takes multiples of 2.5 ms, at most 20 ms.
-        whole, pieces = -(-size // OPUS_SIZES[0]) * OPUS_SIZES[0], []
-        for done in range(0, whole, OPUS_SIZES[-1]):
-            step = min(OPUS_SIZES[-1], whole - done)
+        whole, pieces = -(-size // FRAME_SIZES[0]) * FRAME_SIZES[0], []
+        for done in range(0, whole, FRAME_SIZES[-1]):
+            step = min(FRAME_SIZES[-1], whole - done)
             for finger in self._fingers:
                 finger.decode(b"", step)
             pieces.append(self._sound[:, :step].T)
@@ -227,35 +219,6 @@ class _FingerDecoder:
     def _check(self, decoded: int) -> None:
         if decoded < 0:
             raise PacketError(f"an Opus payload that libopus cannot decode: {self._error(decoded)}")
-
-
-def split_streams(payload: bytes, streams: int) -> list[bytes]:
-    """Return a packet of each stream, 1 or 2, where each holds one frame of the same kind; nothing otherwise.
-
-    In a payload of two, the length of the first one's frame stands after its first byte (RFC 6716 appendix B).
-
-    Examples
-    --------
-    >>> split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2) == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
-    True
-    """
-    if streams == 1 or len(payload) < 3:
-        return [payload] if payload and streams == 1 else []
-    length, start = payload[1], 2
-    if length >= _LONG_LENGTH:
-        length, start = length + 4 * payload[2], 3
-    end = start + length
-    if payload[0] & 3 or not end < len(payload) <= end + 1 + _LARGEST_FRAME or payload[end] != payload[0]:
-        return []
-    return [payload[:1] + payload[start:end], payload[end:]]
-
-
-def _length(size: int) -> bytes:
-    """Write the length of a frame as `split_streams` reads it."""
-    if size < _LONG_LENGTH:
-        return bytes([size])
-    low = _LONG_LENGTH + size % 4
-    return bytes([low, (size - low) // 4])
 
 
 def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
