@@ -2,10 +2,12 @@
 
 import struct
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tactophone.bridges import protobuf
 from tactophone.bridges.packet_coding import PacketReader, PacketWriter
 from tactophone.bridges.sound_messages import SoundMessages
 from tactophone.bridges.sound_payload import split_payload
@@ -41,20 +43,21 @@ def read_back(arrivals: list[EventBatch]) -> list[EventBatch]:
             st.sampled_from([0.005, 0.00512345678, 0.0, -0.001, 3.0]),
             st.booleans(),
             st.lists(st.tuples(st.sampled_from(KINDS), st.binary(max_size=12)), max_size=3),
+            st.binary(max_size=12),
         ),
         min_size=1,
         max_size=12,
     )
 )
-def test_any_arrivals_are_read_back(entries: list[tuple[float, bool, list[tuple[int, bytes]]]]) -> None:
+def test_any_arrivals_are_read_back(entries: list[tuple[float, bool, list[tuple[int, bytes]], bytes]]) -> None:
     arrivals, time, number = [], 100.0, 0
-    for delay, polled, payloads in entries:
+    for delay, polled, payloads, report in entries:
         time += delay
         events = []
         for kind, payload in payloads:
             number += 1
             events.append(rtp(kind, number, payload))
-        arrivals.append(EventBatch(time, (*events, bytes([1]) + b"report"), polled))
+        arrivals.append(EventBatch(time, (*events, bytes([1]) + report), polled))
     assert read_back(arrivals) == arrivals
 
 
@@ -70,6 +73,23 @@ def test_a_stream_that_repeats_its_payloads_costs_a_byte_or_two_for_each_packet(
     assert read_back(arrivals) == arrivals
     written = PacketWriter().encode([(arrival, [True]) for arrival in arrivals])
     assert len(written) < 100 + 2 * len(packets)
+
+
+def test_times_of_packets_that_follow_one_another_cost_a_byte_each_and_reports_their_changes() -> None:
+    reports = [
+        struct.pack("!7I", 0x80C80006, 7, n, (0xFFFFFF00 + 17 * n) % (1 << 32), 9600 * n, 40 * n, 4800 * n)
+        for n in range(20)
+    ]
+    arrivals = [EventBatch(round(time, 5), (bytes([1]) + report,))
+                for time, report in zip(np.arange(0, 4, 0.2), reports, strict=True)]  # fmt: skip
+    assert read_back(arrivals) == arrivals
+    assert len(PacketWriter().encode([(arrival, [False]) for arrival in arrivals])) < 50 + 18 * len(arrivals)
+
+
+def test_a_message_with_more_arrivals_than_times_is_an_error() -> None:
+    message = protobuf.signed(4, [0]) + protobuf.octets(1, protobuf.octets(3, b"\2{}") + protobuf.integer(4, 1 << 60))
+    with pytest.raises(ValueError, match="1 times"):
+        list(PacketReader().decode(message))
 
 
 def test_sound_that_is_missing_is_an_error() -> None:

@@ -6,7 +6,7 @@ is what any watcher may: to stop and to mute.
 
 from tactophone.bridges.mcap_file import LogEnd, LogEntry, is_mcap, read_log
 from tactophone.bridges.mcap_log import McapLog
-from tactophone.bridges.prediction_rows import LoggedPrediction, check_of
+from tactophone.bridges.prediction_rows import LoggedPrediction, RowChecks
 from tactophone.bridges.process import Bridge, BridgeProcess
 from tactophone.bridges.run_reader import Message, RunReader
 
@@ -18,8 +18,8 @@ __all__ = [
     "LoggedPrediction",
     "McapLog",
     "Message",
+    "RowChecks",
     "RunReader",
-    "check_of",
     "is_mcap",
     "read_log",
 ]

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from tactophone.bridges import schemas
+from tactophone.bridges.chunk_writer import MAGIC
 from tactophone.bridges.mcap_log import FORMAT
 from tactophone.bridges.packet_coding import PacketReader
 from tactophone.bridges.prediction_rows import LoggedPrediction, read_columns
 from tactophone.errors import DatasetError
 from tactophone.telemetry import Controls, EventBatch, RunStart
-
-MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, slots=True)

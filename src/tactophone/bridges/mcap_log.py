@@ -1,22 +1,24 @@
 """Writes a run to an MCAP file, from outside its process."""
 
-import itertools
 import json
+from collections.abc import Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Self
+from typing import Self
 
+from tactophone.bridges.chunk_writer import ChunkWriter
 from tactophone.bridges.run_reader import Message, RunReader
 from tactophone.bridges.schemas import (
     AIR_SOUND,
     CONTACT_SOUND,
+    CONTROLS,
     EVENTS,
     HEALTH,
+    PACKETS,
     PCM_SOUND,
     PREDICTION,
     PREDICTIONS,
+    RUN,
     STATE,
     Topic,
     topics_of,
@@ -32,23 +34,18 @@ CHUNK_INTERVAL = 4
 LOOKED_AT = 20
 """Predictions to look at in one chunk, about 4 s of them."""
 
-COMPRESSION_LEVEL = 5
-"""Of zstd; saves 0.1 MB in 10 minutes over the default; 16 would save as much again, but takes 10 ms for a chunk."""
-
 TIME_STEP = 1 << 20
 """Nanoseconds, about one ms, of the times by which viewers order messages; whole steps compress to fewer bytes."""
 
-FORMAT = "tactophone 3"
+FORMAT = "tactophone 4"
 """Profile in the header of the file; a later layout gets a later number."""
 
-_PACKETS = 3  # after the sound, with all that is in the order of events
-_GROUPS = {topic.kind: group for group, topic in enumerate((CONTACT_SOUND, AIR_SOUND, PCM_SOUND))} | {
-    topic.kind: group for group, topic in enumerate((PREDICTIONS, PREDICTION, STATE, HEALTH, EVENTS), _PACKETS + 1)
-}
-
-
-def _group(message: Message) -> tuple[int, int]:
-    return _GROUPS.get(message.topic.kind, _PACKETS), message.topic.finger
+BLOCKS = (
+    (CONTACT_SOUND, AIR_SOUND, PCM_SOUND),
+    (RUN, PACKETS, CONTROLS, PREDICTIONS),
+    (PREDICTION, STATE, HEALTH, EVENTS),
+)
+"""Of a chunk: sound, before the packets that are read back from it; what is computed again; text."""
 
 
 class McapLog:
@@ -72,34 +69,18 @@ class McapLog:
     def __init__(self, name: str, path: Path) -> None:
         self.path = path
         self._reader = RunReader(name, in_columns=True)
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
         self._waiting: list[Message] = []
         self._held: list[Message] = []
         self._reads = 0
 
     def __enter__(self) -> Self:
-        import zstandard
-        from mcap import writer
-        from mcap.writer import CompressionType, IndexType, Writer
-
-        # The library has no setting for this.
-        writer.zstandard = SimpleNamespace(compress=partial(zstandard.compress, level=COMPRESSION_LEVEL))
         try:
             self._file = self.path.open("wb")
-            # A chunk is ended by `_end_chunk`, in time; its size never does. An index of messages would be a twentieth
-            # of the file; viewers read files without one up to 1 GB, and `mcap recover` makes one.
-            self._writer: Any = Writer(
-                self._file, chunk_size=1 << 30, compression=CompressionType.ZSTD, index_types=IndexType.METADATA
-            )
-            self._writer.start(profile=FORMAT, library="tactophone")
-            self._file.flush()
+            self._writer = ChunkWriter(self._file, profile=FORMAT, topics=topics_of(self._reader.names))
         except OSError as error:
             raise ConfigError(
                 f"cannot write {self.path} ({error.strerror}): choose another file for --record"
             ) from error
-        for topic in topics_of(self._reader.names):
-            self._register(topic)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -107,8 +88,7 @@ class McapLog:
         with suppress(OSError, ValueError):
             self._waiting += self._held + self._reader.flush()
             self._write_waiting()
-            self._writer.add_metadata("tactophone", {"format": FORMAT, "missed": json.dumps(self._reader.missed)})
-            self._writer.finish()
+            self._writer.finish({"format": FORMAT, "missed": json.dumps(self._reader.missed)})
         with suppress(OSError, ValueError):
             self._file.close()
 
@@ -128,15 +108,6 @@ class McapLog:
         except OSError as error:
             raise ConfigError(f"{self.path}: the log ends here ({error.strerror}); the run goes on") from error
 
-    def _register(self, topic: Topic) -> None:
-        schema = topic.schema
-        if schema.name not in self._schemas:
-            self._schemas[schema.name] = self._writer.register_schema(schema.name, schema.encoding, schema.data)
-        self._channels[topic.name] = self._writer.register_channel(
-            topic.name, schema.message_encoding, self._schemas[schema.name],
-            {"description": topic.words, "finger": str(topic.finger)},
-        )  # fmt: skip
-
     def _hold_back(self) -> None:
         """Let predictions to look at wait for more of them, where they compress better; columns hold all of them."""
         looked_at = [message for message in self._waiting if message.topic.kind == PREDICTION.kind]
@@ -145,22 +116,8 @@ class McapLog:
             self._held = looked_at
 
     def _write_waiting(self) -> None:
-        # Sound before the packets that are read back from it; packets and controls in one group, whose order stays.
-        # Text has a chunk of its own, as its statistics differ.
         waiting, self._waiting = self._waiting, []
-        for _, group in itertools.groupby(
-            sorted(waiting, key=_group), key=lambda message: _group(message)[0] <= _PACKETS
-        ):
-            for message in group:
-                self._write(message)
-            # The library ends a chunk by its size only; in time is what bounds the loss. Its version is pinned, and
-            # `test_each_chunk_reaches_the_disk` notices if this private name goes away.
-            self._writer._Writer__finalize_chunk()
-
-    def _write(self, message: Message) -> None:
-        name = message.topic.name
-        nanoseconds = round(message.time * 1e9) // TIME_STEP * TIME_STEP
-        self._writer.add_message(self._channels[name], nanoseconds, message.data, nanoseconds)
+        self._writer.write(*[_block(waiting, topics) for topics in BLOCKS])
 
     def _end_chunk(self) -> None:
         # The sound of these packets too, though its message is not full, as they are read back from it.
@@ -168,4 +125,14 @@ class McapLog:
         self._held = []
         self._hold_back()
         self._write_waiting()
-        self._file.flush()
+
+
+def _block(messages: Sequence[Message], topics: Sequence[Topic]) -> list[tuple[str, int, bytes]]:
+    """Return the messages of these topics: those of packets in their order, which a replay needs, others by topic."""
+    kinds = [topic.kind for topic in topics]
+    chosen = [message for message in messages if message.topic.kind in kinds]
+    if PACKETS not in topics:
+        chosen.sort(key=lambda message: (kinds.index(message.topic.kind), message.topic.finger))
+    return [
+        (message.topic.name, round(message.time * 1e9) // TIME_STEP * TIME_STEP, message.data) for message in chosen
+    ]

@@ -1,29 +1,32 @@
 """Received packets in a log: what follows from others is left out, and computed again when the log is read.
 
-Within a message of `/tactophone/packets`, an RTP header follows from the one before if its number is the next and its
-timestamp as much later as that was than its own predecessor. A payload follows from the sound in the log, and the
-payloads that redundancy repeats from those of the packets before. Packets that are then alike differ in their times
-only. The layout is in docs/reference/log.md.
+An RTP header follows from the one before if its number is the next and its timestamp as much later as that was than its
+own predecessor. A payload follows from the sound in the log, and the payloads that redundancy repeats from those of the
+packets before. Packets that are then alike differ in their times only. The layout is in docs/reference/log.md.
 """
 
 import struct
 from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import groupby, pairwise
+from statistics import median_low
 
 from tactophone.bridges import protobuf
 from tactophone.bridges.sound_payload import RTP_HEADER, LoggedSound, PacketLayout, read_layout
 from tactophone.telemetry import ARRIVAL_DIGITS, EventBatch
 
 FOLLOWING, SOUND, REPEATED = 16, 32, 64
-"""Bits of an event's kind, its first byte: without its RTP header, newest payload, repeated payloads."""
+"""Bits of an event's kind, its first byte: without its RTP header, newest payload, repeated payloads. The first of a
+report (RTCP): as differences from the report before."""
 
-_RTP_PACKET = 0
+_RTP_PACKET, _REPORT = 0, 1
+_WORD = 1 << 32
 _TICKS = 10**ARRIVAL_DIGITS  # in a second
 _MOST_REPEATED = 4  # packets back that redundancy reaches, and one more
 
 
 class RtpHeaders:
-    """The headers of one message, in order; one object to write them, another to read them.
+    """The headers of RTP packets, in order; one object to write them, another to read them.
 
     Examples
     --------
@@ -60,6 +63,34 @@ class RtpHeaders:
         return flags, kind, (number + 1) % (1 << 16), (timestamp + step) % (1 << 32), source
 
 
+class _Reports:
+    """Reports in words of four bytes, of which few change much; one object to write them, another to read them."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, ...] = ()
+
+    def shorten(self, event: bytes) -> bytes:
+        """Return a report as differences from the one before, if that was as long."""
+        if event[:1] != bytes([_REPORT]) or len(event) % 4 != 1:
+            return event
+        last, self._last = self._last, struct.unpack(f"!{len(event) // 4}I", event[1:])
+        if len(last) != len(self._last):
+            return event
+        differences = [(word - before + _WORD // 2) % _WORD - _WORD // 2
+                       for before, word in zip(last, self._last, strict=True)]  # fmt: skip
+        return bytes([_REPORT | FOLLOWING]) + protobuf.zigzag(differences)
+
+    def restore(self, event: bytes) -> bytes:
+        """Return a report as it was."""
+        if event[:1] == bytes([_REPORT | FOLLOWING]):
+            differences = protobuf.signed_numbers(event[1:])
+            words = [(word + before) % _WORD for before, word in zip(self._last, differences, strict=True)]
+            event = bytes([_REPORT]) + struct.pack(f"!{len(words)}I", *words)
+        if event[:1] == bytes([_REPORT]) and len(event) % 4 == 1:
+            self._last = struct.unpack(f"!{len(event) // 4}I", event[1:])
+        return event
+
+
 class _Payloads:
     """Newest payloads of the packets before, by timestamp; written and read alike."""
 
@@ -80,33 +111,34 @@ class PacketWriter:
     """Encodes the arrivals of a log, message after message."""
 
     def __init__(self) -> None:
-        self._payloads = _Payloads()
+        self._headers, self._reports, self._payloads = RtpHeaders(), _Reports(), _Payloads()
 
     def encode(self, arrivals: Sequence[tuple[EventBatch, Sequence[bool]]]) -> bytes:
         """Return the message ``tactophone.Packets``; each event of an arrival with whether its sound is in the log."""
-        base = reached = max(0, round(arrivals[0][0].time * _TICKS))
-        headers, encoded = RtpHeaders(), b""
-        delays, alike = b"", b""  # of arrivals that have the same content
-        for arrival, with_sound in arrivals:
-            events = zip(arrival.events, with_sound, strict=True)
-            content = protobuf.integer(2, arrival.polled) * arrival.polled
-            content += b"".join(protobuf.octets(3, self._event(event, known, headers)) for event, known in events)
-            ticks = round(arrival.time * _TICKS)
-            exact = ticks / _TICKS == arrival.time and ticks >= reached
-            if delays and not (exact and content == alike):
-                encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
-                delays = b""
-            if exact:
-                delays, alike = delays + protobuf.varint(ticks - reached), content
-            else:
-                encoded += protobuf.octets(1, protobuf.double(1, arrival.time) + content)
-            reached = max(reached, ticks)
-        if delays:
-            encoded += protobuf.octets(1, alike + protobuf.octets(4, delays))
-        return encoded + protobuf.integer(2, base)
+        ticks = [round(arrival.time * _TICKS) for arrival, _ in arrivals]
+        base = max(0, ticks[0])
+        delays = [later - earlier for earlier, later in pairwise([base, *ticks])]
+        step = max(0, median_low(delays))
+        encoded = protobuf.integer(2, base) + protobuf.integer(3, step)
+        encoded += protobuf.signed(4, [delay - step for delay in delays])
+        contents = [
+            (b"" if tick / _TICKS == arrival.time else protobuf.double(1, arrival.time))
+            + self._content(arrival, with_sound)
+            for (arrival, with_sound), tick in zip(arrivals, ticks, strict=True)
+        ]
+        for content, alike in groupby(contents):
+            count = len(list(alike))
+            encoded += protobuf.octets(1, content + (protobuf.integer(4, count) if count > 1 else b""))
+        return encoded
 
-    def _event(self, event: bytes, with_sound: bool, headers: RtpHeaders) -> bytes:
-        shortened, layout = headers.shorten(event), None
+    def _content(self, arrival: EventBatch, with_sound: Sequence[bool]) -> bytes:
+        events = zip(arrival.events, with_sound, strict=True)
+        return protobuf.integer(2, arrival.polled) * arrival.polled + b"".join(
+            protobuf.octets(3, self._event(event, known)) for event, known in events
+        )
+
+    def _event(self, event: bytes, with_sound: bool) -> bytes:
+        shortened, layout = self._reports.shorten(self._headers.shorten(event)), None
         if event[:1] == bytes([_RTP_PACKET]):
             layout = read_layout(event[1:])
         if layout is None:
@@ -126,7 +158,7 @@ class PacketReader:
 
     def __init__(self) -> None:
         self.sound = LoggedSound()
-        self._payloads = _Payloads()
+        self._headers, self._reports, self._payloads = RtpHeaders(), _Reports(), _Payloads()
 
     def decode(self, message: bytes) -> Iterator[EventBatch]:
         """Yield the arrivals of a message ``tactophone.Packets``.
@@ -136,36 +168,28 @@ class PacketReader:
         ValueError
             When the bytes are not such a message.
         """
-        headers = RtpHeaders()
-        reached = next((int(value) for number, value in protobuf.fields(message) if number == 2), 0)
+        reached, step, delays = 0, 0, deque[int]()
         for number, value in protobuf.fields(message):
             if number == 1:
-                for arrival in self._arrivals(_bytes(value), reached, headers):
-                    yield arrival
-                    reached = max(reached, round(arrival.time * _TICKS))
-
-    def _arrivals(self, message: bytes, reached: int, headers: RtpHeaders) -> Iterator[EventBatch]:
-        polled, events = False, list[bytes]()
-        times = list[float]()
-        for number, value in protobuf.fields(message):
-            if number == 1:
-                times += struct.unpack("<d", _bytes(value))
+                time, polled, events, count = _read_content(_bytes(value))
+                if count > len(delays):
+                    raise ValueError(f"{count} arrivals, but {len(delays)} times")
+                for _ in range(count):
+                    reached += step + delays.popleft()
+                    content = tuple(self._event(event) for event in events)
+                    yield EventBatch(reached / _TICKS if time is None else time, content, polled)
             elif number == 2:
-                polled = bool(value)
+                reached = int(value)
             elif number == 3:
-                events.append(_bytes(value))
+                step = int(value)
             elif number == 4:
-                for delay in protobuf.varints(_bytes(value)):
-                    reached += delay
-                    times.append(reached / _TICKS)
-        for time in times:
-            yield EventBatch(time, tuple(self._event(event, headers) for event in events), polled)
+                delays = deque(protobuf.signed_numbers(_bytes(value)))
 
-    def _event(self, event: bytes, headers: RtpHeaders) -> bytes:
+    def _event(self, event: bytes) -> bytes:
         left_out = event[0] & (SOUND | REPEATED) if event else 0
         if event[:1] and event[0] & ~(SOUND | REPEATED | FOLLOWING):
-            return event
-        event = headers.restore(bytes([event[0] & ~left_out]) + event[1:]) if event else event
+            return self._reports.restore(event)
+        event = self._headers.restore(bytes([event[0] & ~left_out]) + event[1:]) if event else event
         packet = event[1:]
         layout = read_layout(packet)
         if layout is None:
@@ -179,6 +203,21 @@ class PacketReader:
             packet += repeated + self.sound.next_payload(layout.kind)
         self._payloads.keep(packet, layout)
         return bytes([_RTP_PACKET]) + packet
+
+
+def _read_content(message: bytes) -> tuple[float | None, bool, list[bytes], int]:
+    """Return what arrivals that are alike have in common, and their number; their time only if it is no delay."""
+    time, polled, events, count = None, False, list[bytes](), 1
+    for number, value in protobuf.fields(message):
+        if number == 1:
+            (time,) = struct.unpack("<d", _bytes(value))
+        elif number == 2:
+            polled = bool(value)
+        elif number == 3:
+            events.append(_bytes(value))
+        elif number == 4:
+            count = int(value)
+    return time, polled, events, count
 
 
 def _bytes(value: int | bytes) -> bytes:

@@ -5,12 +5,22 @@ each field, so its library, 3 MB with a generated module for each message, is no
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 
-TYPES = {"double": 1, "int64": 3, "int32": 5, "fixed32": 7, "bool": 8, "string": 9, "message": 11, "bytes": 12}
+TYPES = {
+    "double": 1,
+    "int64": 3,
+    "int32": 5,
+    "fixed32": 7,
+    "bool": 8,
+    "string": 9,
+    "message": 11,
+    "bytes": 12,
+    "sint64": 18,
+}
 """Field types, by their numbers in ``FieldDescriptorProto.Type``."""
 
 
@@ -47,6 +57,20 @@ def varint(value: int) -> bytes:
 def integer(number: int, value: int) -> bytes:
     """Encode a whole number or a switch."""
     return varint(number << 3 | _VARINT) + varint(value)
+
+
+def zigzag(values: Iterable[int]) -> bytes:
+    """Encode whole numbers, small ones in a byte.
+
+    >>> zigzag([-1, 64]).hex()
+    '018001'
+    """
+    return b"".join(varint(2 * value if value >= 0 else -2 * value - 1) for value in values)
+
+
+def signed(number: int, values: Iterable[int]) -> bytes:
+    """Encode a packed field of whole numbers."""
+    return octets(number, zigzag(values))
 
 
 def octets(number: int, value: bytes) -> bytes:
@@ -99,6 +123,11 @@ def varints(packed: bytes) -> Iterator[int]:
     while position < len(packed):
         value, position = _read_varint(packed, position)
         yield value
+
+
+def signed_numbers(packed: bytes) -> Iterator[int]:
+    """Return the whole numbers that `zigzag` has encoded."""
+    return (value >> 1 ^ -(value & 1) for value in varints(packed))
 
 
 def describe_file(package: str, messages: Sequence[MessageType], *, imports: Sequence[str] = ()) -> bytes:

@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
@@ -40,6 +40,7 @@ SETTLED_DB = 1.0
 _PACKET, _CONNECTED = 0, 2
 _INFO, _WARNING = 2, 3
 
+_Totals = Mapping[str, Mapping[str, float | None]]
 _AnyState = TypeVar("_AnyState", State, FingerState)
 
 
@@ -109,6 +110,7 @@ class RunReader:
         self._arrivals: list[tuple[EventBatch, list[bool]]] = []
         self._settled = State()
         self._health_at = 0.0
+        self._totals: _Totals = {}
 
     def _session(self) -> Iterator[Message]:
         log, count = self.watcher.log(self._log_count)
@@ -217,12 +219,23 @@ class RunReader:
             return
         self._health_at = now
         counters, gauges = self.watcher.totals()
-        yield Message(schemas.HEALTH, now, json.dumps({"counters": counters, "gauges": _finite(gauges)}).encode())
+        parts: _Totals = {"counters": counters, "gauges": {name: _significant(value) for name, value in gauges.items()}}
+        # A viewer may begin at any time, but a log is read from its beginning: what has not changed is left out.
+        before, self._totals = self._totals, parts if self._in_columns else {}
+        health = {
+            part: {name: value for name, value in values.items() if value != before.get(part, {}).get(name, "")}
+            for part, values in parts.items()
+        }
+        yield Message(schemas.HEALTH, now, json.dumps(health).encode())
 
     def _event(self, now: float, text: str, level: int) -> Message:
         stamp = {"sec": int(now), "nsec": int(now % 1 * 1e9)}
         entries = {"timestamp": stamp, "level": level, "message": text, "name": self.name, "file": "", "line": 0}
         return Message(schemas.EVENTS, now, json.dumps(entries).encode())
+
+
+def _significant(value: float) -> float | None:
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 def _finite(entries: dict[str, Any]) -> dict[str, Any]:

@@ -65,6 +65,11 @@ def _audio(name: str, *fields: FieldType) -> Schema:
     return Schema(f"foxglove.{name}", "protobuf", _TIME_FILE + described)
 
 
+def _own(message: MessageType, *parts: MessageType) -> Schema:
+    """Make a schema of this program, of a message and those that it contains."""
+    return Schema(f"tactophone.{message.name}", "protobuf", describe_file("tactophone", [*parts, message]))
+
+
 _NUMBERS = dict.fromkeys(
     ("window_end", "window", "delay", "none", "smooth", "rough", "level_dbfs", "roughness", "frequency", "amplitude"),
     "number",
@@ -77,25 +82,32 @@ RAW_AUDIO = _audio(
     FieldType("sample_rate", "fixed32"),
     FieldType("number_of_channels", "fixed32"),
 )
-_PACKETS = Schema(
-    "tactophone.Packets",
-    "protobuf",
-    describe_file(
-        "tactophone",
-        [
-            MessageType(
-                "EventBatch",
-                (
-                    FieldType("time", "double"),
-                    FieldType("polled", "bool"),
-                    FieldType("events", "bytes", repeated=True),
-                    FieldType("delays", "int64", repeated=True),
-                ),
-            ),
-            MessageType(
-                "Packets", (FieldType("arrivals", "tactophone.EventBatch", repeated=True), FieldType("base", "int64"))
-            ),
-        ],
+_ARRIVAL = MessageType(
+    "EventBatch",
+    (
+        FieldType("time", "double"),
+        FieldType("polled", "bool"),
+        FieldType("events", "bytes", repeated=True),
+        FieldType("count", "int64"),
+    ),
+)
+_PACKETS = _own(
+    MessageType(
+        "Packets",
+        (FieldType("arrivals", "tactophone.EventBatch", repeated=True), FieldType("base", "int64"),
+         FieldType("step", "int64"), FieldType("delays", "sint64", repeated=True)),
+    ),
+    _ARRIVAL,
+)  # fmt: skip
+
+PREDICTION_COLUMNS = MessageType(
+    "Predictions",
+    (
+        *(FieldType(name, "sint64", repeated=True) for name in (*_NUMBERS, "touch")),
+        FieldType("check", "bytes"),
+        FieldType("event_rows", "int64", repeated=True),
+        FieldType("event_kinds", "string", repeated=True),
+        FieldType("event_times", "double", repeated=True),
     ),
 )
 
@@ -128,16 +140,14 @@ PREDICTION = Topic(
 )
 PREDICTIONS = Topic(
     "/tactophone/predictions",
-    _json_schema(
-        "tactophone.Predictions", {**dict.fromkeys((*_NUMBERS, "touch", "events"), "array"), "check": "string"}
-    ),
-    "each prediction and command, in columns",
+    _own(PREDICTION_COLUMNS),
+    "each prediction and command, in columns of differences",
 )
 STATE = Topic("/tactophone/state", _json_schema("tactophone.State", {"role": "string"}), "the state at each change")
 HEALTH = Topic(
     "/tactophone/health",
     _json_schema("tactophone.Health", {"counters": "object", "gauges": "object"}),
-    "counters and gauges, every two seconds",
+    "counters and gauges, every five seconds",
 )
 EVENTS = Topic(
     "/tactophone/events",
