@@ -1,7 +1,9 @@
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import pytest
 import soundfile
 
@@ -60,19 +62,35 @@ def test_contact_is_labelled_by_the_authors_threshold_where_there_are_no_segment
 def test_table_one_stands_beside_the_papers_own(predictions: dict[str, list[TakePredictions]]) -> None:
     lines = {line.name: line.values for line in table_one(predictions)}
     assert list(lines) == ["paper's own, competition", "texture, competition", "paper's own, test", "texture, test"]
-    assert lines["paper's own, test"]["rough_as_rough"] == "0.240"
-    shares = [float(lines["texture, test"][name]) for name in SHARES]
-    assert sum(shares) == pytest.approx(1, abs=0.005)
+    assert lines["paper's own, test"]["rough_as_rough"].value == 0.240
+    shares = [lines["texture, test"][name].value for name in SHARES]
+    assert sum(shares) == pytest.approx(1)
     assert sum(PAPER_ONE["test"]) == pytest.approx(1, abs=0.005)
 
 
 def test_table_two_has_each_class_and_day(predictions: dict[str, list[TakePredictions]]) -> None:
     lines = {line.name: line.values for line in table_two(predictions)}
     assert tuple(lines["texture"]) == (*TWO_COLUMNS, IN_CONTACT)
-    assert lines["texture"]["rough day 2"] == "-"
-    assert float(lines["texture"]["rough day 1"]) > 0.8
-    assert float(lines["texture"]["test smooth"]) > 0.8
-    assert lines["paper's own, fine-tuned"]["test smooth"] == "0.999"
+    assert math.isnan(lines["texture"]["rough day 2"].value)
+    assert lines["texture"]["rough day 1"].value > 0.8
+    assert lines["texture"]["test smooth"].value > 0.8
+    assert lines["paper's own, fine-tuned"]["test smooth"].value == 0.999
+
+
+def test_intervals_are_of_takes_and_of_pieces_of_a_run(predictions: dict[str, list[TakePredictions]]) -> None:
+    (take,) = (take for take in predictions["texture"] if take.recording.path.stem == "day_1_rough")
+    time = np.arange(0.0, 30.0, 0.01)
+    wrong = (time > 10) & (time < 15)
+    probabilities = np.where(wrong[:, None], (0, 1, 0), (0, 0, 1)).astype(np.float32)
+    recording = replace(take.recording, segments=(Segment(0.0, 30.0, "rough"),))
+    run = TakePredictions(recording, time, probabilities, np.full(len(time), True))
+    score = table_two({"texture": [run]})[-1].values["rough day 1"]
+    assert score.low < score.value == pytest.approx(5 / 6, abs=0.01)
+    assert score.high == 1
+    # A take of a test object is drawn whole, so that one has no spread.
+    alone = replace(run, recording=replace(recording, session="", properties=MappingProxyType({"split": "test"})))
+    score = table_two({"texture": [alone]})[-1].values["test rough"]
+    assert score.low == score.value == score.high
 
 
 def test_both_gates_print_the_share_of_windows_in_contact(
@@ -81,7 +99,7 @@ def test_both_gates_print_the_share_of_windows_in_contact(
     tables = {gate: table_one(gated) for gate, gated in by_gate(predictions, dataset.recordings).items()}
     assert list(tables) == list(GATES)
     authors_share, papers_share = (
-        next(float(line.values[IN_CONTACT]) for line in lines if line.name == "texture, test")
+        next(line.values[IN_CONTACT].value for line in lines if line.name == "texture, test")
         for lines in tables.values()
     )
     # The scrapes are quieter than -26 dBFS: nothing is scored there, and the cells say so.

@@ -1,4 +1,5 @@
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS
 from tactophone.cli import main
 from tactophone.cli._support.paper_tables import print_rows
 from tactophone.dataset import write_metadata
+from tactophone.evaluation import Estimate
 from tests.surfaces import surfaces
 
 
@@ -53,12 +55,13 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    rows = [
-        TableRow("paper/fine-tuned (knows a rough stone's kin)", dict.fromkeys((*TWO_COLUMNS, IN_CONTACT), "0.123"))
-    ]
+    score = Estimate(0.723, 0.614, 1.0)
+    shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
+    rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
     print_rows("Table II", rows, as_json=False)
     shown = capsys.readouterr().out
-    assert shown.count("0.123") == len(rows[0].values)
+    assert shown.count("0.723") == shown.count(".61-1.00") == len(TWO_COLUMNS)
+    assert shown.count("0.642") == 1
     assert "paper/fine-tuned" in shown
     assert max(map(len, shown.splitlines())) <= 80
 

@@ -6,6 +6,10 @@ text (an RMS over -26 dBFS): where a microphone's noise is over 0.005, the first
 
 Models train on the training objects alone; the fine-tuned one on fewer, and on a sample of the competition's stones, as
 the paper has it. That sample is kin of the stones that it is tested with, which its row says.
+
+There is one object a class to test with, so no draw of objects says what another pair of them would change. Intervals
+are of takes of a test object, and of pieces of a competition's run, drawn within each class: what other recordings of
+the same objects would change.
 """
 
 import math
@@ -21,7 +25,7 @@ from tactophone.benchmark.crossvalidation import Cache, cross_validate
 from tactophone.benchmark.entries import entries_for
 from tactophone.dataset import REDUCED_OBJECTS, SPARE_OBJECT, Dataset, Fold, Recording, Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation import TakePredictions, in_true_contact, measure, scores_of
+from tactophone.evaluation import Estimate, TakePredictions, estimate, in_true_contact, scores_of
 from tactophone.perception import Gate
 from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
 from tactophone.types import Touch
@@ -50,6 +54,8 @@ SHARES = ("rough_as_rough", "rough_as_smooth", "smooth_as_rough", "smooth_as_smo
 IN_CONTACT = "in_contact"
 """Column with the share of windows that count."""
 
+PIECE = 5.0
+"""Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
 
 PAPER_ONE: Mapping[str, tuple[float, ...]] = MappingProxyType(
     {"competition": (0.113, 0.472, 0.009, 0.405), "test": (0.240, 0.265, 0.081, 0.413)}
@@ -70,10 +76,10 @@ PAPER_TWO: Mapping[str, tuple[float, ...]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
-    """A row of a table: its name, and its cells by column."""
+    """A row of a table: its name, and its scores by column; NaN where there is none."""
 
     name: str
-    values: dict[str, str]
+    values: dict[str, Estimate]
 
     def as_json(self) -> dict[str, Any]:
         """Return a plain dictionary."""
@@ -168,27 +174,33 @@ def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     """Return Table I: how windows are classified, as shares of all windows."""
     rows = []
     for part in ("competition", "test"):
-        rows.append(_row(f"paper's own, {part}", (*SHARES, IN_CONTACT), (*PAPER_ONE[part], float("nan"))))
+        rows.append(_published(f"paper's own, {part}", (*SHARES, IN_CONTACT), PAPER_ONE[part]))
         for name, takes in predictions.items():
             if of_part := [take for take in takes if take.recording.known("split") == part]:
-                metrics = _measure(of_part)
-                values = [metrics[share] for share in SHARES]
-                rows.append(_row(f"{name}, {part}", (*SHARES, IN_CONTACT), [*values, contact_share(of_part)]))
+                scores = _measure(of_part)
+                shares = {share: scores[share] for share in SHARES}
+                rows.append(TableRow(f"{name}, {part}", {**shares, IN_CONTACT: contact_share(of_part)}))
     return rows
 
 
 def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
     """Return Table II: the accuracy of each class, day by day."""
-    columns, unknown = (*TWO_COLUMNS, IN_CONTACT), float("nan")
-    own = [_row(f"paper's own, {variant}", columns, (*row, unknown)) for variant, row in PAPER_TWO.items()]
-    measured = (_row(name, columns, [*_accuracies(takes), contact_share(takes)]) for name, takes in predictions.items())
-    return [*own, *measured]
+    columns = (*TWO_COLUMNS, IN_CONTACT)
+    own = [_published(f"paper's own, {variant}", columns, row) for variant, row in PAPER_TWO.items()]
+    return [
+        *own,
+        *(
+            TableRow(name, dict(zip(columns, [*_accuracies(takes), contact_share(takes)], strict=True)))
+            for name, takes in predictions.items()
+        ),
+    ]
 
 
-def contact_share(takes: Sequence[TakePredictions]) -> float:
-    """Return the share of windows that count as contact."""
+def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
+    """Return the share of windows that count as contact; without an interval."""
     total = sum(len(take.time) for take in takes)
-    return sum(int(in_true_contact(take).contact.sum()) for take in takes) / total if total else float("nan")
+    counted = sum(int(in_true_contact(take).contact.sum()) for take in takes)
+    return _plain(counted / total if total else float("nan"))
 
 
 def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Segment, ...]:
@@ -219,7 +231,7 @@ def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
         yield Segment(float(begin) - STEP / NETWORK_RATE, float(end) - STEP / NETWORK_RATE, label)
 
 
-def _accuracies(takes: Sequence[TakePredictions]) -> list[float]:
+def _accuracies(takes: Sequence[TakePredictions]) -> list[Estimate]:
     return [
         _accuracy([take for take in takes if _is(take.recording, label, day)], label)
         for label, day in (
@@ -234,19 +246,31 @@ def _is(recording: Recording, label: Touch, day: str) -> bool:
     return recording.label is label and there
 
 
-def _accuracy(takes: Sequence[TakePredictions], label: Touch) -> float:
-    if not takes:
-        return float("nan")
+def _accuracy(takes: Sequence[TakePredictions], label: Touch) -> Estimate:
     return _measure(takes)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
 
 
-def _measure(takes: Sequence[TakePredictions]) -> dict[str, float]:
-    scored = [in_true_contact(take) for take in takes]
+def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
+    scored = [piece for take in takes for piece in _pieces(in_true_contact(take))]
     if not any(take.contact.any() for take in scored):
-        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), float("nan"))
-    return measure(scores_of(scored, "authors"))
+        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), _plain(float("nan")))
+    return estimate(scores_of(scored, "authors"))
 
 
-def _row(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
-    cells = ("-" if math.isnan(value) else f"{value:.3f}" for value in values)
-    return TableRow(name, dict(zip(columns, cells, strict=True)))
+def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
+    """Name what the bootstrap draws: a take of a test object, a piece of a competition's run."""
+    length = PIECE if take.recording.known("split") == "competition" else math.inf
+    number = (take.time // length).astype(int)
+    for piece in np.unique(number):
+        recording = replace(take.recording, surface=f"{take.recording.path} {piece}")
+        here = number == piece
+        yield TakePredictions(recording, take.time[here], take.probabilities[here], take.contact[here])
+
+
+def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
+    """Return a row of the paper, which states neither intervals nor how much was contact."""
+    return TableRow(name, dict(zip(columns, map(_plain, (*values, float("nan"))), strict=True)))
+
+
+def _plain(value: float) -> Estimate:
+    return Estimate(value, float("nan"), float("nan"))
