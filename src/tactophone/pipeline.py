@@ -264,10 +264,12 @@ def open_pipeline(
         fast_contact=fast_contact,
         follow_floor=follow_floor,
     )
-    merger = open_events(sample_rate=sample_rate, channels=channels) if events or profile == "events" else None
+    merger = None
+    if events or profile == "events":
+        merger = open_events(sample_rate=sample_rate, channels=channels, tip=tip)
     return Pipeline(detector, open_profile(profile), limits, events=merger)
 
 
-def open_events(*, sample_rate: int, channels: int) -> EventMerger:
+def open_events(*, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> EventMerger:
     """Make the detector of touch events for a pipeline."""
-    return EventMerger(EventDetector(sample_rate=sample_rate, channels=min(channels, 2)))
+    return EventMerger(EventDetector(sample_rate=sample_rate, channels=min(channels, 2), tip=tip))

@@ -75,6 +75,27 @@ def test_impacts_in_a_train_are_sliding_over_a_mesh_not_taps() -> None:
     assert not times(events_of(impacts(moments, [0.2] * 12)), "tap").size
 
 
+def test_an_impact_out_of_sound_that_is_not_steady_is_no_tap() -> None:
+    sound = impacts([1.0], [0.2])
+    assert times(events_of(sound), "tap") == pytest.approx([1.0])
+    # The swells of a finger that turns: at most 8 dB over the noise, from 0.2 s to 30 ms before.
+    swells = np.random.default_rng(1).normal(0, 1, round(0.17 * RATE)) * np.sin(np.arange(round(0.17 * RATE)) / 600)
+    sound[round(0.8 * RATE) : round(0.97 * RATE), 0] += 2e-3 * swells
+    assert not times(events_of(sound), "tap").size
+
+
+def test_a_hard_landing_of_a_stylus_is_no_knock_in_the_air() -> None:
+    """It shakes the air microphone by 33 dB more than the contact microphone."""
+    contact, air = impacts([1.0], [0.02]), impacts([1.0], [0.9])
+    sound = AudioBlock(np.concatenate((contact, air), axis=1), RATE)
+    kinds = {
+        tip: {event.kind for event in EventDetector(sample_rate=RATE, channels=2, tip=tip).push(sound)}
+        for tip in ("pad", "stylus")
+    }
+    assert "knock" in kinds["pad"]
+    assert "tap" in kinds["stylus"]
+
+
 def test_a_tap_that_bounces_is_one_tap_and_quick_taps_are_as_many() -> None:
     assert times(events_of(impacts([1.0, 1.04], [0.2, 0.02])), "tap") == pytest.approx([1.0])
     assert times(events_of(impacts([1.0, 1.15, 1.3], [0.2] * 3)), "tap") == pytest.approx([1.0, 1.15, 1.3])

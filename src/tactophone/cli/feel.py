@@ -247,6 +247,7 @@ def _open_pipeline(
         fast_contact=args.contact == "fast",
         follow_floor=False,
         events=args.events,
+        tip=args.tip,
     )
     pipeline.threshold_dbfs = floor.threshold_dbfs if floor else args.threshold
     return pipeline

@@ -6,9 +6,9 @@ Widmer, DAFx 2013), against a threshold of median and deviation over the last ha
 Bands count by their excess over their own noise floor, so that the gain and the noise of a microphone do not matter.
 An onset is reported at once as *contact*, and as a *tap* when the next 80 ms are over and it was no knock in the air.
 
-What separates a touch-down from the bursts of sliding is that it comes out of rest: nearly all of its excess rises
-within two steps, and it decays. Ratios to its peak say so at any loudness, and leave room for an echo. And it is
-alone: grains and meshes strike a sliding tip in trains, and a finger that bounces does so more softly.
+What separates a touch-down from the bursts of sliding is that it comes out of rest: before it the level is steady, as
+that of noise is and that of sliding is not; nearly all of its excess rises within two steps, and it decays. And no
+other follows: grains and meshes strike a sliding tip in trains, and a finger that bounces does so more softly.
 
 Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*, or a *slip* if no touch-down was
 detected since the last sliding ended; its end is a *lift-off*. A finger that rests sounds like one
@@ -20,7 +20,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray, TouchEvent
+from tactophone.types import AIR, CONTACT, DEFAULT_TIP, AudioBlock, FloatArray, TouchEvent
 
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""
@@ -47,26 +47,27 @@ HISTORY = 200
 DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
 """An onset's flux exceeds the median by so many mean absolute deviations, and by so much."""
 
-DECAYED_AFTER, CLASSIFIED_AFTER, EARLIEST, STEPS_OF_RISE = 10, 32, 40, 4
-"""Steps, 25 ms, after an onset in which a tap decays; steps after and before it, 80 ms and 0.1 s, in which it is alone,
-but for 10 ms before it, which are of its own rise."""
+DECAYED_AFTER, CLASSIFIED_AFTER = 10, 32
+"""Steps, 25 ms, after an onset in which a tap decays; steps, 80 ms, in which no other follows."""
 
 LIKE_IT, LIKE_IT_DB = 0.2, 10.0
 """Another rise is of the same train if it has such a share of the sharpness and comes to within so many dB of the peak:
-a finger's bounces are softer. On twelve surfaces, a sliding steel stylus brings 13 taps in 10 min, without this 110."""
+a finger's bounces are softer."""
+
+REST_FROM, REST_TO, STEADY_DB, STEADY = 52, 8, 0.8, 0.035
+"""Before an onset the excess is steady from 0.13 s to 20 ms, in which a codec smears the impact ahead: its deviation is
+under so many dB, as that of simulated noise is (0.24 to 0.74), or under so small a share of a tap's peak, which leaves
+room for an echo. A finger hardly lifts and lands again sooner; a sliding one is not so quiet where it turns. On twelve
+surfaces a sliding steel stylus brings 1 tap in 10 min, without this 282."""
 
 REST_DB, LEAST_PEAK_DB = 4.0, 10.0
 """Mean excess that steady noise stays under in nine steps of ten, simulated and in a real room: all shares are taken
 over it. The least peak of a tap: simulated ones have 13.7 dB and more, real ones 26, creeping up to 9.7."""
 
-SHARP, IMPACT_DB, ATTACK = 0.83, 18.0, 2
+SHARP, IMPACT_DB, ATTACK = 0.83, 10.0, 2
 """Least share of a tap's peak that rises within two steps, or as many dB in them, and most steps to its peak. A codec
-spreads an impact over the 20 ms before it, so of a loud tap less than the share is one rise; sliding rises by more than
-these dB only out of loud sound."""
-
-CONTEXT, STEPS_OF_CONTEXT, CONTEXT_QUANTILE = 0.15, 60, 0.8
-"""Greatest share of a tap's peak that was there in the last 0.15 s, of which one step in five may be louder: taps in a
-row, an echo."""
+spreads an impact over the 20 ms before it, so of a loud tap less than the share is one rise: in real ones 17 dB or
+more."""
 
 RINGING, DECAYED = 0.6, 3
 """Greatest share of a tap's peak that is left in the last steps of the 25 ms: a slip that begins at once goes on. In a
@@ -75,9 +76,10 @@ room 0.5 is left of a real tap."""
 CLICK_STEPS = 2
 """A rise is reported as contact in its first or second step, if it is that of a tap so far: its peak is yet to come."""
 
-AIR_LED_DB = 28.0
+AIR_LED_DB = {"rubber": 28.0, "pad": 28.0, "plastic": 28.0, "stylus": 40.0}
 """A knock in the air exceeds the floor in the air microphone by so much more than in the contact microphone: simulated
-ones by 33 to 36 dB; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24 dB."""
+ones by 33 to 36 dB, with a stylus by 34 to 52; touch-downs of the pad by 10 to 22 dB, of a plastic rod by 15 to 24, of
+a steel stylus, which shakes the air microphone, by up to 35."""
 
 SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
 """Steps, 40 ms, over which the median excess of the bands begins sliding, and ends it."""
@@ -97,6 +99,8 @@ class EventDetector:
         Of the sound to come, in Hz; 2 kHz or more.
     channels
         With two, channel 1 is air and knocks in the air are rejected.
+    tip
+        What touches, one of `tactophone.types.TIP_NAMES`.
 
     Examples
     --------
@@ -106,8 +110,8 @@ class EventDetector:
     ['contact', 'tap']
     """
 
-    def __init__(self, *, sample_rate: int, channels: int) -> None:
-        self._rate, self._channels = sample_rate, channels
+    def __init__(self, *, sample_rate: int, channels: int, tip: str = DEFAULT_TIP) -> None:
+        self._rate, self._channels, self._air_led = sample_rate, channels, AIR_LED_DB[tip]
         self._step = max(1, sample_rate // STEPS_PER_SECOND)
         self._window = np.hanning(2 * self._step + 2)[1:-1][:, None]
         self._edges = _band_edges(2 * self._step, sample_rate)
@@ -134,8 +138,7 @@ class EventDetector:
         # Of the newest rise, and of the newest that came out of rest.
         self._onset = self._landed = -CLASSIFIED_AFTER - 1
         self._since: list[Floats] = []
-        self._before = self._sharpest = 0.0
-        self._earlier = np.zeros((2, 0))
+        self._unrest = self._sharpest = 0.0
         self._sliding, self._touched_down = False, False
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
@@ -186,7 +189,6 @@ class EventDetector:
         # The median of the fluxes is never under 0, so most steps need no threshold.
         if settled and flux > LEAST_FLUX_DB and flux > self._threshold():
             self._begin_onset(mean, flux)
-            self._before = self._level_before()
         elif self._main_rise_comes(mean, flux):
             # What a codec smears before an impact, or a light touch before the landing, began too early.
             self._begin_onset(mean, flux)
@@ -201,7 +203,8 @@ class EventDetector:
 
     def _begin_onset(self, mean: Floats, flux: float) -> None:
         self._onset, self._since, self._sharpest = self._count, [mean], flux
-        self._earlier = np.array([self._fluxes, self._means])[:, -EARLIEST:-STEPS_OF_RISE]
+        before = list(self._means)[-REST_FROM:-REST_TO]
+        self._unrest = float(np.std(before)) if before else 0.0
 
     def _classify(self, mean: Floats, flux: float, since: int) -> list[TouchEvent]:
         self._since.append(mean)
@@ -216,24 +219,15 @@ class EventDetector:
         if not early or rings or peak[CONTACT] < LEAST_PEAK_DB or not self._is_rise(peak[CONTACT]):
             return []
         fluxes = np.array([*self._fluxes, flux])[-len(later) :]
-        if self._any_like_it(fluxes, later[:, CONTACT], peak[CONTACT]):
+        # Another rise of the same train.
+        if np.any((fluxes > LIKE_IT * self._sharpest) & (later[:, CONTACT] > peak[CONTACT] - LIKE_IT_DB)):
             return []
-        if self._channels > AIR and peak[AIR] - peak[CONTACT] > AIR_LED_DB:
+        if self._channels > AIR and peak[AIR] - peak[CONTACT] > self._air_led:
             return [TouchEvent("knock", self._time(self._onset))]
         self._touched_down, self._landed = True, self._onset
         # What rings after a tap is not sliding.
         self._excess.extend([0.0] * SLIDING)
         return [TouchEvent("tap", self._time(self._onset))]
-
-    def _any_like_it(self, fluxes: Floats, means: Floats, peak: float) -> bool:
-        """Return whether in any of these steps there is another rise of the same train."""
-        return bool(np.any((fluxes > LIKE_IT * self._sharpest) & (means > peak - LIKE_IT_DB)))
-
-    def _level_before(self) -> float:
-        """Return the excess that most of the last 0.15 s before an onset was under."""
-        # The newest two steps are of the onset itself.
-        means = list(self._means)[-STEPS_OF_CONTEXT - 2 : -2]
-        return float(np.quantile(means, CONTEXT_QUANTILE)) if means else 0.0
 
     def _main_rise_comes(self, mean: Floats, flux: float) -> bool:
         """Return whether, soon after an onset, a sharper rise leads to more than what came before."""
@@ -243,9 +237,7 @@ class EventDetector:
     def _is_rise(self, peak: float) -> bool:
         """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
         height = peak - REST_DB
-        rested = self._before - REST_DB < CONTEXT * height
-        alone = not self._any_like_it(self._earlier[0], self._earlier[1], peak)
-        return rested and alone and _is_sharp(self._sharpest, height)
+        return self._unrest < max(STEADY_DB, STEADY * height) and _is_sharp(self._sharpest, height)
 
     def _flux(self, excess: Floats) -> float:
         """Return the mean rise of the bands, in dB, over the loudest of three neighbours two steps before."""

@@ -184,7 +184,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
         detector,
         GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
         Limits(ceiling=settings.rendering.ceiling),
-        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels)
+        events=open_events(sample_rate=LIVE_SAMPLE_RATE, channels=channels, tip=settings.capture.tip)
         if chosen.events or profile == "events"
         else None,
     )
