@@ -45,6 +45,14 @@ def test_a_stroke_that_turns_on_a_rough_surface_is_confirmed_already(still: int,
     assert shares(decision, 0.9) == [expected]
 
 
+@pytest.mark.parametrize(("length", "expected"), [(FORGET_AFTER - 1, Touch.ROUGH), (FORGET_AFTER, Touch.SMOOTH)])
+def test_unknown_sound_is_smooth_and_refutes_a_rough_touch_only_where_it_lasts(length: int, expected: Touch) -> None:
+    decision = Decision(DecisionRule(confirm=3, abstain_from=0.5))
+    assert shares(decision, 0.9, 0.9, 0.9)[-1] is Touch.ROUGH
+    assert {decision.decide((0.6, 0.0, 0.4), contact=True) for _ in range(length)} == {(Touch.SMOOTH, 0.0)}
+    assert shares(decision, 0.9) == [expected]
+
+
 def test_the_threshold_lies_at_half_roughness() -> None:
     decision = Decision(DecisionRule(rough_on=0.8, rough_off=0.8))
     assert decision.decide((0.0, 0.2, 0.8), contact=True)[1] == pytest.approx(0.5)

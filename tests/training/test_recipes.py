@@ -10,7 +10,7 @@ from tactophone.benchmark import recipe_method
 from tactophone.dataset import Dataset
 from tactophone.evaluation import measure, model_predictor, scores_of
 from tactophone.perception import read_model
-from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureJob, FeatureSpec, build_training_set
+from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureJob, FeatureSpec, TrainingOptions, build_training_set
 from tests.surfaces import surfaces
 
 SEPARATES = {"texture": 0.9, "logistic": 0.9, "boosting": 0.9, "rules": 0.8, "scalogram-cnn": 0.8, "surface": 0.8}
@@ -42,6 +42,16 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
     assert first.time == pytest.approx(second.time)
     assert first.probabilities == pytest.approx(second.probabilities, abs=2e-3)
     assert first.contact.tolist() == second.contact.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("tip", "memory", "rough_on"), [("pad", 0.12, 0.9), ("stylus", 0.25, 0.6), ("", 0.25, 0.6)])
+def test_a_model_of_the_pad_has_the_response_of_the_pad(
+    tip: str, memory: float, rough_on: float, dataset: Dataset, tmp_path: Path
+) -> None:
+    RECIPES["texture"].open_job(TrainingOptions(tip=tip)).train(tmp_path / "model.onnx", dataset)
+    card = read_model(tmp_path / "model.onnx").card
+    assert (card.settings["memory"], card.decision.rough_on) == (memory, rough_on)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from tactophone.perception import (
     shipped_models,
     tip_mismatch,
 )
-from tactophone.training.recipes import SHIPPED
+from tactophone.training.recipes import RECIPES, SHIPPED
 from tactophone.types import TIP_NAMES, AudioBlock, Touch
 from tests.sounds import blocks
 
@@ -57,7 +57,8 @@ def test_each_card_has_scores_on_held_out_sound(name: str) -> None:
 def test_each_model_on_features_runs_by_name_on_one_and_on_two_channels(name: str) -> None:
     card = read_model(model_path(name)).card
     assert (card.kind, card.training["recipe"]) == ("texture", "texture")
-    assert (card.tip, card.settings["memory"]) == ("stylus" if name == "stylus" else "pad", 0.25)
+    assert (card.tip, card.settings["memory"]) == (("stylus", 0.25) if name == "stylus" else ("pad", 0.12))
+    assert card.decision == RECIPES["texture"].response_for(card.tip).decision
     for channels in (1, 2):
         detector = open_detector(name, sample_rate=RATE)
         predictions = [each for block in blocks(hiss(channels), 4800) for each in detector.push(block)]

@@ -12,7 +12,7 @@ from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import DecisionRule
-from tactophone.training import FEATURE_RECIPES, OPEN_GATE, RECIPES, VARIANTS, TrainingOptions
+from tactophone.training import FEATURE_RECIPES, OPEN_GATE, RECIPES, VARIANTS, TrainingOptions, tip_of
 from tactophone.training.network.processor import fastest_precision
 from tactophone.types import AIR
 
@@ -115,7 +115,7 @@ def _entry(name: str, dataset: Dataset, channels: int, *, seed: int = 0, fast: b
     method = recipe_method(recipe, channels=channels)
     if name == NO_AIR:
         method = FeatureMethod(method.job, dropped=AIR)
-    return BenchmarkEntry(method, RECIPES[recipe].decision, FEATURE_LATENCY)
+    return BenchmarkEntry(method, RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision, FEATURE_LATENCY)
 
 
 def _is_possible(name: str, dataset: Dataset) -> bool:

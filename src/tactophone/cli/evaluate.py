@@ -91,11 +91,11 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
     from tactophone.benchmark import default_cache, method_of, permute_labels, recipe_method
     from tactophone.evaluation import make_report
-    from tactophone.training import RECIPES
+    from tactophone.training import RECIPES, tip_of
 
     job = job_of(args)
     method, cache = method_of(job), None if args.no_cache else default_cache()
-    rule = RECIPES[args.recipe].decision
+    rule = RECIPES[args.recipe].response_for(args.tip or tip_of(dataset.recordings)).decision
     reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache), decision=rule)}
     if args.baselines is not None:
         level = recipe_method("level", channels=job.channels)

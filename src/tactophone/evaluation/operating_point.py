@@ -230,23 +230,23 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     )
     share = rough_score(take.probabilities, "two-class")
     unknown = take.probabilities[:, Touch.NONE].astype(np.float64)
-    was_rough, confirmed, streak = (np.zeros(len(rules), kind) for kind in (bool, bool, int))
+    was_rough, confirmed, streak, quiet = (np.zeros(len(rules), kind) for kind in (bool, bool, int, int))
     rough, bumps = np.zeros(len(rules)), np.zeros(len(rules))
     delays: list[NDArray[np.float64]] = []
     delay, start = np.full(len(rules), np.nan), 0.0
-    touching, quiet = False, 0
+    touching = False
     for now, contact, likely, none in zip(take.time, take.contact, share, unknown, strict=True):
         if contact and not touching:
             # A new touch: keep the last one's delays (the first entry belongs to no touch) and count from here.
             delays.append(delay)
             delay, start = np.full(len(rules), np.nan), now
         touching = bool(contact)
-        value = np.where(none >= abstain, 0.0, likely)
-        streak = np.where((value >= on) & touching, streak + 1, 0)
-        is_rough = (value >= np.where(confirmed, off, on)) & (confirmed | (streak >= confirm)) & touching
-        # A rough touch stays confirmed through the still point of a stroke.
-        quiet = 0 if touching else quiet + 1
-        confirmed = is_rough if touching else confirmed & (quiet < FORGET_AFTER)
+        known_sound = touching & (none < abstain)
+        streak = np.where((likely >= on) & known_sound, streak + 1, 0)
+        is_rough = (likely >= np.where(confirmed, off, on)) & (confirmed | (streak >= confirm)) & known_sound
+        # A rough touch stays confirmed through the still point of a stroke, and through some unknown sound.
+        quiet = np.where(known_sound, 0, quiet + 1)
+        confirmed = np.where(known_sound, is_rough, confirmed & (quiet < FORGET_AFTER))
         bumps += is_rough & ~was_rough
         delay = np.where(is_rough & np.isnan(delay), now - start, delay)
         was_rough = is_rough

@@ -66,14 +66,14 @@ class Decision:
 
         Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
         """
-        if not contact:
-            # A prediction without contact is that of the average touch: it confirms nothing about the touch to come.
+        if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
+            # A prediction without contact is that of the average touch, and unknown sound says nothing about the class:
+            # neither confirms what follows nor, for a while, refutes what came before.
             self._streak, self._quiet = 0, self._quiet + 1
             self._rough = self._rough and self._quiet < FORGET_AFTER
-            return Touch.NONE, 0.0
+            return (Touch.SMOOTH if contact else Touch.NONE), 0.0
         self._quiet = 0
-        unknown = probabilities[Touch.NONE] >= self._rule.abstain_from
-        share = 0.0 if unknown else rough_share(probabilities)
+        share = rough_share(probabilities)
         # Hysteresis: the threshold in force depends on the last decision.
         threshold = self._rule.rough_off if self._rough else self._rule.rough_on
         self._streak = self._streak + 1 if share >= self._rule.rough_on else 0

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from tactophone.training.network.settings import VARIANTS as VARIANTS
     from tactophone.training.network.settings import NetworkSettings as NetworkSettings
     from tactophone.training.network.settings import network_settings as network_settings
+    from tactophone.training.provenance import tip_of as tip_of
     from tactophone.training.recipes import FEATURE_RECIPES as FEATURE_RECIPES
     from tactophone.training.recipes import RECIPES as RECIPES
     from tactophone.training.recipes import Job as Job
@@ -57,6 +58,7 @@ _HOMES = {
         "LABEL_LEVEL_DBFS", "NETWORK_HOP", "NETWORK_RATE", "NETWORK_WINDOW_SIZE", "OPEN_GATE", "PRECISIONS",
         "REFERENCE_GATE", "VARIANTS", "NetworkSettings", "network_settings",
     ),
+    "provenance": ("tip_of",),
     "recipes": ("FEATURE_RECIPES", "RECIPES", "Job", "Recipe", "TrainingOptions"),
     "sound": ("read_signals",),
 }  # fmt: skip

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 from tactophone.perception import MEMORY, Calibration, DecisionRule, Gate
 from tactophone.training.features.augmentation import Augmentation
 from tactophone.training.network.settings import Precision, Variant
+from tactophone.types import DEFAULT_TIP
 
 if TYPE_CHECKING:
     from tactophone.dataset import Dataset
@@ -135,6 +136,22 @@ class Job(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class Response:
+    """How surely and how quickly a detector decides.
+
+    Parameters
+    ----------
+    decision
+        The decision rule in the model's card.
+    memory
+        Of texture features' running statistics, in s.
+    """
+
+    decision: DecisionRule = field(default_factory=DecisionRule)
+    memory: float = MEMORY
+
+
+@dataclass(frozen=True, slots=True)
 class Recipe:
     """A named way to train a detector.
 
@@ -150,8 +167,10 @@ class Recipe:
         Dotted path ``module:function`` from a training set to the graph of a model file; empty where ``job`` trains.
     job
         Dotted path of the function that makes its :class:`Job` from the recipe and :class:`TrainingOptions`.
-    decision
-        The decision rule in its model card.
+    response
+        Decision rule and memory of its models.
+    pad_response
+        The same for models of the pad; by default as of others.
     version
         Version of its results: raise it when they change in a way that neither name nor options show, so that cached
         folds are computed anew.
@@ -159,8 +178,6 @@ class Recipe:
         Where not ``None``, the recipe always uses one channel, this one.
     change_detection
         Whether the running statistics of texture features restart where the surface changes.
-    memory
-        Of texture features' running statistics, in s.
     augmentation
         How takes are varied in training; not at all by default.
     shipped
@@ -174,14 +191,18 @@ class Recipe:
     features: FeatureKind | Literal["magnitudes"]
     fit: str = ""
     job: str = "tactophone.training.features.job:feature_job"
-    decision: DecisionRule = field(default_factory=DecisionRule)
+    response: Response = field(default_factory=Response)
+    pad_response: Response | None = None
     version: int = 2
     microphone: Microphone | None = None
     change_detection: bool = True
-    memory: float = MEMORY
     augmentation: Augmentation | None = None
     shipped: bool = False
     requires: str = ""
+
+    def response_for(self, tip: str) -> Response:
+        """Return decision rule and memory of a model of this tip."""
+        return self.pad_response if self.pad_response and tip == DEFAULT_TIP else self.response
 
     def open_job(self, options: TrainingOptions | None = None) -> Job:
         """Return the training job of this recipe; imports what it needs."""
@@ -198,10 +219,16 @@ def load(path: str) -> Callable[..., Any]:
     return cast(Callable[..., Any], getattr(importlib.import_module(module), name))
 
 
-_CONFIRMED = DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5)
+_CONFIRMED = Response(DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5), memory=0.25)
 """*None* where sound is unknown, and rough must hold for 40 ms: that halves the false bumps of a prediction that moves
-quickly, and edges are still felt in time. The hysteresis lies evenly around a half: it ends the false bumps of sound at
-the boundary, for 0.003 of what is rendered right on real kinds left out (docs/research/detector.md)."""
+quickly. The hysteresis lies evenly around a half: it ends the false bumps of sound at the boundary, for 0.003 of what
+is rendered right on real kinds left out (docs/research/detector.md)."""
+
+_OF_PAD = Response(DecisionRule(rough_on=0.9, rough_off=0.7, confirm=1, abstain_from=0.5), memory=0.12)
+"""Under the pad a stroke that turns every 0.2 s takes a smooth surface to 0.7 for moments, as its level swings by
+20 dB: so rough begins at 0.9, and then at once, as few smooth windows reach that. A longer memory scores no better
+there and reports edges later. Under a stylus, of real kinds left out, such a memory and 0.8 already cost 0.09 of what
+is rendered right (docs/research/detector.md)."""
 
 _BASELINES = "tactophone.training.features.baselines"
 
@@ -216,8 +243,8 @@ _LISTED = (
     ),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        "tactophone.training.features.linear_classifier:build_texture", decision=_CONFIRMED, version=5, memory=0.25,
-        augmentation=Augmentation(), shipped=True,
+        "tactophone.training.features.linear_classifier:build_texture", response=_CONFIRMED,
+        pad_response=_OF_PAD, version=6, augmentation=Augmentation(), shipped=True,
     ),
     Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),
     Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues", f"{_BASELINES}:build_rules"),

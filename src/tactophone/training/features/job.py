@@ -25,7 +25,7 @@ class FeatureJob:
     name
         A key of :data:`tactophone.training.recipes.RECIPES`.
     spec
-        Which features, of which channels.
+        Which features, of which channels; the memory is that of the recipe for the tip.
     codecs
         A model file is trained on each recording as it is and once more through each of these codecs.
     seed
@@ -63,13 +63,14 @@ class FeatureJob:
     def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
         """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
         spec = self.evaluated_spec if codecs is None else self.spec
+        tip = self.tip or tip_of(recordings)
         return build_training_set(
-            spec,
+            replace(spec, memory=self.recipe.response_for(tip).memory),
             recordings,
             codecs=codecs or (),
             augmentation=self.recipe.augmentation,
             seed=self.seed,
-            tip=self.tip or tip_of(recordings),
+            tip=tip,
         )
 
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
@@ -97,7 +98,7 @@ class FeatureJob:
             "sha256": dataset.fingerprint,
             "through": ["nothing", *through],
         }
-        card = training_set.card(path.stem, rule=self.recipe.decision, training=facts)
+        card = training_set.card(path.stem, rule=self.recipe.response_for(training_set.tip).decision, training=facts)
         settings = {**card.settings, "tip": training_set.tip}
         card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
         write_graph(path, self.build(training_set), card)
@@ -107,7 +108,7 @@ class FeatureJob:
 def feature_job(recipe: Recipe, options: TrainingOptions) -> FeatureJob:
     """Return the job of a recipe on features; it has channels, microphone, tip, Opus bitrate and seed."""
     kind = cast(FeatureKind, recipe.features)
-    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection, memory=recipe.memory)
+    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection)
     if recipe.microphone or options.channels == 1:
         spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
     # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).

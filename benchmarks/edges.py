@@ -1,0 +1,94 @@
+"""When is a change of surface reported under a finger that does not lift? Lists every edge that never is.
+
+    python benchmarks/edges.py SET [--also SET ...] [--kin CSV] [--tip stylus]
+
+SET is split into five folds, kin together; the recipe ``texture`` is trained on four of them, and on the sets of
+``--also``, and edges are joined from the touches of the fifth (`tactophone.evaluation.join_edges`). p50 and p95 are
+over *all* edges on which the finger slides; one that is never reported counts as infinite. *Model*: contact is a
+window over the threshold of the model's card. *Touching*: all sound is contact, as the finger does not lift and a live
+threshold follows the noise. With ``lmt`` every run is a look at real scores: enter it in docs/research/looks.md.
+"""
+
+import argparse
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.benchmark.entries import FEATURE_LATENCY
+from tactophone.dataset import Dataset, Recording, open_dataset, split, with_kin
+from tactophone.dataset.motion_intervals import slides_over
+from tactophone.evaluation import TakePredictions, edge_delays, join_edges, model_predictor
+from tactophone.evaluation.metrics import rough_score
+from tactophone.perception import read_model
+from tactophone.training import RECIPES, TrainingOptions, tip_of
+from tactophone.types import Touch
+
+FOLDS = "5-fold"
+
+SILENCE_DBFS = -120.0
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """An edge and its predictions, by the model's threshold and with all sound as contact."""
+
+    model: TakePredictions
+    touching: TakePredictions
+
+
+def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOptions, folder: Path) -> list[Edge]:
+    """Join the edges of each held-out fold, and predict them by a model trained without that fold."""
+    edges = []
+    for fold in split(dataset, FOLDS):
+        path = folder / "fold.onnx"
+        recordings = (*fold.train, *also)
+        RECIPES["texture"].open_job(options).train(path, replace(dataset, recordings=recordings))
+        model = read_model(path)
+        open_gate = replace(model, card=replace(model.card, gate=replace(model.card.gate, threshold_dbfs=SILENCE_DBFS)))
+        plain, touching = model_predictor(model), model_predictor(open_gate)
+        joined = [take for take in join_edges(fold.test, folder) if slides_over(take, take.segments[2].start)]
+        edges += [Edge(plain(take), touching(take)) for take in joined]
+    return edges
+
+
+def describe(take: TakePredictions) -> str:
+    """Return a row on what was predicted after an edge that was never reported."""
+    after = take.recording.segments[2]
+    here = take.time > after.start
+    share = np.median(rough_score(take.probabilities[here], "two-class"))
+    unknown, quiet = take.probabilities[here, Touch.NONE].mean(), 1 - take.contact[here].mean()
+    return f"| {take.recording.surface} | {after.label_name} | {share:.2f} | {unknown:.2f} | {quiet:.2f} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("--also", type=Path, nargs="*", default=[])
+    parser.add_argument("--kin", type=Path)
+    parser.add_argument("--tip", default="")
+    args = parser.parse_args()
+    dataset = open_dataset(args.dataset).labelled()
+    if args.kin:
+        dataset = with_kin(dataset, args.kin).where(lambda take: take.tier in ("core", "extended"))
+    also = [take for folder in args.also for take in open_dataset(folder).labelled().recordings]
+    channels = min(len(take.channels) for take in dataset.recordings)
+    options = TrainingOptions(channels=channels, microphone="air" if channels == 1 else "contact", tip=args.tip)
+    rule = RECIPES["texture"].response_for(args.tip or tip_of(dataset.recordings)).decision
+    with tempfile.TemporaryDirectory() as folder:
+        edges = predict_edges(dataset, also, options, Path(folder))
+        for name in ("model", "touching"):
+            takes = [getattr(edge, name) for edge in edges]
+            delays = edge_delays(takes, rule, latency=FEATURE_LATENCY)
+            print(
+                f"{name}: {len(edges)} edges, p50 {delays.quantile_ms(0.5):.0f} ms, p95 {delays.quantile_ms(0.95):.0f} "
+                f"ms, never {delays.missed}; p95 of those reported {1e3 * np.quantile(delays.times, 0.95):.0f} ms\n\n"
+                "| never reported | to | P(rough), p50 | unknown | without contact |\n|---|---|--:|--:|--:|"
+            )
+            lost = [take for take in takes if edge_delays([take], rule, latency=FEATURE_LATENCY).missed]
+            print("\n".join(map(describe, lost)), end="\n\n")
+
+
+if __name__ == "__main__":
+    main()
