@@ -9,6 +9,7 @@ the server waits for the client and the client for the server: so leaving has a 
 """
 
 import contextlib
+import functools
 import os
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -236,8 +237,12 @@ class _Arrays:
         return found
 
 
+@functools.cache
 def _jack() -> Any:
-    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages."""
+    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages.
+
+    Once: a second call would free the functions of the first, which a thread of the library may be calling.
+    """
     try:
         import jack
     except ImportError:
