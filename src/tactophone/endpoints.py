@@ -120,6 +120,7 @@ class OperatorEndpoint:
         self.session = session
         self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
         self._channels, self._reopen = channels, reopen
+        self._accepted = 0
         self.refusal = ""
 
     @property
@@ -151,15 +152,19 @@ class OperatorEndpoint:
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
         for event in events:
             steps = self._steps_of(event)
-            yield from ((event, step) for step in steps) if steps is not None else ((event, None),)
+            if steps is None:
+                yield event, None
+                continue
+            for step in steps:
+                yield event, step
 
     def _steps_of(self, event: ReceiveEvent) -> Iterable[PipelineStep] | None:
+        if isinstance(event, DecodedAudio):  # nearly always
+            if not self._accepts(event.block.channels):
+                return None
+            steps = self.hand.push(event.block)
+            return (PipelineStep(step.block, (), (), step.finger) for step in steps) if event.stale else steps
         match event:
-            case DecodedAudio(block, stale):
-                if not self._has_fingers(max(1, block.channels // 2)) or not self._match_channels(block.channels):
-                    return None
-                steps = self.hand.push(block)
-                return (PipelineStep(step.block, (), (), step.finger) for step in steps) if stale else steps
             case PredictionReceived(prediction, stale, finger, fingers):
                 if not self._has_fingers(fingers):
                     return None
@@ -172,6 +177,13 @@ class OperatorEndpoint:
                 self.hand.reset()
                 self.refusal = ""
         return None
+
+    def _accepts(self, channels: int) -> bool:
+        """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""
+        if channels != self._accepted or self.refusal:
+            accepted = self._has_fingers(max(1, channels // 2)) and self._match_channels(channels)
+            self._accepted = channels if accepted else 0
+        return self._accepted > 0
 
     def _has_fingers(self, fingers: int) -> bool:
         """Whether this end has as many fingers as the robot; if not, `refusal` says so."""

@@ -9,7 +9,7 @@
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -157,6 +157,11 @@ class Hand:
         Of each pipeline's sound: 1 leaves out the air channel, which a finger without that microphone has as silence.
         By default 2 each; the sound of a single finger has whatever its pipeline takes.
 
+    Attributes
+    ----------
+    fingers
+        Number of fingers.
+
     Examples
     --------
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
@@ -167,15 +172,14 @@ class Hand:
 
     def __init__(self, pipelines: Sequence[Pipeline], *, channels: Sequence[int] = ()) -> None:
         self.pipelines = list(pipelines)
-        self._channels = list(channels) or [2] * len(self.pipelines)
+        self.fingers = len(self.pipelines)
+        self._channels = list(channels) or [2] * self.fingers
 
-    @property
-    def fingers(self) -> int:
-        """Number of fingers."""
-        return len(self.pipelines)
-
-    def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
+    def push(self, block: AudioBlock) -> Iterable[PipelineStep]:
         """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it."""
+        return [self.pipelines[0].push(block)] if self.fingers == 1 else self._push_together(block)
+
+    def _push_together(self, block: AudioBlock) -> Iterator[PipelineStep]:
         parts = self.split(block)
         together = zip(self.pipelines, parts, strict=True)
         predictions = process_together([pipeline.detector.process(part) for pipeline, part in together])

@@ -100,7 +100,7 @@ class AudioBlock:
     @property
     def end(self) -> int:
         """Index of the sample after the last one."""
-        return self.start + self.size
+        return self.start + len(self.samples)
 
 
 FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")

@@ -1,4 +1,6 @@
+import queue
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 from tactophone.capture import LiveSource
 from tactophone.devices import Process
 from tactophone.errors import DeviceError
+from tactophone.types import AudioBlock
 
 
 class HandDevice:
@@ -74,6 +77,35 @@ def test_a_late_reader_gets_all_that_waits_at_once_up_to_a_gap(source: LiveSourc
     source.device.deliver(0.4, 8)
     source.close()
     assert [block.size for block in blocks] == []
+
+
+def test_a_reader_that_waits_is_woken_for_as_much_as_it_needs(source: LiveSource) -> None:
+    received: queue.SimpleQueue[AudioBlock] = queue.SimpleQueue()
+    needed = 240
+
+    def read() -> None:
+        for block in source.joined(lambda: needed):
+            received.put(block)
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    while not source._idle:
+        time.sleep(0.001)
+    source.device.deliver(0.1, 128)
+    with pytest.raises(queue.Empty):
+        received.get(timeout=0.05)
+    source.device.deliver(0.2, 128)
+    block = received.get(timeout=5)
+    assert (block.start, block.size) == (0, 256)
+    np.testing.assert_allclose(block.samples[[0, -1], 0], np.float32([0.1, 0.2]))
+    while not source._idle:
+        time.sleep(0.001)
+    needed = 128
+    source.device.deliver(0.3, 128)
+    assert received.get(timeout=5).start == 256
+    source.close()
+    reader.join(5)
+    assert not reader.is_alive()
 
 
 def test_a_silent_device_is_revived(source: LiveSource) -> None:

@@ -34,7 +34,7 @@ def test_nothing_is_written_before_a_batch_is_full_and_then_all_in_order(run: Ru
     deferred, _, watcher = run
     for number in range(BATCH):
         assert not deferred.due(1.0)
-        deferred.mark(MARKS.index("decoded"), 120 * number, now=1.0 + number / 1e4)
+        deferred.mark(120 * number, (MARKS.index("decoded"), 1.0 + number / 1e4))
         deferred.publish(step(number), now=1.0)
     assert watcher.snapshot().step_end == 0
     assert deferred.due(1.0)

@@ -2,7 +2,7 @@ from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Oscillator
 from tactophone.link import Identity, Peers, ReceiveSession, Session
-from tactophone.pipeline import open_pipeline
+from tactophone.pipeline import Hand, open_pipeline
 from tactophone.runtime.finger_output import FingerOutput
 from tactophone.telemetry import Request
 
@@ -18,5 +18,5 @@ def test_controls_count_as_changed_after_each_request_stop_and_pipeline_and_not_
     assert [finger.changed(), finger.changed()] == [True, False]
     finger.requests.stop()
     assert [finger.changed(), finger.changed()] == [True, False]
-    endpoint.hand.pipelines[0] = open_pipeline(sample_rate=48_000, channels=1)
+    endpoint.hand = Hand([open_pipeline(sample_rate=48_000, channels=1)])
     assert [finger.changed(), finger.changed()] == [True, False]

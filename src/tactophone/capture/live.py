@@ -20,6 +20,10 @@ REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""
 
 
+def _any() -> int:
+    return 1
+
+
 class LiveSource:
     """A sound device as a `tactophone.types.Source`.
 
@@ -33,16 +37,26 @@ class LiveSource:
         The only rate accepted, in Hz.
     order
         For each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their order.
+
+    Attributes
+    ----------
+    overflows
+        Periods dropped because too many waited.
+    period
+        Samples of the newest period; 0 before the first.
     """
 
     def __init__(
         self, open_device: Callable[[Process], Device], *, channels: int, sample_rate: int = LIVE_SAMPLE_RATE,
         order: Sequence[int] = (),
     ) -> None:  # fmt: skip
-        self.overflows = 0
-        self._queue: queue.SimpleQueue[AudioBlock | None] = queue.SimpleQueue()
-        self._waiting = 0
+        self.overflows = self.period = 0
+        self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
+        # Each is written by one thread alone: samples queued by the device's, samples taken by the reader's.
+        self._queued = self._taken = 0
         self._position = 0
+        self._held: list[AudioBlock] = []
+        self._idle, self._needed = False, _any
         self._channels, self._sample_rate = channels, sample_rate
         self._open = False
         self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
@@ -78,45 +92,72 @@ class LiveSource:
         self.device.close()
 
     def __iter__(self) -> Iterator[AudioBlock]:
-        while self._open:
-            try:
-                block = self._queue.get(timeout=REVIVE_INTERVAL)
-            except queue.Empty:
-                self.device.revive()
-                continue
-            if block is None:
-                return
-            self._waiting -= block.size
-            yield block
+        for blocks in self._arrivals():
+            yield from blocks
 
-    def joined(self) -> Iterator[AudioBlock]:
-        """Iterate, with all blocks that wait in one: a reader that was late is in step again at once."""
-        for first in self:
-            blocks = [first]
+    def joined(self, needed: Callable[[], int] = _any) -> Iterator[AudioBlock]:
+        """Iterate, with all blocks that wait in one: a reader that was late is in step again at once.
+
+        Parameters
+        ----------
+        needed
+            Returns the samples without which the reader has nothing to do: it is not woken for fewer. Called in the
+            device's thread, and only while the reader waits.
+        """
+        self._needed = needed
+        for arrived in self._arrivals():
+            blocks = arrived
             while not self._queue.empty():
                 following = self._queue.get()
                 if following is None:
                     self._queue.put(None)  # the end, which the iteration is to see after this sound
                     break
-                self._waiting -= following.size
-                if following.start != blocks[-1].end:
-                    yield _join(blocks)
-                    blocks = []
-                blocks.append(following)
-            yield _join(blocks)
+                blocks = [*blocks, *self._take(following)]
+            yield from _joined(blocks)
+
+    def _arrivals(self) -> Iterator[list[AudioBlock]]:
+        while self._open:
+            self._idle = True
+            try:
+                blocks = self._queue.get(timeout=REVIVE_INTERVAL)
+            except queue.Empty:
+                self.device.revive()
+                continue
+            self._idle = False
+            if blocks is None:
+                return
+            yield self._take(blocks)
+
+    def _take(self, blocks: list[AudioBlock]) -> list[AudioBlock]:
+        self._taken += sum(block.size for block in blocks)
+        return blocks
 
     def _enqueue(self, inputs: list[FloatArray], _: list[FloatArray]) -> None:
         # The position advances for dropped sound too, so that ``start`` jumps by what was lost.
-        start = self._position
-        self._position = start + len(inputs[0])
-        if self._waiting > LONGEST_WAIT * self._sample_rate:
+        start, self.period = self._position, len(inputs[0])
+        self._position = start + self.period
+        if self._queued - self._taken > LONGEST_WAIT * self._sample_rate:
             self.overflows += 1
             return
-        samples = np.zeros((len(inputs[0]), self._channels), np.float32)
+        samples = np.zeros((self.period, self._channels), np.float32)
         for channel, place in self._order:
             samples[:, channel] = inputs[place]
-        self._waiting += len(samples)
-        self._queue.put(AudioBlock(samples, sample_rate=self._sample_rate, start=start))
+        self._queued += self.period
+        self._held.append(AudioBlock(samples, sample_rate=self._sample_rate, start=start))
+        if not self._idle or self._position - self._held[0].start >= self._needed():
+            self._queue.put(self._held)
+            self._held = []
+
+
+def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
+    """Yield stretches without a gap, each as one block."""
+    whole: list[AudioBlock] = []
+    for block in blocks:
+        if whole and block.start != whole[-1].end:
+            yield _join(whole)
+            whole = []
+        whole.append(block)
+    yield _join(whole)
 
 
 def _join(blocks: list[AudioBlock]) -> AudioBlock:

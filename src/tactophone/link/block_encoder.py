@@ -51,6 +51,11 @@ class BlockEncoder:
         self._buffer = np.zeros((codec.packet_size, codec.channels), np.float32)
         self._filled, self._after_gap = 0, True
 
+    @property
+    def missing(self) -> int:
+        """Samples until the next packet is complete."""
+        return self.codec.packet_size - self._filled
+
     def push(self, block: AudioBlock) -> list[EncodedSound]:
         """Take sound; return what it completes, oldest first."""
         self._check(block)

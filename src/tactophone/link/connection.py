@@ -34,6 +34,8 @@ class Connection:
         When the handshake was finished, when the last authentic packet came, and until when the keys are used (s).
     stream
         SSRC of the peer's packets.
+    unprotect
+        Authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
     """
 
     __slots__ = (
@@ -46,6 +48,7 @@ class Connection:
         "handshake",
         "last_received",
         "stream",
+        "unprotect",
         "until",
     )
 
@@ -55,6 +58,7 @@ class Connection:
         self.until = now + MAX_KEY_AGE
         self.stream = agreement.secrets.remote_ssrc
         self._crypto = SrtpCrypto(agreement.secrets)
+        self.unprotect = self._crypto.unprotect
         self._sent = self._sequence = 0
 
     def protect(self, packet: bytes) -> bytes:
@@ -63,10 +67,6 @@ class Connection:
         if not is_report(packet):
             self._sequence = int.from_bytes(packet[2:4])
         return self._crypto.protect(packet)
-
-    def unprotect(self, datagram: bytes) -> bytes:
-        """Authenticate and decrypt a datagram; `PacketError` when it is not authentic."""
-        return self._crypto.unprotect(datagram)
 
     def needs_renewal(self, now: float, *, after: float) -> bool:
         """Whether the keys are to be renewed, and may be now."""

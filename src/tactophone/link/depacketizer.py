@@ -136,7 +136,10 @@ class Depacketizer:
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
-        return None if self.reception.count_late(position, self._next) else position
+        if position < self._next:
+            self.reception.stats.packets_late += 1
+            return None
+        return position
 
     def _accept(self, packet: Packet, position: int, now: float) -> None:
         """Keep a packet's payloads until their turn."""
@@ -170,8 +173,11 @@ class Depacketizer:
 
     def _decode(self, decoded: list[DecodedAudio], payload: Payload, now: float, *, arrival: float) -> bool:
         """Decode the next payload; false, and counted, if it is malformed."""
+        decoder = self._decoder
         try:
-            samples = self._decoder_for(payload).decode(payload.content)
+            if decoder is None or decoder.kind != payload.kind:
+                decoder = self._decoder_for(payload)
+            samples = decoder.decode(payload.content)
         except PacketError:
             self.reception.stats.packets_broken += 1
             return False
@@ -204,11 +210,11 @@ class Depacketizer:
         yield self._emit(samples, now, concealed=True, arrival=now)
 
     def _emit(self, samples: FloatArray, now: float, *, concealed: bool, arrival: float) -> DecodedAudio:
-        block = AudioBlock(samples, CLOCK_RATE, self._next, concealed)
-        self._next = block.end
+        block, size, stats = AudioBlock(samples, CLOCK_RATE, self._next, concealed), len(samples), self.reception.stats
+        self._next += size
         stale = now - block.start / CLOCK_RATE - self._delay.minimum > STALENESS
-        self.reception.stats.samples_received += block.size
-        self.reception.stats.packets_skipped += stale
+        stats.samples_received += size
+        stats.packets_skipped += stale
         return DecodedAudio(block, stale, waited=now - arrival)
 
     def _decoder_for(self, payload: Payload) -> Decoder:

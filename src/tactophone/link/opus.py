@@ -136,6 +136,10 @@ class OpusDecoder:
 
     def decode(self, content: bytes) -> FloatArray:
         """Decode a payload, to shape ``(size, channels)``; `PacketError` when it is malformed."""
+        if len(self._fingers) == 1:
+            size = self._fingers[0].size(content)
+            self._fingers[0].decode(content, size)
+            return self._sound[:, :size].T.copy()
         parts = self._split(content)
         sizes = [finger.size(part) for finger, part in zip(self._fingers, parts, strict=True)]
         if min(sizes) != max(sizes):
@@ -158,8 +162,6 @@ class OpusDecoder:
     def _split(self, content: bytes) -> list[bytes]:
         """Return the payload of each finger."""
         fingers = len(self._fingers)
-        if fingers == 1:
-            return [content]
         each, rest = divmod(len(content), fingers)
         if rest or not each:
             raise PacketError(f"{len(content)} bytes of Opus, which {fingers} fingers cannot share evenly")
@@ -209,7 +211,8 @@ class _FingerDecoder:
             self._decode_together(content, size)
             return
         for (state, sound), part in zip(self._streams, parts, strict=True):
-            self._check(self._decode(state, part, len(part), sound, size, 0))
+            if (decoded := self._decode(state, part, len(part), sound, size, 0)) < 0:
+                self._check(decoded)
 
     def _decode_together(self, content: bytes, size: int) -> None:
         samples = np.empty((size, len(self._streams)), np.float32)

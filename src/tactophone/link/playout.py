@@ -114,7 +114,7 @@ class Playout:
         self._packet_size = size
         self.controller.push(start, size, now=now)
         if self._position is not None:
-            self.reception.count_late(start, self._position)
+            self.reception.stats.packets_late += start < self._position
         for payload in packet.earlier:
             self._keep(self._timestamps.position(payload.timestamp), payload, primary=False)
 

@@ -29,6 +29,7 @@ _STREAM_COUNTERS = (
 )  # fmt: skip
 
 _PREDICTIONS = {PayloadType.PREDICTION: read_prediction, PayloadType.HAPTICS: read_haptics}
+_NO_SOUND = {*_PREDICTIONS, PayloadType.HAND_PREDICTION}
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,24 +169,26 @@ class ReceiveSession:
         # Packets of sound are collected, because those that arrived together are put in order together.
         packets: list[Packet] = []
         for event in events:
-            if isinstance(event, Renewed):
-                # The stream runs on, so that nothing is lost at the finger; only the SSRCs in reports change.
-                self._ssrcs = (event.local_ssrc, event.remote_ssrc)
-                self._past["handshakes"] += 1
-            elif not isinstance(event, PacketReceived):
-                received += self._depacketizer.push(packets, now=now)
-                packets = []
-                self._handle_connection(event, now)
-                received.append(event)
-            elif event.report:
-                self._handle_report(event.packet, now)
-            elif (packet := self._parse(event.packet)) is not None:
-                if packet.payload.kind in _PREDICTIONS or packet.payload.kind == PayloadType.HAND_PREDICTION:
+            if isinstance(event, PacketReceived):
+                if event.report:
+                    self._handle_report(event.packet, now)
+                elif (packet := self._parse(event.packet)) is None:
+                    continue
+                elif packet.payload.kind in _NO_SOUND:
                     received += self._handle_prediction(packet, now)
                 else:
                     packets.append(packet)
                     if self.playout:
                         self.playout.push(packet, now=now)
+            elif isinstance(event, Renewed):
+                # The stream runs on, so that nothing is lost at the finger; only the SSRCs in reports change.
+                self._ssrcs = (event.local_ssrc, event.remote_ssrc)
+                self._past["handshakes"] += 1
+            else:
+                received += self._depacketizer.push(packets, now=now)
+                packets = []
+                self._handle_connection(event, now)
+                received.append(event)
         return received + self._depacketizer.push(packets, now=now)
 
     def _parse(self, datagram: bytes) -> Packet | None:

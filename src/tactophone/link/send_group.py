@@ -72,6 +72,11 @@ class SendGroup:
         return self._encoder.codec
 
     @property
+    def missing(self) -> int:
+        """Samples of sound until the next packet is complete."""
+        return self._encoder.missing
+
+    @property
     def connected(self) -> list[SendSession]:
         """The sessions with operators that are connected."""
         return [member for member in self.members if member.peer is not None]

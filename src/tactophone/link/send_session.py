@@ -139,7 +139,7 @@ class SendSession:
             match event:
                 case Connected():
                     self._packetizer = Packetizer(self._encoder, ssrc=event.local_ssrc, redundancy=self.redundancy)
-                    self.bandwidth = 0
+                    self.bandwidth = 0.0
                     self.counters["handshakes"] += 1
                 case Disconnected():
                     self._packetizer = None

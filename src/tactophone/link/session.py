@@ -190,7 +190,8 @@ class Session:
         self._collect(handshake, callee)
 
     def _open(self, datagram: bytes, now: float) -> list[Event]:
-        connection = self._keys.of_stream(stream_of(datagram))
+        report = is_report(datagram)  # by the header, which is not encrypted
+        connection = self._keys.of_stream(stream_of(datagram, report=report))
         if connection is None:
             self.faults["rejected" if self._current else "stray"] += 1
             return []
@@ -200,11 +201,11 @@ class Session:
             self.faults["rejected"] += 1
             return []
         # A packet of the connection in use, nearly always, confirms nothing.
-        confirmed = connection is not self._keys.current and self._keys.confirm(connection, now)
+        current = self._keys.current
+        confirmed = connection is not current and self._keys.confirm(connection, now)
         events: list[Event] = [_renewed(connection)] if confirmed else []
-        if self._keys.current:
-            self._keys.current.last_received = now  # also under the keys before: it is the same peer, and it lives
-        report = is_report(packet)
+        if current := self._keys.current:
+            current.last_received = now  # also under the keys before: it is the same peer, and it lives
         if report and (reason := goodbye_reason(packet)) is not None:
             return [*events, *self._leave(reason, now)]
         events.append(PacketReceived(packet, report))

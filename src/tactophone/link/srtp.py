@@ -69,9 +69,9 @@ def is_report(packet: bytes) -> bool:
     return len(packet) > 1 and 64 <= packet[1] & 0x7F <= 95
 
 
-def stream_of(packet: bytes) -> int:
-    """Return the SSRC in the clear header of RTP or RTCP; -1 when the packet is too short for one."""
-    field = packet[4:8] if is_report(packet) else packet[8:12]
+def stream_of(packet: bytes, *, report: bool) -> int:
+    """Return the SSRC in the clear header of RTP, or of RTCP (`report`); -1 when the packet is too short for one."""
+    field = packet[4:8] if report else packet[8:12]
     return int.from_bytes(field) if len(field) == 4 else -1
 
 

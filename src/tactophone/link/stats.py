@@ -74,27 +74,30 @@ class Reception:
 
     def count(self, sequence: int, timestamp: int, octets: int, *, now: float) -> bool:
         """Count a packet; return false for a duplicate (among the newest 2**10)."""
+        stats = self.stats
+        following = stats.highest + 1
+        if sequence == following % (1 << 16) and stats.first is not None:
+            stats.highest = following  # in order: new, and as many are lost as before
+            self._mark_seen(following)
+            stats.packets_received += 1
+        elif not self._count_other(sequence):
+            return False
+        stats.octets_received += octets
+        self._update_jitter(timestamp, now)
+        return True
+
+    def _count_other(self, sequence: int) -> bool:
+        """Count a packet that is not the next in order."""
         stats, number = self.stats, self._extend(sequence)
         if number in self._seen:
             stats.packets_duplicated += 1
             return False
         self._mark_seen(number)
         stats.packets_received += 1
-        stats.octets_received += octets
-        if number == stats.highest + 1:
-            stats.highest = number  # in order: as many are lost as before
-        else:
-            stats.packets_reordered += number < stats.highest
-            stats.highest = max(stats.highest, number)
-            stats.most_lost = max(stats.most_lost, stats.packets_lost)
-        self._update_jitter(timestamp, now)
+        stats.packets_reordered += number < stats.highest
+        stats.highest = max(stats.highest, number)
+        stats.most_lost = max(stats.most_lost, stats.packets_lost)
         return True
-
-    def count_late(self, position: int, next_position: int) -> bool:
-        """Count a packet that begins before the next sample to be used; return whether it does."""
-        late = position < next_position
-        self.stats.packets_late += late
-        return late
 
     def note_sender_report(self, report: SenderReport, *, now: float) -> None:
         """Keep the peer's report, whose stamp and age the next receiver report returns."""

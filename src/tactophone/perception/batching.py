@@ -24,18 +24,22 @@ Processing: TypeAlias = Generator[PendingWindows, list[Prediction], list[Predict
 
 def process_together(processings: Sequence[Processing]) -> list[list[Prediction]]:
     """Let several detectors process their blocks; returns the predictions of each."""
-    results: list[list[Prediction]] = [[] for _ in processings]
-    # A generator is started by None.
-    running: list[tuple[int, list[Prediction] | None]] = [(number, None) for number in range(len(results))]
-    while running:
-        waiting, pending = [], []
-        for number, answer in running:
+    results: list[list[Prediction]] = []
+    waiting: dict[int, PendingWindows] = {}
+    for number, processing in enumerate(processings):
+        try:
+            waiting[number] = next(processing)
+            results.append([])
+        except StopIteration as end:
+            results.append(end.value)
+    while waiting:
+        answers, pending = _predict(list(waiting.values())), waiting
+        waiting = {}
+        for number, answer in zip(pending, answers, strict=True):
             try:
-                pending.append(processings[number].send(answer))  # type: ignore[arg-type]
-                waiting.append(number)
+                waiting[number] = processings[number].send(answer)
             except StopIteration as end:
                 results[number] = end.value
-        running = list(zip(waiting, _predict(pending), strict=True)) if waiting else []
     return results
 
 

@@ -144,7 +144,7 @@ class ContactGate:
         self._steps += 1
         self._lasted += 1
         slow = sum(self._slow) / SLOW
-        loud = self._is_loud(sum(self._fast) / FAST, slow)
+        loud = slow >= self._open_from or self._is_loud(sum(self._fast) / FAST, slow)
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
         self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold_steps
@@ -160,8 +160,9 @@ class ContactGate:
         return Contact(time, self._touching, self._held, self._threshold_dbfs)
 
     def _is_loud(self, fast: float, slow: float) -> bool:
+        """Whether there is contact although the slow level alone does not open the gate."""
         # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
-        if fast >= self._clear_from or slow >= self._open_from:
+        if fast >= self._clear_from:
             return True
         open_now = self._touching and not self._held
         return open_now and (slow >= self._close_under or (self._lasted < MIN_STEPS and fast >= 0))

@@ -137,16 +137,18 @@ class WindowDetector:
             raise ModelError(
                 f"sound at {block.sample_rate} Hz, but {self._sample_rate} Hz was announced; reopen the source"
             )
-        if block.channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
+        samples = block.samples
+        size, channels = samples.shape
+        if channels < self.card.channels and self.card.kind not in SUPPORTS_MISSING_CHANNEL:
             raise ModelError(
-                f"sound with {block.channels} channel, but the model {self.card.name} needs {self.card.channels} "
+                f"sound with {channels} channel, but the model {self.card.name} needs {self.card.channels} "
                 "(contact and air); choose a one-channel model"
             )
-        if self._arrived and self._arrived[0].shape[1] != block.channels:
+        if self._arrived and self._arrived[0].shape[1] != channels:
             self._complete_windows()  # none: they fall due below
         # Kept as it is until a window falls due: a packet is a quarter of a hop, and each call on it costs.
-        self._arrived.append(block.samples)
-        self._missing -= block.size
+        self._arrived.append(samples)
+        self._missing -= size
         if self._missing > 0 or not (windows := self._complete_windows()):
             return []
         return (yield self, windows)

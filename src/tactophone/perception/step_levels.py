@@ -6,6 +6,9 @@ from tactophone.perception.features.loudness import LoudnessRule
 from tactophone.perception.sensor_health.invalid_samples import find_invalid
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
+LARGEST_PIECE = 512
+"""Samples taken at once; longer blocks are taken in such pieces."""
+
 STEP_RATE = 1000
 """Steps a second."""
 
@@ -52,39 +55,55 @@ class StepLevels:
         mean = np.full(self._decimation, 1 / self._decimation, np.float32)
         self._filter = np.concatenate((-mean, np.zeros((BANDED_LAG - 1) * self._decimation, np.float32), mean))
         self._before = BANDED_LAG * self._decimation if rule == "banded" else 0
+        # What precedes the next step and is part of its differences, and the beginning of that step; then new sound.
+        self._sound: FloatArray = np.zeros(self._before + self.step_size + LARGEST_PIECE, np.float32)
+        # Of each number of steps: they always begin at the same place, and making a view takes as long as a sum.
+        self._views: dict[int, tuple[FloatArray, FloatArray]] = {}
         self.reset()
 
     def reset(self) -> None:
         """Return to the initial state."""
-        # What precedes the next step and is part of its differences, and the beginning of that step.
-        self._kept: FloatArray = np.zeros(self._before, np.float32)
+        self._sound[: self._before] = 0
+        self._filled = self._before
 
     def push(self, block: AudioBlock) -> list[float]:
         """Take sound; return the power, or mean absolute value, of each step that it completes.
 
         A step with invalid samples is NaN.
         """
-        sound = np.concatenate((self._kept, block.samples[:, CONTACT]))
-        steps = (len(sound) - self._before) // self.step_size
-        if not steps:
-            self._kept = sound
-            return []
-        measured = sound[: self._before + steps * self.step_size]
-        self._kept = sound[len(measured) - self._before :]
-        return self._measure(measured, steps)
+        contact = block.samples[:, CONTACT]
+        if len(contact) <= LARGEST_PIECE:
+            return self._push(contact)
+        pieces = (contact[start : start + LARGEST_PIECE] for start in range(0, len(contact), LARGEST_PIECE))
+        return [level for piece in pieces for level in self._push(piece)]
 
-    def _measure(self, sound: FloatArray, count: int) -> list[float]:
-        steps = sound[self._before :].reshape(count, self.step_size)
+    def _push(self, contact: FloatArray) -> list[float]:
+        sound, end = self._sound, self._filled + len(contact)
+        sound[self._filled : end] = contact
+        count = (end - self._before) // self.step_size
+        if not count:
+            self._filled = end
+            return []
+        levels, measured = self._measure(count), count * self.step_size
+        self._filled = end - measured
+        sound[: self._filled] = sound[measured:end]
+        return levels
+
+    def _measure(self, count: int) -> list[float]:
+        steps, around = self._views.get(count) or self._make_views(count)
         if len(invalid := find_invalid(steps)):
             steps[invalid] = np.nan
         if self._rule == "banded":
-            return self._measure_band(sound, count)
+            change = np.vecdot(around, self._filter)
+            scale = BANDED_POWER / around.shape[1]
+            return [scale * total for total in np.vecdot(change, change).tolist()]
         sums = np.vecdot(steps, steps) if self.power == 2 else np.abs(steps).sum(axis=1)
         return [total / self.step_size for total in sums.tolist()]
 
-    def _measure_band(self, sound: FloatArray, count: int) -> list[float]:
-        per_step = self.step_size // self._decimation
-        # A view of the stretch that the filter covers for each difference.
-        shape, strides = (count, per_step, len(self._filter)), (4 * self.step_size, 4 * self._decimation, 4)
-        change = np.vecdot(np.ndarray(shape, np.float32, sound, strides=strides), self._filter)
-        return [BANDED_POWER / per_step * total for total in np.vecdot(change, change).tolist()]
+    def _make_views(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Return so many steps, and what the filter covers for each of their differences."""
+        steps = self._sound[self._before : self._before + count * self.step_size].reshape(count, self.step_size)
+        shape = count, self.step_size // self._decimation, len(self._filter)
+        strides = 4 * self.step_size, 4 * self._decimation, 4
+        self._views[count] = steps, np.ndarray(shape, np.float32, self._sound, strides=strides)
+        return self._views[count]

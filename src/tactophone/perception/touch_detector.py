@@ -104,7 +104,8 @@ class TouchDetector:
         predictions = yield from self.detector.process(block)
         if self._gate is None:
             return [self._revise(self._shifted(prediction)) for prediction in predictions]
-        return self._merge(predictions, self._gate.push(block), block.sample_rate)
+        contacts = self._gate.push(block)
+        return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
 
     def flush(self) -> list[Prediction]:
         """Return the predictions that only the end of the stream completes."""

@@ -28,15 +28,15 @@ class DeferredTelemetry:
 
     def __init__(self, telemetry: Telemetry, recorder: SessionRecorder) -> None:
         self._telemetry, self._recorder = telemetry, recorder
-        self._marks: list[tuple[int, int, float]] = []
+        self._marks: list[tuple[int, tuple[tuple[int, float], ...]]] = []
         self._steps: list[tuple[PipelineStep, float, int, int]] = []
         self._since: float | None = None
         self._touches: dict[int, Touch] = {}
         self._changed = False
 
-    def mark(self, index: int, position: int, *, now: float) -> None:
-        """Record that sound up to an RTP timestamp has reached ``MARKS[index]``."""
-        self._marks.append((index, position, now))
+    def mark(self, position: int, *reached: tuple[int, float]) -> None:
+        """Record that sound up to an RTP timestamp has reached each ``MARKS[index]``, and when (s)."""
+        self._marks.append((position, reached))
 
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
         """Take a step computed at ``now`` (s)."""
@@ -64,8 +64,7 @@ class DeferredTelemetry:
         self._since, self._changed = None, False
         self._recorder.write()
         marks, self._marks = self._marks, []
-        for index, position, reached in marks:
-            self._telemetry.mark(index, position, now=reached)
+        self._telemetry.mark_all((index, position, now) for position, reached in marks for index, now in reached)
         steps, self._steps = self._steps, []
         truths = {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}} if truth_of else {}
         for step, computed, touch, vibrated in steps:

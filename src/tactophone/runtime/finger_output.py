@@ -5,7 +5,7 @@ import math
 from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Renderer
-from tactophone.pipeline import Pipeline
+from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.requests import RequestHandler
 from tactophone.runtime.wiring import actuator_response
@@ -54,7 +54,7 @@ class FingerOutput:
         self.requests = RequestHandler(self.gate, renderer, endpoint, actuator_response(settings), finger=index)
         self.roughness = 0.0
         self.floor_dbfs = -math.inf
-        self._seen: tuple[int, Pipeline | None] = 0, None
+        self._seen: tuple[int, Hand | None] = 0, None
 
     @property
     def pipeline(self) -> Pipeline:
@@ -63,6 +63,8 @@ class FingerOutput:
 
     def submit(self, step: PipelineStep) -> PipelineStep:
         """Pass the step's newest command to the renderer; returns the step with its commands as bounded by the gate."""
+        if not step.predictions and not step.commands:
+            return step
         bound = self.gate.bound
         commands = tuple(
             HapticCommand(bound(command.amplitude), command.frequency, command.time) for command in step.commands
@@ -77,9 +79,13 @@ class FingerOutput:
 
     def changed(self) -> bool:
         """Whether `controls` may differ from those at the last call; true at the first."""
-        # Asked twice a packet: comparing the controls themselves takes five times as long.
-        before, self._seen = self._seen, (self.requests.changes, self.pipeline)
-        return before[0] != self._seen[0] or before[1] is not self._seen[1]
+        # Asked twice a packet: comparing the controls themselves takes five times as long. With another robot comes
+        # another pipeline, in another hand.
+        changes, hand = self.requests.changes, self._endpoint.hand
+        if changes == self._seen[0] and hand is self._seen[1]:
+            return False
+        self._seen = changes, hand
+        return True
 
     def controls(self) -> tuple[bool, float, float, float, str, float | None]:
         """Return what may be changed from outside the network thread, in the order of `Controls` in the log."""

@@ -50,13 +50,16 @@ class LocalPeer:
         return int(step["truth"][0]) if step is not None else -1
 
 
-def robot_stages(robot: Watcher, codec: Codec) -> dict[str, float]:
-    """Seconds in *capture* and *encode*; empty before there are two marks."""
+def robot_stages(robot: Watcher, codec: Codec, *, period: int = 0) -> dict[str, float]:
+    """Seconds in *capture* and *encode*; empty before there are two marks.
+
+    ``period`` is that of the device in samples, where there is one; else blocks are taken as they come.
+    """
     captured, sent = robot.marks("captured"), robot.marks("sent")
     size = min(len(captured), len(sent))
     if size < 2:
         return {}
-    block = float(np.median(np.diff(captured["position"]) % _WRAP)) / LIVE_SAMPLE_RATE
+    block = (period or float(np.median(np.diff(captured["position"]) % _WRAP))) / LIVE_SAMPLE_RATE
     computing = float(np.median(sent["time"][-size:] - captured["time"][-size:]))
     waiting = (codec.packet_size / 2 + codec.lookahead) / LIVE_SAMPLE_RATE
     return {"capture": block / 2, "encode": waiting + computing}

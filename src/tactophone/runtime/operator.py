@@ -63,8 +63,10 @@ LONGEST_RECEIVE = 0.007
 where a period has 128 samples."""
 
 POLL_INTERVAL = 0.005
-"""Seconds between two polls of the session while datagrams come, and that the thread waits for one before it gives up
-on a missing packet: a packet's length."""
+"""Seconds that the network thread waits for a datagram before it gives up on a missing packet: a packet's length."""
+
+SESSION_INTERVAL = 0.025
+"""Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
 
 BUDGET_INTERVAL = 1.0
 """Seconds between two updates of the latency budget."""
@@ -318,12 +320,14 @@ class Operator:
                 if finger.changed():
                     self._recorder.controls(*finger.controls(), finger=finger.index)
             steps = self._endpoint.receive(datagrams, now=received)
-            if not datagrams or self._session.waiting or received - polled_at >= POLL_INTERVAL:
+            polled = not datagrams or self._session.waiting or received - polled_at >= SESSION_INTERVAL
+            if polled:
                 polled_at = received
                 steps = itertools.chain(steps, self._endpoint.poll(received))
             # Everything is decoded now. Each step is computed when the loop comes to it, so the time before is the
             # moment at which its sound was decoded and free to be processed.
             decoded, origin = time.monotonic(), self._session.origin
+            step: PipelineStep | None = None
             for number, (event, step) in enumerate(steps, 1):
                 if step is None or not step.finger:
                     self._mark_arrival(event, origin, received=received, decoded=decoded)
@@ -335,7 +339,9 @@ class Operator:
                 self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
-            send_outgoing(self._session, self._socket)
+            # Sound is not answered; what else there is to send after sound may wait for the next poll.
+            if polled or step is None:
+                send_outgoing(self._session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
             if self._deferred.due(received):
                 self._deferred.write(self._local_robot.truth)
@@ -352,10 +358,7 @@ class Operator:
         else:
             return
         position = _timestamp(origin, samples)
-        mark = self._deferred.mark
-        mark(_RECEIVED, position, now=received - waited)
-        mark(_RELEASED, position, now=received)
-        mark(_DECODED, position, now=decoded)
+        self._deferred.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
         """Pass a step's newest command to the renderer of its finger."""
@@ -365,7 +368,7 @@ class Operator:
         now = time.monotonic()
         if step.finger == len(self._fingers) - 1:
             # A hand has passed a stage when its last finger has.
-            self._deferred.mark(_DETECTED, end, now=now)
+            self._deferred.mark(end, (_DETECTED, now))
         self._deferred.publish(bounded, now=now)
 
     def _pull(self, size: int) -> FloatArray:

@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
 from typing import Protocol, Self, runtime_checkable
@@ -189,7 +189,8 @@ class Robot:
             self._telemetry.gauge("round_trip", round_trip)
         if now - self._budgeted_at >= BUDGET_INTERVAL:
             self._budgeted_at = now
-            for stage, duration in robot_stages(self._watcher, self._group.codec).items():
+            period = self._source.period if isinstance(self._source, LiveSource) else 0
+            for stage, duration in robot_stages(self._watcher, self._group.codec, period=period).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
         faults = [*self._warnings, *self._device_faults(), *link_faults]
         self._check_microphones()
@@ -261,7 +262,12 @@ class Robot:
         if self._settings.capture.source == "file":
             self._await_operator()
         recorded = self._settings.capture.source == "file"
-        sound = self._source.joined() if isinstance(self._source, LiveSource) else paced(self._source, skip=recorded)
+        sound: Iterable[AudioBlock]
+        if isinstance(self._source, LiveSource):
+            # Until a packet is complete there is nothing to do, unless predictions are made here.
+            sound = self._source.joined(lambda: 1 if self._endpoint.detectors else self._group.missing)
+        else:
+            sound = paced(self._source, skip=recorded)
         for block in sound:
             if self.ended.is_set():
                 return
@@ -285,8 +291,7 @@ class Robot:
         ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
         if origin is not None and (ends or not self._endpoint.detectors):
             position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
-            self._deferred.mark(_CAPTURED, position, now=captured)
-            self._deferred.mark(_SENT, position, now=now)
+            self._deferred.mark(position, (_CAPTURED, captured), (_SENT, now))
         for step in steps:
             self._deferred.publish(step, now=now, truth=self._truth_of(step.finger))
             if self._checks[step.finger]:

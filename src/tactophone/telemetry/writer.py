@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any, Self
 
@@ -67,6 +68,7 @@ class Telemetry:
         self._state_count = 0
         self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
         self._gauges = _view(self._memory["gauges"])
+        self._beat = self._memory["beat"]
         nothing: tuple[tuple[float, ...], float, float, int] = (math.nan,) * 3, math.nan, -math.inf, 0
         self._newest, self._commands = [nothing] * fingers, [(0.0, 0.0)] * fingers
         self._request_counts = self._memory["requests"]["count"]
@@ -111,13 +113,7 @@ class Telemetry:
         finger, block = step.finger, step.block
         self._append("sound", _stereo(block.samples), finger)
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
-        if step.predictions:
-            newest = step.predictions[-1]
-            self._newest[finger] = newest.probabilities, newest.roughness, newest.level_dbfs, newest.touch
-        if step.command is not None:
-            self._commands[finger] = step.command.amplitude, step.command.frequency
-        events = [event for prediction in step.predictions for event in prediction.events]
-        event = 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
+        event = self._renew(step) if step.predictions or step.commands else 0
         probabilities, roughness, level_dbfs, touch = self._newest[finger]
         vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
         row = finger * layout.STEP_CAPACITY + self._counts["step"][finger] % layout.STEP_CAPACITY
@@ -130,8 +126,9 @@ class Telemetry:
         for k, prediction in enumerate(step.predictions):
             self._log(prediction, step.commands[k] if step.commands else None, finger)
         self.count("steps")
-        self.count("predictions", len(step.predictions))
-        self._memory["beat"][...] = now
+        if step.predictions:
+            self.count("predictions", len(step.predictions))
+        self._beat[...] = now
 
     def rendered(self, waveform: FloatArray, *, finger: int = 0) -> None:
         """Write the waveform just rendered for an actuator, shape ``(samples,)``; safe in an audio callback."""
@@ -151,14 +148,20 @@ class Telemetry:
 
     def mark(self, index: int, position: int, *, now: float) -> None:
         """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
-        count = self._mark_counts[index]
-        row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY
-        _MARK.pack_into(self._rows["marks"], row * _MARK.size, position, now)
-        self._marked[index] = self._mark_counts[index] = count + 1
+        self.mark_all(((index, position, now),))
+
+    def mark_all(self, reached: Iterable[tuple[int, int, float]]) -> None:
+        """Do as :meth:`mark` for many: index, timestamp and time of each."""
+        counts, marked, rows = self._mark_counts, self._marked, self._rows["marks"]
+        for index, position, now in reached:
+            count = counts[index]
+            row = index * layout.MARK_CAPACITY + count % layout.MARK_CAPACITY
+            _MARK.pack_into(rows, row * _MARK.size, position, now)
+            marked[index] = counts[index] = count + 1
 
     def update(self, state: State, *, now: float) -> None:
         """Publish a state; the same one again counts as a heartbeat."""
-        self._memory["beat"][...] = now
+        self._beat[...] = now
         self._memory.sign()
         if state == self.state and int(self._memory["state_count"]) == self._state_count > 0:
             return
@@ -198,6 +201,16 @@ class Telemetry:
     def close(self) -> None:
         """End this run's telemetry and free its name."""
         self._memory.unlink()
+
+    def _renew(self, step: PipelineStep) -> int:
+        """Keep a step's newest prediction and command; return its newest event, 0 without one."""
+        if step.predictions:
+            newest = step.predictions[-1]
+            self._newest[step.finger] = newest.probabilities, newest.roughness, newest.level_dbfs, newest.touch
+        if step.command is not None:
+            self._commands[step.finger] = step.command.amplitude, step.command.frequency
+        events = [event for prediction in step.predictions for event in prediction.events]
+        return 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
 
     def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int) -> None:
         time, amplitude, frequency = (
