@@ -1,7 +1,9 @@
 """Latency of the whole system on a JACK server without a sound card: both processes on this machine, encrypted.
 
 Run ``python benchmarks/latency.py``; ``--impulses 300`` for more precise tails, ``--only PART`` for less. Prints the
-tables of docs/guide/latency.md. JackTrip is measured beside it where it is installed: ``apt install jacktrip``.
+tables of docs/guide/latency.md. Rows of short periods end with their bound: the same impulses through codec, pipeline
+and renderer in this process, as if no computation took any time. JackTrip is measured beside it where it is installed:
+``apt install jacktrip``.
 """
 
 import argparse
@@ -13,11 +15,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
+from numpy.typing import NDArray
 
 import peers
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
+from tactophone.haptics import Oscillator
+from tactophone.link import Codec, open_decoder
+from tactophone.link.block_encoder import BlockEncoder
 from tactophone.measurement import (
     Graph,
     ImpulseLatency,
@@ -27,6 +33,10 @@ from tactophone.measurement import (
     measure,
     measure_time_to_silence,
 )
+from tactophone.measurement.impulse_latency import ImpulsePlayer
+from tactophone.pipeline import open_pipeline
+from tactophone.types import LIVE_SAMPLE_RATE as RATE
+from tactophone.types import AudioBlock
 
 OPUS_2_5 = ("link.codec=opus", "link.packet_duration=0.0025")
 OPUS_5 = ("link.codec=opus", "link.packet_duration=0.005")
@@ -65,9 +75,12 @@ def print_delays(impulses: int) -> None:
 
 
 def print_short_periods(impulses: int) -> None:
-    row("64 samples, PCM", "p50 <= 1.0, p99 <= 2.0 ms, 0 missed", run(64, pcm(64), impulses))
-    row("64 samples, Opus 2.5 ms", "p50 <= 4.5, p99 <= 6 ms, 0 missed", run(64, OPUS_2_5, impulses))
-    row("32 samples, PCM", "p50 <= 0.7, p99 <= 1.5 ms, 0 missed", run(32, pcm(32), impulses))
+    for name, goal, period, changes in (
+        ("64 samples, PCM", "p50 <= 1.0, p99 <= 2.0 ms, 0 missed", 64, pcm(64)),
+        ("64 samples, Opus 2.5 ms", "p50 <= 4.5, p99 <= 6 ms, 0 missed", 64, OPUS_2_5),
+        ("32 samples, PCM", "p50 <= 0.7, p99 <= 1.5 ms, 0 missed", 32, pcm(32)),
+    ):
+        row(name, goal, run(period, changes, impulses), bound=bound(period, changes, impulses))
 
 
 def print_peers(impulses: int) -> None:
@@ -82,7 +95,7 @@ def print_peers(impulses: int) -> None:
     row("512 samples, PCM of 128", "p50 <= a quarter of JackTrip's", run(512, pcm(128), impulses))
 
 
-def row(quantity: str, goal: str, measured: ImpulseLatency) -> None:
+def row(quantity: str, goal: str, measured: ImpulseLatency, *, bound: NDArray[np.float64] | None = None) -> None:
     if not len(measured.end_to_end):
         print(f"| {quantity} | {goal} | no vibration | {measured.restarts} restarts |", flush=True)
         return
@@ -90,12 +103,31 @@ def row(quantity: str, goal: str, measured: ImpulseLatency) -> None:
     note = f"{measured.impulses} impulses, {measured.missed} missed"
     note += f"; budget within {1000 * measured.disagreement:.2f} ms" if measured.disagreement >= 0 else ""
     note += f"; {measured.restarts} restarts" if measured.restarts else ""
+    if bound is not None:
+        note += "; bound p50 {:.2f}, p95 {:.2f}, p99 {:.2f} ms".format(*1000 * np.percentile(bound, (50, 95, 99)))
     print(f"| {quantity} | {goal} | p50 {p50:.2f}, p95 {p95:.2f}, p99 {p99:.2f} ms | {note} |", flush=True)
 
 
 def run(period: int, changes: tuple[str, ...], impulses: int) -> ImpulseLatency:
     with DummyServer(period) as server:
         return measure(settings(*changes), Graph(server.name), impulses=impulses)
+
+
+def bound(period: int, changes: tuple[str, ...], impulses: int) -> NDArray[np.float64]:
+    """Return the latencies (s) if nothing took any time: what arrives in a period is rendered in the next one."""
+    link, player = settings(*changes).link, ImpulsePlayer(impulses)
+    codec = Codec("opus" if link.codec == "opus" else "pcm16", packet_size=round(link.packet_duration * RATE))
+    encoder, decoder = BlockEncoder(codec, prompt=True), open_decoder(codec.kind)
+    pipeline, oscillator, position = open_pipeline(sample_rate=RATE, channels=2), Oscillator(), 0
+    for start in range(0, len(player.played) - period, period):
+        oscillator.render(player.vibration[start : start + period])
+        played = np.repeat(player.played[start : start + period, np.newaxis], 2, axis=1)
+        for encoded in encoder.push(AudioBlock(played, RATE, start)):
+            step = pipeline.push(AudioBlock(decoder.decode(encoded.content), RATE, position))
+            position = step.block.end
+            if step.command:
+                oscillator.submit(step.command)
+    return np.array([(onset - impulse) / RATE for impulse, onset in player.onsets()])
 
 
 def pcm(samples: int) -> tuple[str, ...]:

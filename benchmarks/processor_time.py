@@ -1,4 +1,4 @@
-"""Processor time of a live run: of every thread of both ends, and of the way of one packet from socket to command.
+"""Processor time and wake-ups of every thread of a live run, and processor time of a packet from socket to command.
 
     python benchmarks/processor_time.py [--packet-ms 5] [--period 128]
 
@@ -55,15 +55,15 @@ def print_threads(settings: Settings, period: int) -> None:
         time.sleep(DURATION)
         after = {side: threads(each.pid) for side, each in (("robot", sides.robot), ("operator", sides.operator))}
         player.close()
-    print(f"\n| end | thread | % of a core, {period} samples |\n|---|---|--:|")
-    total = 0.0
+    print(f"\n| end | thread | % of a core, {period} samples | wake-ups a second |\n|---|---|--:|--:|")
+    totals = np.zeros(2)
     for side, found in after.items():
-        for name, seconds in found.items():
-            share = 100 * (seconds - before[side].get(name, 0.0)) / DURATION
-            total += share
+        for name, now in found.items():
+            share, wake_ups = rates = (now - before[side].get(name, np.zeros(2))) / DURATION * (100, 1)
+            totals += rates
             if share >= 0.1:
-                print(f"| {side} | {name} | {share:.1f} |")
-    print(f"| both | all | {total:.1f} |", flush=True)
+                print(f"| {side} | {name} | {share:.1f} | {wake_ups:.0f} |")
+    print(f"| both | all | {totals[0]:.1f} | {totals[1]:.0f} |", flush=True)
 
 
 class Noise:
@@ -80,9 +80,9 @@ class Noise:
         outputs[1][:] = 0.01 * self._noise[self._position + size : self._position + 2 * size]
 
 
-def threads(pid: int) -> dict[str, float]:
-    """Return the processor time in s of each thread of a process, by its name in the kernel."""
-    found: dict[str, float] = {}
+def threads(pid: int) -> dict[str, np.ndarray]:
+    """Return processor time in s and wake-ups of each thread of a process, by its name in the kernel."""
+    found: dict[str, np.ndarray] = {}
     for folder in sorted(Path(f"/proc/{pid}/task").iterdir()):
         name = (folder / "comm").read_text().strip()
         priority = int((folder / "stat").read_text().rpartition(")")[2].split()[37])
@@ -91,7 +91,8 @@ def threads(pid: int) -> dict[str, float]:
         elif not name.startswith("tactophone"):
             name = "JACK's callback" if priority > 60 else "others"
         nanoseconds = int((folder / "schedstat").read_text().split()[0])
-        found[name] = found.get(name, 0.0) + nanoseconds / 1e9
+        slept = (folder / "status").read_text().partition("\nvoluntary_ctxt_switches:")[2].split()[0]
+        found[name] = found.get(name, np.zeros(2)) + np.array((nanoseconds / 1e9, int(slept)))
     return found
 
 
