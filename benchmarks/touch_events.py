@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
 
 from tactophone.evaluation.touch_event_metrics import MISSED, class_accuracy, confusion, match_moments
 from tactophone.measurement.touch_scenes import touch_scene
@@ -47,8 +48,8 @@ PHAC_WINDOW = 0.25
 """Seconds: `phac` labels a tap by a gap of 0.2 s."""
 
 PRESS_DB = 35.0
-"""A press of a BioTac exceeds the median level of its recording by so many dB over 32 ms: those chosen on by 56, the
-arm's own movements by up to 31."""
+"""A press of a BioTac exceeds the median level of its recording by so many dB over 32 ms: those chosen on by 58 under
+50 Hz, the arm's own movements by up to 33 (p50 of the recordings)."""
 
 
 class Pooled:
@@ -143,6 +144,29 @@ def phac(folder: Path) -> Iterator[str]:
             f"| the same by a contact gate {PRESS_DB:g} dB over the median, {title}: F at 50 ms of the label's begin | "
             f"{gate.score(0.05):.3f} ({gate.true} true, {gate.found} found) | - |"
         )
+    yield from press_power(folder)
+
+
+def press_power(folder: Path) -> Iterator[str]:
+    """How far the loudest 20 ms of presses, and of rest, exceed the median of rest, by band; p50 of the recordings."""
+    over: dict[tuple[int, int], list[tuple[float, float]]] = defaultdict(list)
+    for file, quiet in labelled(folder, "no_contact").items():
+        gaps = [(before[1], after[0]) for before, after in pairwise(quiet) if after[0] - before[1] < 1.0]
+        if not file.startswith(PHAC_TRAIN) or not gaps:
+            continue
+        sound, rate = soundfile.read(folder / file, always_2d=True)
+        time = np.arange(len(sound)) / rate
+        pressed = np.any([(time > begin - 0.05) & (time < end + 0.05) for begin, end in gaps], axis=0)
+        rest = np.any([(time > begin + 0.3) & (time < end - 0.3) for begin, end in quiet], axis=0)
+        for band in ((5, 50), (50, 100), (100, 200), (200, 500)):
+            part = sosfilt(butter(4, band, "bandpass", fs=rate, output="sos"), sound[:, 0])
+            level = 10 * np.log10(np.convolve(np.square(part), np.full(round(0.02 * rate), 50 / rate), "same") + 1e-15)
+            median = np.median(level[rest])
+            over[band].append((level[pressed].max() - median, level[rest].max() - median))
+    for (low, high), levels in over.items():
+        press, resting = np.median(levels, axis=0)
+        title = f"`phac`, {low}-{high} Hz: loudest 20 ms of presses, of rest, over the median of rest"
+        yield f"| {title} | {press:.0f}, {resting:.0f} dB | - |"
 
 
 def presses(sound: NDArray[np.float32], rate: int) -> list[float]:
