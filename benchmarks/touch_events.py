@@ -1,4 +1,4 @@
-"""Scores of touch events by sound. Prints the table of docs/guide/feel.md#touch-events.
+"""Scores of touch events by sound. Prints the table of docs/research/touch-events.md.
 
     python benchmarks/touch_events.py [--train] [--recordings DIR]
 
