@@ -54,7 +54,8 @@ package: $(READY)
 
 # Real servers and processes, three at once, as they mostly wait; those that measure the time of sound one after another. A
 # shared machine may stall in the middle of a test, so each may be repeated; the summary names those that were.
-RERUNS = --reruns 2 --reruns-delay 1 -rR
+# One that stands still for 5 minutes ends with the traceback of every thread.
+RERUNS = --reruns 2 --reruns-delay 1 -rR -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement tests/cli/test_latency.py tests/cli/test_demo.py
 realtime: $(READY)
 	$(PYTEST) -n 3 --dist loadfile -m realtime $(RERUNS) $(TIMED:%=--ignore=%) tests
