@@ -5,23 +5,22 @@ called again, without a message: so no exception may leave it. A server that end
 that returns stale values: so that client is discarded, and a new one made when the server is back. The last period of a
 client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`. A
 client that leaves stops reading what the server sends; where more than 0.2 MB of it waits, as after a second of xruns,
-the server waits for the client and the client for the server: so leaving has a time limit. libjack 1.9.21 cancels the
-thread of a client that is closed, and that of a lost one when the next joins (``CheckContext``), wherever it is: in the
-middle of Python it would keep the interpreter's lock for ever. So the callback of a client that leaves does nothing.
+the server waits for the client and the client for the server: so leaving has a time limit. Its
+callback stops before it leaves, see :mod:`tactophone.devices.jack_leaving`.
 """
 
 import contextlib
 import functools
 import os
 import threading
-import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tactophone.devices.device import Process
+from tactophone.devices.jack_leaving import Leaving
 from tactophone.devices.jack_sockets import disconnect_from_jack
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
@@ -29,33 +28,8 @@ from tactophone.types import FloatArray
 _ABANDONED: list[Any] = []
 """Clients of dead servers: kept, because libjack's threads may still call back into them."""
 
-_CALLBACK_LIMIT = 0.1
-"""Seconds to wait for the next callback of a client that leaves; none comes where the server has let it go."""
-
-_RETURN_TIME = 0.01
-"""Seconds in which a callback that has nothing to do returns to libjack."""
-
 _LEAVING_LIMIT = 2.0
 """Seconds to wait for the server when a client leaves; a server in order answers within milliseconds."""
-
-
-@dataclass(slots=True)
-class _Leaving:
-    """Whether a client is about to leave, and whether its callback has seen that."""
-
-    asked: bool = False
-    lost: bool = False
-    thread: int = 0
-    seen: threading.Event = field(default_factory=threading.Event)
-
-    def ask(self, *, lost: bool) -> None:
-        """Have the callback do nothing more, and wait until it has returned; the thread of a lost client ends."""
-        self.lost, self.asked = lost, True
-        if self.seen.wait(_CALLBACK_LIMIT) and lost:
-            until = time.monotonic() + _LEAVING_LIMIT
-            while os.path.exists(f"/proc/self/task/{self.thread}") and time.monotonic() < until:
-                time.sleep(_RETURN_TIME)
-        time.sleep(_RETURN_TIME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +64,7 @@ class JackClient:
         self._targets = {**inputs, **outputs}
         self._inputs, self._outputs = list(inputs), list(outputs)
         self._client: Any = None
-        self._leaving = _Leaving()
+        self._leaving = Leaving()
         self._lost = False
         self._unconnected = ""
         self._reconnect = True
@@ -185,9 +159,9 @@ class JackClient:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
-        self._leaving = _Leaving()
+        self._leaving = Leaving()
         inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
-        client.set_process_callback(self._cycle(inputs, outputs, self._leaving, jack.CallbackExit))
+        client.set_process_callback(self._cycle(inputs, outputs, self._leaving))
         client.set_xrun_callback(self._on_xrun)
         client.set_shutdown_callback(self._on_shutdown)
         # Polling the connections of a port would do too, but crashes when the server dies meanwhile.
@@ -202,19 +176,11 @@ class JackClient:
         _ABANDONED.append(self._client)
         self._client, self._lost = None, False
 
-    def _cycle(
-        self, inputs: "_Arrays", outputs: "_Arrays", leaving: _Leaving, end_thread: type[BaseException]
-    ) -> Callable[[int], None]:
+    def _cycle(self, inputs: "_Arrays", outputs: "_Arrays", leaving: Leaving) -> Callable[[int], None]:
         def cycle(size: int) -> None:
             if leaving.asked:
-                if leaving.seen.is_set():
-                    return
-                for output in outputs.now(size):
-                    output[:] = 0.0
-                leaving.thread = threading.get_native_id()
-                leaving.seen.set()
-                if leaving.lost:  # not of a client that is closed: a synchronous server would wait 50 ms for it
-                    raise end_thread
+                if not leaving.seen.is_set() and leaving.answer(outputs.now(size)):
+                    raise _jack().CallbackExit
                 return
             try:
                 self._process(inputs.now(size), outputs.now(size))
