@@ -45,12 +45,7 @@ from tactophone.measurement import (
     measure_time_to_silence,
 )
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
-from tactophone.simulation.network.hostile import (
-    CERTIFICATE_FAULTS,
-    DelayedLine,
-    call_with_certificate,
-    overlong_hello,
-)
+from tactophone.simulation.network.hostile import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 from tactophone.telemetry import Watcher
 
 HOST = "127.0.0.1"

@@ -17,14 +17,7 @@ Values and errors are imported at once, everything else when it is first used.
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from tactophone.errors import (
-    ConfigError,
-    DatasetError,
-    DeviceError,
-    ModelError,
-    PacketError,
-    TactophoneError,
-)
+from tactophone.errors import ConfigError, DatasetError, DeviceError, ModelError, PacketError, TactophoneError
 from tactophone.types import (
     AIR,
     CONTACT,

@@ -69,10 +69,7 @@ class Link:
     codec: str = _choice("opus", "pcm16 for a local network, opus for the rest", ("opus", "pcm16"))
     packet_duration: float = _setting(0.005, "sound in a packet", unit="s", span=(0.0005, 0.02))
     bandwidth: float = _setting(
-        0.0,
-        "highest frequency to transmit; 0: as the operator's model needs",
-        unit="Hz",
-        span=(0, 20_000),
+        0.0, "highest frequency to transmit; 0: as the operator's model needs", unit="Hz", span=(0, 20_000)
     )
     bitrate_bps: int = _setting(
         0,

@@ -263,10 +263,7 @@ def open_pipeline(
         If there is no such profile.
     """
     detector = open_detector(
-        model or default_model(tip),
-        sample_rate=sample_rate,
-        fast_contact=fast_contact,
-        follow_floor=follow_floor,
+        model or default_model(tip), sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
     )
     merger = None
     if events or profile == "events":

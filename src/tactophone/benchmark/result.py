@@ -85,10 +85,7 @@ class MethodResult:
 
 
 def compare_entries(
-    dataset: Dataset,
-    entries: Sequence[BenchmarkEntry],
-    split: str,
-    predictions: Mapping[str, list[TakePredictions]],
+    dataset: Dataset, entries: Sequence[BenchmarkEntry], split: str, predictions: Mapping[str, list[TakePredictions]]
 ) -> list[MethodResult]:
     """Score entries on one split of a data set, each also as its difference from the first.
 

@@ -139,9 +139,7 @@ PREDICTION = Topic(
     "a prediction, and its command as limited; null where there was none",
 )
 PREDICTIONS = Topic(
-    "/tactophone/predictions",
-    _own(PREDICTION_COLUMNS),
-    "each prediction and command, in columns of differences",
+    "/tactophone/predictions", _own(PREDICTION_COLUMNS), "each prediction and command, in columns of differences"
 )
 STATE = Topic("/tactophone/state", _json_schema("tactophone.State", {"role": "string"}), "the state at each change")
 HEALTH = Topic(

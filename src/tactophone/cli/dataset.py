@@ -45,11 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     def add(name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
         sub = actions.add_parser(name, help=text, description=text, formatter_class=terminal.HelpFormatter)
-        sub.add_argument(
-            "folder",
-            metavar="DIR",
-            help="a folder with metadata.csv, manifest.csv or opus/stereo/",
-        )
+        sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
         sub.set_defaults(action=action)
         return sub
 

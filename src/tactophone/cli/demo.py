@@ -42,12 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for picture and sound")
     add("--recording", type=Path, metavar="FILE", help="WAV or FLAC to send in place of the simulated finger's sound")
-    add(
-        "--network",
-        default="wifi-busy",
-        metavar="NETWORK",
-        help="simulated network, as in `tactophone loopback`",
-    )
+    add("--network", default="wifi-busy", metavar="NETWORK", help="simulated network, as in `tactophone loopback`")
     add("--seed", type=int, default=0, help="random seed of strokes, set-up and network, 0 or more")
     add("--json", action="store_true", help="print the scores as JSON")
     flags.add_settings(parser, FLAGS)

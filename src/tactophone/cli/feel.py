@@ -13,13 +13,7 @@ from tactophone.cli._support.feel_result import Result, as_json, print_result
 from tactophone.dataset import ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
-from tactophone.offline import (
-    OutputFiles,
-    Preparation,
-    PreparedSource,
-    draw_recording,
-    process_recording,
-)
+from tactophone.offline import OutputFiles, Preparation, PreparedSource, draw_recording, process_recording
 from tactophone.perception import (
     ModelCard,
     RecordingFloor,
@@ -171,13 +165,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
 
     with terminal.progress("processing") as bar:
         task = bar.add_task("", total=source.size, note=escape(path.name))
-        summary, renderer = process_recording(
-            sound,
-            pipeline,
-            outputs,
-            passthrough=passthrough,
-            on_step=follow,
-        )
+        summary, renderer = process_recording(sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if args.events or args.profile == "events":
         files["events"] = _write_events(args.out / f"{stem}.events.csv", events)

@@ -39,11 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more"
     )
     parser.add_argument(
-        "--general",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="a general data set, to replay and to test with",
+        "--general", type=Path, required=True, metavar="DIR", help="a general data set, to replay and to test with"
     )
     parser.add_argument("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
     parser.add_argument(
@@ -137,11 +133,7 @@ def _measure(
     start = model_path(args.model)
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     parts = {
-        "new objects, held-out takes": (
-            data.held_out,
-            by_take,
-            calibration.window_dbfs if calibration else gate_dbfs,
-        ),
+        "new objects, held-out takes": (data.held_out, by_take, calibration.window_dbfs if calibration else gate_dbfs),
         "general test set": (data.test, by_surface, gate_dbfs),
     }
     return {

@@ -153,10 +153,7 @@ def open_encoder(codec: Codec) -> Encoder:
     if codec.name == "pcm16":
         return PcmEncoder()
     return OpusEncoder(
-        channels=codec.channels,
-        packet_size=codec.packet_size,
-        bandwidth=codec.bandwidth,
-        bitrate_bps=codec.bitrate_bps,
+        channels=codec.channels, packet_size=codec.packet_size, bandwidth=codec.bandwidth, bitrate_bps=codec.bitrate_bps
     )
 
 

@@ -5,14 +5,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from tactophone.link.block_encoder import BlockEncoder, EncodedSound
-from tactophone.link.packet import (
-    MAX_EARLIER_OFFSET,
-    MAX_EARLIER_SIZE,
-    PAYLOAD_SPACE,
-    Packet,
-    Payload,
-    PayloadType,
-)
+from tactophone.link.packet import MAX_EARLIER_OFFSET, MAX_EARLIER_SIZE, PAYLOAD_SPACE, Packet, Payload, PayloadType
 from tactophone.link.rtcp import SenderReport
 from tactophone.types import AudioBlock
 

@@ -48,12 +48,7 @@ class SendSession:
     """
 
     def __init__(
-        self,
-        session: Session,
-        encoder: BlockEncoder,
-        *,
-        rule: RedundancyRule | None = None,
-        haptics: bool = False,
+        self, session: Session, encoder: BlockEncoder, *, rule: RedundancyRule | None = None, haptics: bool = False
     ) -> None:
         self.session, self._encoder, self._haptics, self._silent = session, encoder, haptics, True
         self.bandwidth = 0.0

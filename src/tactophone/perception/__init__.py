@@ -22,15 +22,7 @@ from tactophone.perception.features.texture import (
     fading_of,
     texture_features,
 )
-from tactophone.perception.model_file import (
-    CARD_KEY,
-    FEATURES,
-    LOG_PROBABILITIES,
-    Gate,
-    Model,
-    ModelCard,
-    read_model,
-)
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, Model, ModelCard, read_model
 from tactophone.perception.model_registry import (
     TIP_MODELS,
     default_model,

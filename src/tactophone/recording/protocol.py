@@ -79,11 +79,7 @@ class Key(enum.StrEnum):
     QUIT = "quit"
 
 
-_ON_GO = {
-    Stage.READY: Stage.COUNTDOWN,
-    Stage.RECORDING: Stage.PAUSED,
-    Stage.PAUSED: Stage.RECORDING,
-}
+_ON_GO = {Stage.READY: Stage.COUNTDOWN, Stage.RECORDING: Stage.PAUSED, Stage.PAUSED: Stage.RECORDING}
 
 
 class Protocol:

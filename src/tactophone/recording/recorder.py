@@ -91,11 +91,7 @@ class Recorder:
         self._rate, self._channels = sample_rate, channels
         self._levels = _levels(target, known)
         self.protocol = Protocol(
-            plan.takes,
-            sample_rate=sample_rate,
-            done=self._levels,
-            duration=plan.duration,
-            countdown=plan.countdown,
+            plan.takes, sample_rate=sample_rate, done=self._levels, duration=plan.duration, countdown=plan.countdown
         )
         self.quality: TakeQuality | None = None
         self.levels: TakeLevels | None = None

@@ -28,11 +28,7 @@ from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
-from tactophone.runtime.realtime_priority import (
-    lock_memory,
-    name_thread,
-    prioritize_thread,
-)
+from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
 from tactophone.runtime.rehearsal import (
     open_rehearsed_pipeline,
     rehearse_decoders,
@@ -401,11 +397,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         run_housekeeping(
-            operator,
-            info,
-            terminated=terminated,
-            interval=HOUSEKEEPING_INTERVAL,
-            priority=settings.process.priority,
+            operator, info, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
         )
     if operator.failure is not None:
         raise operator.failure

@@ -24,11 +24,7 @@ from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.realtime_playback import paced
-from tactophone.runtime.realtime_priority import (
-    lock_memory,
-    name_thread,
-    prioritize_thread,
-)
+from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
 from tactophone.runtime.rehearsal import (
     rehearse_detector,
     rehearse_encoder,
@@ -101,13 +97,7 @@ class Robot:
         Opens the microphones, or what replaces them.
     """
 
-    def __init__(
-        self,
-        settings: Settings,
-        info: ProcessInfo,
-        *,
-        open_source: OpenSource = open_device,
-    ) -> None:
+    def __init__(self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
         self.ended = threading.Event()
         self.failure: BaseException | None = None
         self._settings = settings
@@ -346,11 +336,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
         run_housekeeping(
-            robot,
-            info,
-            terminated=terminated,
-            interval=HOUSEKEEPING_INTERVAL,
-            priority=settings.process.priority,
+            robot, info, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
         )
     if robot.failure is not None:
         raise robot.failure

@@ -1,20 +1,9 @@
 """The names that `tactophone.simulation` exports. Import them from there: this module loads numba and scipy."""
 
 from tactophone.simulation.content.catalogue import PAPER, SimulatedObject, catalogue, find
-from tactophone.simulation.content.competition import (
-    DAYS,
-    CompetitionRun,
-    run_recording,
-    write_finals,
-    write_run,
-)
+from tactophone.simulation.content.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
 from tactophone.simulation.content.demonstration import demonstrate_hand, demonstration, write_demonstration
-from tactophone.simulation.content.generate import (
-    RenderOptions,
-    plan_dataset,
-    render_dataset,
-    write_manifest,
-)
+from tactophone.simulation.content.generate import RenderOptions, plan_dataset, render_dataset, write_manifest
 from tactophone.simulation.content.measured_surfaces import measured_objects
 from tactophone.simulation.content.movement import Script, take_moves
 from tactophone.simulation.content.render_store import read_render_metadata

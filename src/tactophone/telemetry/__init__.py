@@ -16,17 +16,7 @@ from tactophone.telemetry.memory import (
     remove_memory,
 )
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, prediction_of, read_timeline
-from tactophone.telemetry.registry import (
-    COUNTERS,
-    GAUGES,
-    MARKS,
-    STAGES,
-    Action,
-    Fault,
-    FingerState,
-    Request,
-    State,
-)
+from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, FingerState, Request, State
 from tactophone.telemetry.session_log import (
     ARRIVAL_DIGITS,
     Controls,
