@@ -29,6 +29,7 @@ from typing import cast
 import psutil
 
 from demo_series import busy_processes
+from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 from tactophone import config
 from tactophone.config import Settings
 from tactophone.devices import DummyServer
@@ -45,7 +46,6 @@ from tactophone.measurement import (
     measure_time_to_silence,
 )
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
-from tactophone.simulation.network.hostile import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 from tactophone.telemetry import Watcher
 
 HOST = "127.0.0.1"

@@ -22,10 +22,10 @@ import soundfile
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from tactophone.evaluation.touch_event_metrics import MISSED, class_accuracy, confusion, match_moments
-from tactophone.measurement.touch_scenes import touch_scene
 from tactophone.perception import ContactGate, EventDetector
 from tactophone.types import DEFAULT_TIP, AudioBlock, TouchEvent
+from touch_event_metrics import MISSED, class_accuracy, confusion, match_moments
+from touch_scenes import touch_scene
 
 TRAIN = ("0", "1", "2", "4", "5", "8", "9", "11", "12", "17")
 HELD_OUT = ("21", *map(str, range(23, 33)), "22")

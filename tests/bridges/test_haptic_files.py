@@ -1,6 +1,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,12 +24,42 @@ def held(commands: list[HapticCommand], time: float) -> tuple[float, float]:
     return newest.amplitude, newest.frequency
 
 
+def decode_haptic(content: dict[str, Any]) -> list[haptic_files.Point]:
+    envelopes = content["signals"]["continuous"]["envelopes"]
+    pairs = zip(envelopes["amplitude"], envelopes["frequency"], strict=True)
+    return [(level["time"], level["amplitude"], hertz(pitch["frequency"])) for level, pitch in pairs]
+
+
+def decode_ahap(content: dict[str, Any]) -> list[haptic_files.Point]:
+    values: dict[str, dict[float, float]] = {}
+    for entry in content["Pattern"]:
+        if curve := entry.get("ParameterCurve"):
+            for point in curve["ParameterCurveControlPoints"]:
+                time = round(curve["Time"] + point["Time"], 4)
+                values.setdefault(curve["ParameterID"], {})[time] = point["ParameterValue"]
+    intensity, sharpness = values["HapticIntensityControl"], values["HapticSharpnessControl"]
+    return [(time, level, hertz(sharpness[time])) for time, level in intensity.items()]
+
+
+def decode_hjif(content: dict[str, Any]) -> list[haptic_files.Point]:
+    frames = content["perceptions"][0]["channels"][0]["bands"][0]["effects"][0]["keyframes"]
+    scale = content["timescale"]
+    return [
+        (frame["relative_position"] / scale, frame["amplitude_modulation"], frame["frequency_modulation"])
+        for frame in frames
+    ]
+
+
+def hertz(relative: float) -> float:
+    return float(haptic_files.LOWEST_HZ * (haptic_files.HIGHEST_HZ / haptic_files.LOWEST_HZ) ** relative)
+
+
 @pytest.mark.parametrize(
     ("encode", "decode"),
     [
-        (haptic_files.encode_haptic, haptic_files.decode_haptic),
-        (haptic_files.encode_ahap, haptic_files.decode_ahap),
-        (haptic_files.encode_hjif, haptic_files.decode_hjif),
+        (haptic_files.encode_haptic, decode_haptic),
+        (haptic_files.encode_ahap, decode_ahap),
+        (haptic_files.encode_hjif, decode_hjif),
     ],
 )
 def test_decoding_returns_the_stream_within_1_db_and_2_percent(encode, decode) -> None:  # type: ignore[no-untyped-def]

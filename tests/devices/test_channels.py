@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from tactophone.devices import DummyServer, JackClient
 from tactophone.devices.portaudio import PortAudioDevice
 from tactophone.devices.survey import DUALSENSE_CHANNEL, _assess, _dualsense_port
-from tactophone.haptics import jack_actuator
+from tactophone.haptics import jack_hand_actuator
 from tactophone.types import FloatArray
 
 from .test_jack import eventually
@@ -29,18 +30,19 @@ pcm.dualsense {{
 PLAY = """
 import threading
 import numpy as np
-from tactophone.haptics import portaudio_actuator
+from tactophone.haptics import portaudio_hand_actuator
 
 played, enough = [], threading.Event()
 generator = np.random.default_rng(1)
 
-def render(out):
+def render(outs):
+    (out,) = outs
     out[:] = generator.uniform(-0.5, 0.5, len(out)).astype(np.float32)
     played.append(out.copy())
     if len(played) > 20:
         enough.set()
 
-with portaudio_actuator(render, device="dualsense", channel=3) as actuator:
+with portaudio_hand_actuator(render, device="dualsense", channels=[3]) as actuator:
     assert enough.wait(10)
     assert actuator.device.process_faults == 0
 np.save({path!r}, np.concatenate(played))
@@ -105,13 +107,16 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
     played: list[FloatArray] = []
     rendered: list[FloatArray] = []
 
-    def render(out: FloatArray) -> None:
+    def render(outs: Sequence[FloatArray]) -> None:
+        (out,) = outs
         out[:] = np.arange(len(rendered) * len(out), (len(rendered) + 1) * len(out), dtype=np.float32) / 1e6
         rendered.append(out.copy())
 
     with (
         DummyServer(128, outputs=4) as server,
-        jack_actuator(render, port=f"system:playback_{DUALSENSE_CHANNEL}", server=server.name, name="operator"),
+        jack_hand_actuator(
+            render, ports={"vibration": f"system:playback_{DUALSENSE_CHANNEL}"}, server=server.name, name="operator"
+        ),
     ):
         wire = {"in": "operator:vibration"}
         listener = JackClient("listener", lambda inputs, _: played.append(inputs[0].copy()), inputs=wire, outputs={},

@@ -7,10 +7,23 @@ import soundfile
 
 from tactophone.devices import DummyServer, JackClient
 from tactophone.errors import DeviceError
-from tactophone.haptics import clocked_actuator, jack_actuator, portaudio_actuator
+from tactophone.haptics import clocked_hand_actuator, jack_hand_actuator, portaudio_hand_actuator
+from tactophone.haptics.actuator import DeviceActuator, Render
 from tactophone.types import FloatArray
 
 from . import contract
+
+
+def jack_actuator(render: Render, *, port: str = "system:playback_1", **kwargs: str) -> DeviceActuator:
+    return jack_hand_actuator(lambda outs: render(outs[0]), ports={"vibration": port}, **kwargs)
+
+
+def portaudio_actuator(render: Render, *, device: str) -> DeviceActuator:
+    return portaudio_hand_actuator(lambda outs: render(outs[0]), device=device, channels=[1])
+
+
+def clocked_actuator(render: Render, *, period: int = 128, path: Path | None = None) -> DeviceActuator:
+    return clocked_hand_actuator(lambda outs: render(outs[0]), fingers=1, period=period, path=path)
 
 
 @pytest.mark.realtime

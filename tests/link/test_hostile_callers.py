@@ -4,6 +4,12 @@ import itertools
 import time
 
 import pytest
+from benchmarks.hostile_callers import (
+    CERTIFICATE_FAULTS,
+    DelayedLine,
+    call_with_certificate,
+    overlong_hello,
+)
 
 from tactophone.errors import PacketError
 from tactophone.link import Connected, Disconnected, Identity, PacketReceived, Peers, Session
@@ -12,12 +18,6 @@ from tactophone.link.handshake import MAX_FLIGHT_DATAGRAMS
 from tactophone.link.packet import PayloadType, parse_packet
 from tactophone.link.rtcp import Goodbye, ReceiverReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY, BUSY_PAUSE
-from tactophone.simulation.network.hostile import (
-    CERTIFICATE_FAULTS,
-    DelayedLine,
-    call_with_certificate,
-    overlong_hello,
-)
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from benchmarks.touch_event_metrics import f_measure
+from benchmarks.touch_scenes import TouchScene, touch_scene
 
-from tactophone.evaluation.touch_event_metrics import f_measure
 from tactophone.haptics import open_profile
-from tactophone.measurement.touch_scenes import TouchScene, touch_scene
 from tactophone.perception import EventDetector
 from tactophone.pipeline import open_pipeline
 from tactophone.types import AudioBlock, PipelineStep, TouchEvent

@@ -9,8 +9,8 @@ ending     format                                                 checked agains
                                                                   could not be had, nor a player
 =========  =====================================================  ================================================
 
-Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (`decode_haptic` and its likes, held to
-that by tests). Between two points all formats interpolate linearly; a change is therefore written as two points.
+Amplitudes are quantised so that decoding returns the stream within 1 dB and 2 % (tests decode them). Between two
+points all formats interpolate linearly; a change is therefore written as two points.
 """
 
 import json
@@ -83,13 +83,6 @@ def encode_haptic(points: Sequence[Point]) -> dict[str, Any]:
     }
 
 
-def decode_haptic(content: dict[str, Any]) -> list[Point]:
-    """Decode what `encode_haptic` encoded."""
-    envelopes = content["signals"]["continuous"]["envelopes"]
-    pairs = zip(envelopes["amplitude"], envelopes["frequency"], strict=True)
-    return [(level["time"], level["amplitude"], _hertz(pitch["frequency"])) for level, pitch in pairs]
-
-
 def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
     """Encode as .ahap: one continuous event, and curves of intensity and sharpness."""
     end = points[-1][0]
@@ -109,21 +102,12 @@ def encode_ahap(points: Sequence[Point]) -> dict[str, Any]:
         _curve(name, points[start : start + _AHAP_POINTS], value)
         for start in range(0, len(points), _AHAP_POINTS - 1)
         if start == 0 or start < len(points) - 1
-        for name, value in (("HapticIntensityControl", _intensity), ("HapticSharpnessControl", _sharpness))
+        for name, value in (
+            ("HapticIntensityControl", lambda point: _digits(point[1])),
+            ("HapticSharpnessControl", lambda point: _relative(point[2])),
+        )
     ]
     return {"Version": 1.0, "Metadata": {"Project": "tactophone"}, "Pattern": [event, *curves]}
-
-
-def decode_ahap(content: dict[str, Any]) -> list[Point]:
-    """Decode what `encode_ahap` encoded."""
-    values: dict[str, dict[float, float]] = {}
-    for entry in content["Pattern"]:
-        if curve := entry.get("ParameterCurve"):
-            for point in curve["ParameterCurveControlPoints"]:
-                time = _time(curve["Time"] + point["Time"])
-                values.setdefault(curve["ParameterID"], {})[time] = point["ParameterValue"]
-    intensity, sharpness = values["HapticIntensityControl"], values["HapticSharpnessControl"]
-    return [(time, level, _hertz(sharpness[time])) for time, level in intensity.items()]
 
 
 def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
@@ -154,16 +138,6 @@ def encode_hjif(points: Sequence[Point]) -> dict[str, Any]:
         ],
         "syncs": [],
     }  # fmt: skip
-
-
-def decode_hjif(content: dict[str, Any]) -> list[Point]:
-    """Decode what `encode_hjif` encoded."""
-    frames = content["perceptions"][0]["channels"][0]["bands"][0]["effects"][0]["keyframes"]
-    scale = content["timescale"]
-    return [
-        (frame["relative_position"] / scale, frame["amplitude_modulation"], frame["frequency_modulation"])
-        for frame in frames
-    ]
 
 
 FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
@@ -201,14 +175,6 @@ def _curve(name: str, points: Sequence[Point], value: Callable[[Point], float]) 
     }
 
 
-def _intensity(point: Point) -> float:
-    return _digits(point[1])
-
-
-def _sharpness(point: Point) -> float:
-    return _relative(point[2])
-
-
 def _time(seconds: float) -> float:
     return round(seconds, 4)
 
@@ -221,7 +187,3 @@ def _relative(hertz: float) -> float:
     """Return the place of a frequency between `LOWEST_HZ` and `HIGHEST_HZ`, 0 to 1 by ratio."""
     share = math.log(max(hertz, LOWEST_HZ) / LOWEST_HZ) / math.log(HIGHEST_HZ / LOWEST_HZ)
     return round(min(share, 1.0), 4)
-
-
-def _hertz(relative: float) -> float:
-    return float(LOWEST_HZ * (HIGHEST_HZ / LOWEST_HZ) ** relative)

@@ -4,9 +4,8 @@
 out first: the contact gate decides those, not the classifier.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,6 @@ RULES: tuple[Rule, ...] = ("authors", "two-class")
 LOW_FALSE_POSITIVES = 0.01
 """False positive rate at which rough recall is read: one false positive in 100 updates."""
 
-Measures: TypeAlias = Mapping[str, float]
 Floats = NDArray[np.float64]
 
 

@@ -33,7 +33,7 @@ class Actuator(Protocol):
 
 
 class DeviceActuator:
-    """An `Actuator` on any device; made by `jack_actuator`, `portaudio_actuator` or `clocked_actuator`."""
+    """An `Actuator` on any device; made by the functions below."""
 
     def __init__(self, device: Device, *, sample_rate: int = LIVE_SAMPLE_RATE) -> None:
         self.device = device
@@ -47,13 +47,6 @@ class DeviceActuator:
         self.device.close()
 
 
-def jack_actuator(
-    render: Render, *, port: str = "system:playback_1", server: str = "", name: str = "tactophone-operator"
-) -> DeviceActuator:
-    """Play on a JACK port; ``"-"`` leaves the output unconnected, for a patch bay."""
-    return jack_hand_actuator(lambda outs: render(outs[0]), ports={"vibration": port}, server=server, name=name)
-
-
 def jack_hand_actuator(
     render: RenderHand, *, ports: Mapping[str, str], server: str = "", name: str = "tactophone-operator"
 ) -> DeviceActuator:
@@ -63,26 +56,17 @@ def jack_hand_actuator(
     return DeviceActuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
 
 
-def portaudio_actuator(
-    render: Render, *, device: str = "", channel: int = 1, sample_rate: int = LIVE_SAMPLE_RATE
-) -> DeviceActuator:
-    """Play on one channel of a PortAudio device, given by number or part of its name; the other channels are silent.
-
-    Parameters
-    ----------
-    channel
-        Counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by their number:
-        four are front and rear left and right, as a DualSense expects, but three would be left, right and bass.
-    """
-    return portaudio_hand_actuator(
-        lambda outs: render(outs[0]), device=device, channels=[channel], sample_rate=sample_rate
-    )
-
-
 def portaudio_hand_actuator(
     render: RenderHand, *, device: str = "", channels: Sequence[int], sample_rate: int = LIVE_SAMPLE_RATE
 ) -> DeviceActuator:
-    """Play each finger on a channel of one PortAudio device (`portaudio_actuator`)."""
+    """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
+
+    Parameters
+    ----------
+    channels
+        Counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by their number:
+        four are front and rear left and right, as a DualSense expects, but three would be left, right and bass.
+    """
     highest = max(channels)
     process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
     stream = PortAudioStream(process, "output", device=device, channels=opened, sample_rate=sample_rate)
@@ -102,15 +86,6 @@ def gamepad_actuator(
     return DeviceActuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
 
 
-def clocked_actuator(
-    render: Render, *, period: int = 128, sample_rate: int = LIVE_SAMPLE_RATE, path: Path | None = None
-) -> DeviceActuator:
-    """Request the waveform in step with the system clock; write it to a WAV file, or discard it."""
-    return clocked_hand_actuator(
-        lambda outs: render(outs[0]), fingers=1, period=period, sample_rate=sample_rate, path=path
-    )
-
-
 def clocked_hand_actuator(
     render: RenderHand,
     *,
@@ -119,7 +94,7 @@ def clocked_hand_actuator(
     sample_rate: int = LIVE_SAMPLE_RATE,
     path: Path | None = None,
 ) -> DeviceActuator:
-    """Request each finger's waveform (`clocked_actuator`); a WAV file has a channel for each."""
+    """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
     process = _outputs(render, range(1, fingers + 1))
     device = ClockedDevice(process, period=period, sample_rate=sample_rate, path=path, outputs=fingers)
     return DeviceActuator(device, sample_rate=sample_rate)

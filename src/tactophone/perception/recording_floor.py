@@ -60,11 +60,6 @@ class RecordingFloor:
         """Whether the recording holds a noise floor."""
         return not math.isnan(self.floor_dbfs)
 
-    @property
-    def all_noise(self) -> bool:
-        """Whether nothing in the recording is louder than its floor."""
-        return self.known and self.loudest_dbfs < self.threshold_dbfs
-
 
 def measure_floor(
     blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule, false_alarms: float = FALSE_ALARMS

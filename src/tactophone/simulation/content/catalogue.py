@@ -5,7 +5,6 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
-from types import MappingProxyType
 from typing import Any
 
 from tactophone.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
@@ -103,14 +102,6 @@ def find(name: str) -> SimulatedObject:
 def surface(name: str) -> tuple[Surface, Material]:
     """Return a surface of the catalogue and its material; some, such as the mat, belong to no object."""
     return _surface(name, _read()["surfaces"][name])
-
-
-@functools.cache
-def published_ra() -> Mapping[str, tuple[float, float]]:
-    """Return published ranges of Ra in m, by surface, where a source gives one."""
-    tables = _read()["surfaces"]
-    ranges = {name: table["published_ra_um"] for name, table in tables.items() if "published_ra_um" in table}
-    return MappingProxyType({name: (low * 1e-6, high * 1e-6) for name, (low, high) in ranges.items()})
 
 
 @functools.cache

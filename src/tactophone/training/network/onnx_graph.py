@@ -21,7 +21,6 @@ from tactophone.training.network.model import BINS, RESIDUALS, Weights, channels
 from tactophone.types import FloatArray, Touch
 
 Storage = Literal["int8", "float32"]
-STORAGES: tuple[Storage, ...] = ("int8", "float32")
 
 _BYTES, _SCALE, _SCALES = ":uint8", ":scale", ":scales"
 _MICROSOFT = "com.microsoft"
