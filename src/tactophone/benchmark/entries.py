@@ -34,24 +34,14 @@ NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkEntry:
-    """A method with what the live system adds to it.
-
-    Parameters
-    ----------
-    method
-        Trains and predicts.
-    rule
-        Of the decision.
-    latency
-        Seconds from a window's end to its prediction.
-    control
-        Whether it is a control, which should be at chance, and not a competitor.
-    """
+    """A method with what the live system adds to it."""
 
     method: Method
     rule: DecisionRule = field(default_factory=DecisionRule)
     latency: float = 0.0
+    """Seconds from a window's end to its prediction."""
     control: bool = False
+    """Whether it is a control, which should be at chance, and not a competitor."""
 
     @property
     def name(self) -> str:

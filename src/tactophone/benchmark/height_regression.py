@@ -21,38 +21,23 @@ LOWEST, HIGHEST = -4.0, 4.0
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """How well Ra is estimated for held-out surfaces.
-
-    Parameters
-    ----------
-    surfaces
-        Name, true and estimated Ra in micrometres, of each; the estimate is the mean in decades over its updates.
-    error_decades
-        Root mean square error over surfaces, in decades of Ra.
-    update_error_decades
-        The same over single updates, every surface at the same weight.
-    spread_decades
-        Root mean square error of a constant estimate, the least to beat.
-    correlation
-        Spearman's, over surfaces.
-    """
+    """How well Ra is estimated for held-out surfaces."""
 
     surfaces: tuple[tuple[str, float, float], ...]
+    """Name, true and estimated Ra in micrometres, of each; the estimate is the mean in decades over its updates."""
     error_decades: float
+    """Root mean square error over surfaces, in decades of Ra."""
     update_error_decades: float
+    """The same over single updates, every surface at the same weight."""
     spread_decades: float
+    """Root mean square error of a constant estimate, the least to beat."""
     correlation: float
+    """Spearman's, over surfaces."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightMethod:
-    """Ridge regression from features to log Ra: the recipe ``surface`` without its boundary.
-
-    Parameters
-    ----------
-    spec
-        Of the features.
-    """
+    """Ridge regression from features to log Ra: the recipe ``surface`` without its boundary."""
 
     spec: FeatureSpec
     name: str = "surface, as a height"

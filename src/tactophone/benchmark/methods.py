@@ -64,17 +64,11 @@ class FeatureMethod:
 
     Features are computed once per recording and cached in the process, so that a fold costs its training alone; tests
     hold that the predictions equal those of the streaming detector, window for window.
-
-    Parameters
-    ----------
-    job
-        The recipe with its options.
-    dropped
-        An ablation: this channel is silent after training. The same weights, one microphone less.
     """
 
     job: FeatureJob
     dropped: int | None = None
+    """An ablation: this channel is silent after training. The same weights, one microphone less."""
 
     @property
     def name(self) -> str:
@@ -94,15 +88,10 @@ class FeatureMethod:
 
 @dataclass(frozen=True, slots=True)
 class RegressionMethod:
-    """A logistic regression on :data:`tactophone.benchmark.regression_features.REGRESSION_FEATURES`; always in contact.
-
-    Parameters
-    ----------
-    name
-        Of the features.
-    """
+    """A logistic regression on the features of `REGRESSION_FEATURES`; always in contact."""
 
     name: str
+    """Of the features."""
 
     @property
     def identity(self) -> str:

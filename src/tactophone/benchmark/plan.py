@@ -31,56 +31,37 @@ PERMUTATION_SEEDS = (0, 1, 2)
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What runs on one data set.
-
-    Parameters
-    ----------
-    dataset
-        Labelled, usable recordings.
-    entries
-        The first is the reference that the others are compared with.
-    splits
-        Names, as ``--splits`` takes them.
-    permuted
-        Method that learns permuted labels, as a control.
-    heights
-        Regresses Ra, where surfaces have it.
-    seeds
-        The reference's method with each further seed.
-    """
+    """What runs on one data set."""
 
     dataset: Dataset
+    """Labelled, usable recordings."""
     entries: tuple[BenchmarkEntry, ...]
+    """The first is the reference that the others are compared with."""
     splits: tuple[str, ...]
+    """Names, as ``--splits`` takes them."""
     permuted: Method
+    """Method that learns permuted labels, as a control."""
     heights: HeightMethod | None = None
+    """Regresses Ra, where surfaces have it."""
     seeds: tuple[Method, ...] = ()
+    """The reference's method with each further seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class DatasetResults:
-    """Results of a benchmark on one data set.
-
-    Parameters
-    ----------
-    dataset, origin
-        Its name, and whether its sound is simulated, in words.
-    results
-        Of every entry, split by split.
-    permuted
-        By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels.
-    heights
-        By split: how well Ra is estimated from sound.
-    seeds
-        By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds.
-    """
+    """Results of a benchmark on one data set."""
 
     dataset: str
     origin: str
+    """`dataset` and `origin`: its name, and whether its sound is simulated, in words."""
     results: tuple[MethodResult, ...]
+    """Of every entry, split by split."""
     permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
     heights: Mapping[str, Heights] = field(default_factory=dict)
+    """By split: how well Ra is estimated from sound."""
     seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain dictionaries and lists."""

@@ -35,53 +35,35 @@ MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 @dataclass(frozen=True, slots=True)
 class MethodResult:
-    """Scores of a method on one split of one data set.
-
-    Parameters
-    ----------
-    method, dataset, split
-        Their names.
-    control
-        Whether the method is a control.
-    rendered
-        What the operator gets, contact gate, abstention and decision rule inside: the headline.
-    scores
-        By rule and metric, with intervals over surfaces; over updates in true contact, without gate and abstention.
-    false_positives_at_reference
-        Share of smooth updates classified as rough, at the threshold with the reference's rough recall.
-    bumps_per_minute, calibration_error
-        See :mod:`tactophone.evaluation.event_metrics`.
-    contact_ms, edge_ms
-        p50 and p95 of the time to a correct decision, in ms, over all changes (infinite where there is none), and the
-        share of changes without one.
-    differences
-        From the reference, in pairs, by the two-class rule; p-values are corrected over all methods and measures.
-    by_surface
-        Share of updates classified correctly.
-    curve
-        Points of the ROC curve: false positive rate, recall.
-    reliability
-        Mean P(rough) and share truly rough, in ten bins of P(rough).
-    height_correlation
-        Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown.
-    """
+    """Scores of a method on one split of one data set."""
 
     method: str
     dataset: str
     split: str
     control: bool
     rendered: Rendered
+    """What the operator gets, contact gate, abstention and decision rule inside: the headline."""
     scores: dict[str, dict[str, Estimate]]
+    """By rule and metric, with intervals over surfaces; over updates in true contact, without gate and abstention."""
     false_positives_at_reference: float
+    """Share of smooth updates classified as rough, at the threshold with the reference's rough recall."""
     bumps_per_minute: float
     calibration_error: float
+    """`bumps_per_minute` and `calibration_error`: see :mod:`tactophone.evaluation.event_metrics`."""
     contact_ms: tuple[float, float, float]
     edge_ms: tuple[float, float, float]
+    """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms, over all changes (infinite
+    where there is none), and the share of changes without one."""
     differences: dict[str, Difference]
+    """From the reference, in pairs, by the two-class rule; p-values are corrected over all methods and measures."""
     by_surface: dict[str, float]
+    """Share of updates classified correctly."""
     curve: tuple[tuple[float, float], ...]
+    """Points of the ROC curve: false positive rate, recall."""
     reliability: tuple[tuple[float, float], ...]
+    """Mean P(rough) and share truly rough, in ten bins of P(rough)."""
     height_correlation: float
+    """Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown."""
 
 
 def compare_entries(

@@ -36,26 +36,18 @@ VISITS = 12
 
 @dataclass(frozen=True, slots=True)
 class TaskOutcome:
-    """Outcome of the task with one method.
-
-    Parameters
-    ----------
-    name
-        Of the method.
-    found, both
-        Share of rounds in which the stone picked first was rough, and both picked were; with 90 % intervals.
-    duration
-        Decision time in s: median, and 5 to 95 %.
-    success, median_duration
-        The share of ``both`` and the median of ``duration``, as numbers.
-    """
+    """Outcome of the task with one method."""
 
     name: str
     found: str
     both: str
+    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were; with 90 %
+    intervals."""
     duration: str
+    """Decision time in s: median, and 5 to 95 %."""
     success: float
     median_duration: float
+    """`success` and `median_duration`: the share of ``both`` and the median of ``duration``, as numbers."""
 
     def as_json(self) -> dict[str, Any]:
         """Return a plain dictionary."""

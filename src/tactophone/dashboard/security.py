@@ -30,17 +30,6 @@ HEADERS = {
 class AccessControl:
     """Decides whether a request is allowed.
 
-    Parameters
-    ----------
-    host, port
-        Where the server listens; ``0.0.0.0`` and ``::`` mean all interfaces.
-    token
-        Random, new for every page.
-    scheme
-        ``http`` or ``https``.
-    names
-        Further names of this machine under which it may be opened.
-
     Examples
     --------
     >>> access = AccessControl("127.0.0.1", 8470, token="secret")
@@ -54,9 +43,13 @@ class AccessControl:
 
     host: str
     port: int
+    """`host` and `port`: where the server listens; ``0.0.0.0`` and ``::`` mean all interfaces."""
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
+    """Random, new for every page."""
     scheme: str = "http"
+    """``http`` or ``https``."""
     names: tuple[str, ...] = ()
+    """Further names of this machine under which it may be opened."""
 
     @property
     def url(self) -> str:

@@ -39,26 +39,18 @@ STEEPEST = 10.0
 
 @dataclass(frozen=True, slots=True)
 class HeightReport:
-    """What was measured, with what, and what to beware of; lengths in m.
-
-    Parameters
-    ----------
-    profile, area
-        Parameters; ``area`` is ``None`` for a single profile.
-    step, cutoff
-        Between heights, and of the filter.
-    shape
-        Of the heights as measured, rows and columns; one row for a profile.
-    notes
-        Doubts about the figures, a sentence each.
-    """
+    """What was measured, with what, and what to beware of; lengths in m."""
 
     profile: Roughness
     area: ArealRoughness | None
+    """`profile` and `area`: parameters; ``area`` is ``None`` for a single profile."""
     step: float
     cutoff: float
+    """`step` and `cutoff`: between heights, and of the filter."""
     shape: tuple[int, int]
+    """Of the heights as measured, rows and columns; one row for a profile."""
     notes: tuple[str, ...]
+    """Doubts about the figures, a sentence each."""
 
     def as_json(self) -> dict[str, object]:
         """Return plain numbers, lengths in m."""

@@ -35,24 +35,16 @@ _TAKE_AT_END = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class LabFolder:
-    """What was found in a folder without a manifest.
-
-    Parameters
-    ----------
-    dataset
-        A recording for each file or pair; of a pair, ``path`` is the contact file. ``problems`` has the rest.
-    air_of
-        The air file of each pair, by its contact file.
-    targets
-        Path of each copy below the new folder, by ``path``, without a suffix.
-    guessed
-        True where surfaces were taken from file names, which a person should look at.
-    """
+    """What was found in a folder without a manifest."""
 
     dataset: Dataset
+    """A recording for each file or pair; of a pair, ``path`` is the contact file. ``problems`` has the rest."""
     air_of: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    """The air file of each pair, by its contact file."""
     targets: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    """Path of each copy below the new folder, by ``path``, without a suffix."""
     guessed: bool = False
+    """True where surfaces were taken from file names, which a person should look at."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,29 +36,20 @@ Profile = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Roughness:
-    """Roughness parameters.
-
-    Parameters
-    ----------
-    ra, rq
-        Mean of the absolute height, and its root mean square, in m.
-    rz
-        Greatest height within a sampling length, averaged over five, in m.
-    rsk, rku
-        Skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights).
-    rsm
-        Mean width of profile elements, in m; NaN if there is none.
-    rdq
-        Root mean square slope, without unit.
-    """
+    """Roughness parameters."""
 
     ra: float
     rq: float
+    """`ra` and `rq`: mean of the absolute height, and its root mean square, in m."""
     rz: float
+    """Greatest height within a sampling length, averaged over five, in m."""
     rsk: float
     rku: float
+    """`rsk` and `rku`: skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights)."""
     rsm: float
+    """Mean width of profile elements, in m; NaN if there is none."""
     rdq: float
+    """Root mean square slope, without unit."""
 
 
 def measure_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:

@@ -31,13 +31,6 @@ LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
 class Segment:
     """An interval of a recording with a constant label.
 
-    Parameters
-    ----------
-    start, end
-        In seconds since the recording began.
-    label_name
-        One of :data:`LABEL_NAMES`.
-
     Examples
     --------
     >>> Segment(0.3, 5.17, "contact").contact, Segment(5.17, 6.0, "none").label
@@ -46,7 +39,9 @@ class Segment:
 
     start: float
     end: float
+    """`start` and `end`: in seconds since the recording began."""
     label_name: str
+    """One of :data:`LABEL_NAMES`."""
 
     @property
     def label(self) -> Touch | None:
@@ -73,36 +68,26 @@ def touch_at(time: float, segments: Iterable[Segment]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One sound file and its labels.
-
-    Parameters
-    ----------
-    path
-        The WAV or FLAC file.
-    surface
-        The material and texture touched; splits keep all recordings of a surface on one side.
-    label
-        A person's label of the whole recording; ``None`` if ambiguous, mixed or unknown.
-    channels
-        The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order; empty if unknown.
-    take, scenario, session, tier
-        Which of the surface's recordings it is, how the object was held, the day, and how reliable the label is.
-    segments
-        Labels that change with time.
-    properties
-        All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``.
-    """
+    """One sound file and its labels."""
 
     path: Path
+    """The WAV or FLAC file."""
     surface: str
+    """The material and texture touched; splits keep all recordings of a surface on one side."""
     label: Touch | None = None
+    """A person's label of the whole recording; ``None`` if ambiguous, mixed or unknown."""
     channels: tuple[str, ...] = ()
+    """The microphone of each channel, ``"contact"`` or ``"air"``, in the file's order; empty if unknown."""
     take: str = ""
     scenario: str = ""
     session: str = ""
     tier: str = ""
+    """`take`, `scenario`, `session` and `tier`: which of the surface's recordings it is, how the object was held, the
+    day, and how reliable the label is."""
     segments: tuple[Segment, ...] = ()
+    """Labels that change with time."""
     properties: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}), hash=False)
+    """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Support pickling: a read-only view of properties cannot be pickled as it is."""

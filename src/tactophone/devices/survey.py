@@ -21,17 +21,7 @@ DUALSENSE_CHANNEL = 3
 
 @dataclass(frozen=True, slots=True)
 class SurveyedDevice:
-    """A device, or a sound system that is not available.
-
-    Parameters
-    ----------
-    settings
-        Assignments for ``--set`` that use it.
-    microphones, actuator
-        Why it is unsuitable; empty when it is suitable.
-    note
-        Further remarks.
-    """
+    """A device, or a sound system that is not available."""
 
     system: str
     name: str
@@ -40,7 +30,9 @@ class SurveyedDevice:
     sample_rate: int
     microphones: str
     actuator: str
+    """`microphones` and `actuator`: why it is unsuitable; empty when it is suitable."""
     settings: tuple[str, ...] = ()
+    """Assignments for ``--set`` that use it."""
     note: str = ""
 
 

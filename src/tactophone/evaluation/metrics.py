@@ -21,41 +21,27 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scores:
-    """Windows in contact with their labels and scores, in ascending order of score.
-
-    Parameters
-    ----------
-    score
-        From 0 (smooth) to 1 (rough), float64.
-    rough
-        The label of each window.
-    surface
-        Number of the surface of each window: the bootstrap draws surfaces, not windows.
-    names
-        The surfaces' names by number.
-    """
+    """Windows in contact with their labels and scores, in ascending order of score."""
 
     score: NDArray[np.float64]
+    """From 0 (smooth) to 1 (rough), float64."""
     rough: NDArray[np.bool_]
+    """The label of each window."""
     surface: NDArray[np.intp]
+    """Number of the surface of each window: the bootstrap draws surfaces, not windows."""
     names: tuple[str, ...]
+    """The surfaces' names by number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Counts:
-    """Number of windows at each score, or in each bin of scores, in ascending order.
-
-    Parameters
-    ----------
-    rough, smooth
-        Windows of either class, shape ``(..., bins)``: any number of cases side by side.
-    called
-        Which bins are classified as rough, shape ``(bins,)``; no bin lies on both sides of 0.5.
-    """
+    """Number of windows at each score, or in each bin of scores, in ascending order."""
 
     rough: Floats
     smooth: Floats
+    """`rough` and `smooth`: windows of either class, shape ``(..., bins)``: any number of cases side by side."""
     called: NDArray[np.bool_]
+    """Which bins are classified as rough, shape ``(bins,)``; no bin lies on both sides of 0.5."""
 
     def times(self, weights: Floats) -> "Counts":
         """Weigh surfaces: with weights ``(draws, surfaces)``, return the counts of each draw."""

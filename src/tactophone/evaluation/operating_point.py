@@ -36,30 +36,20 @@ CONFIRMATIONS = (1, 2, 4, 8)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RuleOutcomes:
-    """Outcome of each candidate rule on each recording; arrays have shape ``(recordings, rules)``.
-
-    Parameters
-    ----------
-    recordings
-        Labelled recordings with contact.
-    minutes
-        Of contact in each recording, shape ``(recordings,)``.
-    updates
-        In contact, shape ``(recordings,)``.
-    rough
-        Updates decided as rough.
-    bumps
-        How often the decision turns rough.
-    delay
-        Mean time in s from a touch's beginning to its first rough decision; NaN where there is none.
-    """
+    """Outcome of each candidate rule on each recording; arrays have shape ``(recordings, rules)``."""
 
     recordings: tuple[Recording, ...]
+    """Labelled recordings with contact."""
     minutes: NDArray[np.float64]
+    """Of contact in each recording, shape ``(recordings,)``."""
     updates: NDArray[np.float64]
+    """In contact, shape ``(recordings,)``."""
     rough: NDArray[np.float64]
+    """Updates decided as rough."""
     bumps: NDArray[np.float64]
+    """How often the decision turns rough."""
     delay: NDArray[np.float64]
+    """Mean time in s from a touch's beginning to its first rough decision; NaN where there is none."""
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
@@ -69,25 +59,17 @@ class RuleOutcomes:
 
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
-    """A decision rule with its rates.
-
-    Parameters
-    ----------
-    rule
-        The decision rule.
-    false_bumps_per_minute
-        Decisions that turn rough, per minute of contact with smooth surfaces.
-    false_positive_rate, rough_recall
-        Share of updates in contact decided as rough, of smooth and of rough surfaces.
-    delay
-        Median over rough recordings of the time from touch to rough decision, in s; NaN if there is none.
-    """
+    """A decision rule with its rates."""
 
     rule: DecisionRule
     false_bumps_per_minute: Estimate
+    """Decisions that turn rough, per minute of contact with smooth surfaces."""
     false_positive_rate: Estimate
     rough_recall: Estimate
+    """`false_positive_rate` and `rough_recall`: share of updates in contact decided as rough, of smooth and of rough
+    surfaces."""
     delay: float
+    """Median over rough recordings of the time from touch to rough decision, in s; NaN if there is none."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain numbers, for a model card: each rate as value, low, high."""

@@ -13,21 +13,14 @@ from tactophone.evaluation.metrics import Floats, Scores, count_by_surface, meas
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One method's score less another's.
-
-    Parameters
-    ----------
-    estimate
-        The difference with its 90 % interval.
-    p
-        Two-sided: twice the share of draws on the rarer side of zero, at least one draw.
-    corrected
-        The same, corrected for the number of differences in its table: see :func:`correct_for_number`. NaN before.
-    """
+    """One method's score less another's."""
 
     estimate: Estimate
+    """The difference with its 90 % interval."""
     p: float
+    """Two-sided: twice the share of draws on the rarer side of zero, at least one draw."""
     corrected: float = math.nan
+    """The same, corrected for the number of differences in its table: see :func:`correct_for_number`. NaN before."""
 
 
 Key = TypeVar("Key")

@@ -26,27 +26,17 @@ READ_SIZE = 1 << 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TakePredictions:
-    """The predictions of a detector for one recording, an entry each update.
-
-    Parameters
-    ----------
-    recording
-        Its sound, and its label.
-    time
-        End of each window, in s.
-    probabilities
-        float32, shape ``(updates, 3)``, in the order of :class:`tactophone.Touch`.
-    contact
-        Whether the contact gate was open.
-    touch
-        What was rendered, int8, if it does not follow from the other fields and the decision rule alone.
-    """
+    """The predictions of a detector for one recording, an entry each update."""
 
     recording: Recording
     time: NDArray[np.float64]
+    """End of each window, in s."""
     probabilities: FloatArray
+    """float32, shape ``(updates, 3)``, in the order of :class:`tactophone.Touch`."""
     contact: NDArray[np.bool_]
+    """Whether the contact gate was open."""
     touch: NDArray[np.int8] | None = None
+    """What was rendered, int8, if it does not follow from the other fields and the decision rule alone."""
 
 
 Predictor = Callable[[Recording], TakePredictions]

@@ -26,26 +26,19 @@ RENDERED = ("balanced_accuracy", "rough_as_rough", "smooth_as_smooth", "smooth_a
 
 @dataclass(frozen=True, slots=True)
 class Rendered:
-    """Shares of true contact, each with its 90 % interval over surfaces.
-
-    Parameters
-    ----------
-    balanced_accuracy
-        Mean of the two classes' shares that are rendered as that class.
-    rough_as_rough, smooth_as_smooth, smooth_as_rough
-        Of the contact with rough and with smooth surfaces.
-    wrong
-        Rendered as the other class, of all contact: the time that false bumps and missed rough last.
-    gaps
-        Not rendered at all, of all contact.
-    """
+    """Shares of true contact, each with its 90 % interval over surfaces."""
 
     balanced_accuracy: Estimate
+    """Mean of the two classes' shares that are rendered as that class."""
     rough_as_rough: Estimate
     smooth_as_smooth: Estimate
     smooth_as_rough: Estimate
+    """`rough_as_rough`, `smooth_as_smooth` and `smooth_as_rough`: of the contact with rough and with smooth
+    surfaces."""
     wrong: Estimate
+    """Rendered as the other class, of all contact: the time that false bumps and missed rough last."""
     gaps: Estimate
+    """Not rendered at all, of all contact."""
 
 
 def rendered_scores(

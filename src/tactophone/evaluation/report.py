@@ -17,53 +17,36 @@ from tactophone.types import Touch
 
 @dataclass(frozen=True, slots=True)
 class GroupScore:
-    """Score of one surface or one recording, over true contact; NaN where there is none.
-
-    Parameters
-    ----------
-    name, label
-        Of the surface or recording.
-    updates, contact
-        Number of updates, and the share of them with the contact gate open.
-    authors, two_class
-        Share of the updates in contact that are classified correctly, by each rule.
-    """
+    """Score of one surface or one recording, over true contact; NaN where there is none."""
 
     name: str
     label: str
     updates: int
     contact: float
+    """`updates` and `contact`: number of updates, and the share of them with the contact gate open."""
     authors: float
     two_class: float
+    """`authors` and `two_class`: share of the updates in contact that are classified correctly, by each rule."""
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A detector's scores on a set of recordings.
-
-    Parameters
-    ----------
-    recordings, surfaces, updates
-        How many were scored.
-    contact
-        Share of updates with the model's contact gate open.
-    rendered
-        What the operator gets: contact gate, abstention and decision rule inside.
-    rules
-        For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
-        whatever the model's gate reports, so that all models are scored on the same windows.
-    by_surface, by_recording
-        Scores of single surfaces and recordings.
-    """
+    """A detector's scores on a set of recordings."""
 
     recordings: int
     surfaces: int
     updates: int
+    """`recordings`, `surfaces` and `updates`: how many were scored."""
     contact: float
+    """Share of updates with the model's contact gate open."""
     rendered: Rendered
+    """What the operator gets: contact gate, abstention and decision rule inside."""
     rules: dict[Rule, dict[str, Estimate]]
+    """For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
+    whatever the model's gate reports, so that all models are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
+    """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
 
     def as_json(self) -> dict[str, Any]:
         """Return plain dictionaries and lists."""

@@ -32,27 +32,18 @@ SHORTEST_STROKE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class GameSettings:
-    """What the page's server needs.
-
-    Parameters
-    ----------
-    name
-        Of the operator's run, whose vibration the page plays.
-    orders
-        Orders of the stones, round after round, then from the first again.
-    seed
-        Of the first round; it grows by one per round.
-    finger
-        Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y, force)``.
-    results
-        File to which results are appended, one line of JSON per round.
-    """
+    """What the page's server needs."""
 
     name: str
+    """Of the operator's run, whose vibration the page plays."""
     orders: Sequence[Sequence[Touch]]
+    """Orders of the stones, round after round, then from the first again."""
     seed: int
+    """Of the first round; it grows by one per round."""
     finger: Connection
+    """Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y, force)``."""
     results: Path
+    """File to which results are appended, one line of JSON per round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,35 +65,25 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class RoundResult:
-    """The result of a round.
-
-    Parameters
-    ----------
-    finished
-        Date and time, ISO 8601 with zone.
-    order, choices
-        The stones' labels from left to right, and the 0-based indices of those chosen as rough.
-    correct
-        How many choices are rough.
-    duration
-        Seconds from the first touch to the choice.
-    strokes
-        Number of strokes, per stone.
-    trainer
-        Whether the player saw the truth and the detector's decision.
-    round_trip
-        Median seconds from press to sound; ``None`` if not measured.
-    """
+    """The result of a round."""
 
     finished: str
+    """Date and time, ISO 8601 with zone."""
     seed: int
     order: tuple[str, ...]
     choices: tuple[int, ...]
+    """`order` and `choices`: the stones' labels from left to right, and the 0-based indices of those chosen as
+    rough."""
     correct: int
+    """How many choices are rough."""
     duration: float
+    """Seconds from the first touch to the choice."""
     strokes: tuple[int, ...]
+    """Number of strokes, per stone."""
     trainer: bool = False
+    """Whether the player saw the truth and the detector's decision."""
     round_trip: float | None = None
+    """Median seconds from press to sound; ``None`` if not measured."""
 
     def append(self, path: Path) -> None:
         """Append one line of JSON to a results file."""

@@ -17,18 +17,12 @@ from tactophone.types import HapticCommand, Prediction, Profile, Touch
 
 @dataclass(frozen=True, slots=True)
 class Stimulus:
-    """The vibration at one end of the scale from smooth to rough.
-
-    Parameters
-    ----------
-    frequency
-        In Hz.
-    level_dbfs
-        In dB of full drive.
-    """
+    """The vibration at one end of the scale from smooth to rough."""
 
     frequency: float
+    """In Hz."""
     level_dbfs: float
+    """In dB of full drive."""
 
 
 ROUGH_STIMULUS = Stimulus(60.0, 0.0)

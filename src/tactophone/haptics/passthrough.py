@@ -41,24 +41,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """Dynamics processing.
-
-    Parameters
-    ----------
-    threshold_dbfs
-        Level in the tactile band above which sound passes unchanged; below it the expander works.
-    ratio
-        Decibels out for each decibel under the threshold.
-    sharpness
-        Exponent on fast over slow level; 0: transients unchanged.
-    gain_db
-        Overall gain; a soft limiter (tanh) holds the result under the ceiling.
-    """
+    """Dynamics processing."""
 
     threshold_dbfs: float = -38.0
+    """Level in the tactile band above which sound passes unchanged; below it the expander works."""
     ratio: float = 3.0
+    """Decibels out for each decibel under the threshold."""
     sharpness: float = 0.5
+    """Exponent on fast over slow level; 0: transients unchanged."""
     gain_db: float = 24.0
+    """Overall gain; a soft limiter (tanh) holds the result under the ceiling."""
 
 
 class Passthrough:

@@ -19,23 +19,17 @@ class PerceptualProfile:
 
     Equal ratios of frequency are equal steps (Weber's law), and so are equal differences of level in dB; from high
     and faint (smooth) to low and strong (rough). The paper's 60 to 120 Hz hold 4 steps of frequency, this band 11.
-
-    Parameters
-    ----------
-    lowest, highest
-        The actuator's measured band, in Hz, as far as a finger discriminates frequency in it.
-    faint_db, strong_db
-        Levels over threshold; 33 dB is what full drive reaches at 40 Hz.
-    response
-        Of the actuator: its level at a frequency is compensated as far as full drive allows.
     """
 
     lowest: float = 40.0
     highest: float = 250.0
+    """`lowest` and `highest`: the actuator's measured band, in Hz, as far as a finger discriminates frequency in it."""
     faint_db: float = 15.0
     strong_db: float = 33.0
+    """`faint_db` and `strong_db`: levels over threshold; 33 dB is what full drive reaches at 40 Hz."""
     name: str = "perceptual"
     response: ActuatorResponse = UNKNOWN
+    """Of the actuator: its level at a frequency is compensated as far as full drive allows."""
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
@@ -59,15 +53,11 @@ class ErmProfile:
 
     Its force grows with the square of its speed; under a starting voltage it does not turn. The figures are those of
     a coin motor such as Precision Microdrives 310-103: about 80 to 220 Hz.
-
-    Parameters
-    ----------
-    slowest, fastest
-        Speeds in Hz: the lowest at which it turns, and that at full drive.
     """
 
     slowest: float = 80.0
     fastest: float = 220.0
+    """`slowest` and `fastest`: speeds in Hz: the lowest at which it turns, and that at full drive."""
     name: str = "erm"
 
     @classmethod
@@ -85,18 +75,12 @@ class ErmProfile:
 
 @dataclass(frozen=True, slots=True)
 class LraProfile:
-    """For a linear resonant actuator (LRA), which moves at its resonance alone: only the level carries roughness.
-
-    Parameters
-    ----------
-    resonance
-        In Hz; 150 to 235 by manufacturer. At 10 Hz beside it the force is half or less.
-    faint_db
-        Level of smooth, in dB of full drive.
-    """
+    """For a linear resonant actuator (LRA), which moves at its resonance alone: only the level carries roughness."""
 
     resonance: float = 175.0
+    """In Hz; 150 to 235 by manufacturer. At 10 Hz beside it the force is half or less."""
     faint_db: float = -25.0
+    """Level of smooth, in dB of full drive."""
     name: str = "lra"
 
     @classmethod
@@ -119,17 +103,12 @@ class PiezoProfile:
 
     Smooth is faint at the resonance, rough is full drive an octave below it. There the bender gives 12 dB less, so
     smooth is rendered another 12 dB lower: what reaches the finger differs by 25 dB, as in the paper.
-
-    Parameters
-    ----------
-    resonance
-        In Hz; the default is assumed, as benders differ widely: measure it.
-    faint_db
-        Level of smooth, in dB of full drive.
     """
 
     resonance: float = 200.0
+    """In Hz; the default is assumed, as benders differ widely: measure it."""
     faint_db: float = -25.0 - 12.0
+    """Level of smooth, in dB of full drive."""
     name: str = "piezo"
 
     @classmethod

@@ -15,17 +15,6 @@ _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,
 class ActuatorResponse:
     """An actuator's resonance, band, motor speeds and level by frequency; NaN or empty where unknown.
 
-    Parameters
-    ----------
-    resonance
-        In Hz.
-    lowest, highest
-        The band in Hz: where the level is at most 10 dB under that of the resonance.
-    slowest, fastest
-        Speeds of a rotating motor in Hz: the lowest at which it turns, and that at full drive.
-    levels
-        ``(frequency in Hz, level in dB relative to the resonance)``, frequencies rising.
-
     Examples
     --------
     >>> response = ActuatorResponse(lowest=80.0, levels=((80.0, -10.0), (160.0, 0.0)))
@@ -36,11 +25,16 @@ class ActuatorResponse:
     """
 
     resonance: float = math.nan
+    """In Hz."""
     lowest: float = math.nan
     highest: float = math.nan
+    """`lowest` and `highest`: the band in Hz: where the level is at most 10 dB under that of the resonance."""
     slowest: float = math.nan
     fastest: float = math.nan
+    """`slowest` and `fastest`: speeds of a rotating motor in Hz: the lowest at which it turns, and that at full
+    drive."""
     levels: tuple[tuple[float, float], ...] = ()
+    """``(frequency in Hz, level in dB relative to the resonance)``, frequencies rising."""
 
     def __post_init__(self) -> None:
         for low, high in ((self.lowest, self.highest), (self.slowest, self.fastest)):

@@ -38,20 +38,6 @@ _KINDS = {format: kind for kind, format in SOUND_FORMATS.items()}
 class Codec:
     """The codec of one session.
 
-    Parameters
-    ----------
-    name
-        ``"pcm16"`` (lossless for 16-bit sound, no look-ahead) or ``"opus"``.
-    channels
-        1 or 2; for a hand of 2 to 10 fingers twice as many, contact and air of each in turn.
-    packet_size
-        Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM, fewer for a hand (`most_pcm_samples`).
-    bandwidth
-        The highest frequency in Hz to transmit: the model's bandwidth.
-    bitrate_bps
-        Of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter packets
-        and wider bands.
-
     Examples
     --------
     >>> codec = Codec("opus", packet_size=120)
@@ -60,10 +46,16 @@ class Codec:
     """
 
     name: Literal["pcm16", "opus"] = "opus"
+    """``"pcm16"`` (lossless for 16-bit sound, no look-ahead) or ``"opus"``."""
     channels: int = 2
+    """1 or 2; for a hand of 2 to 10 fingers twice as many, contact and air of each in turn."""
     packet_size: int = 240
+    """Samples a packet: 120, 240, 480 or 960 for Opus; 1 to 240 for PCM, fewer for a hand (`most_pcm_samples`)."""
     bandwidth: float = NARROW_BAND
+    """The highest frequency in Hz to transmit: the model's bandwidth."""
     bitrate_bps: int = 0
+    """Of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter packets and
+    wider bands."""
 
     def __post_init__(self) -> None:
         if self.name not in ("pcm16", "opus"):

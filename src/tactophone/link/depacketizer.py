@@ -31,19 +31,13 @@ What is older can no longer change a prediction, and decoding it would only dela
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DecodedAudio:
-    """A block of sound.
-
-    Parameters
-    ----------
-    stale
-        Whether it is too old for a prediction.
-    waited
-        Seconds that its packet waited for an earlier one.
-    """
+    """A block of sound."""
 
     block: AudioBlock
     stale: bool = False
+    """Whether it is too old for a prediction."""
     waited: float = 0.0
+    """Seconds that its packet waited for an earlier one."""
 
 
 @dataclass(frozen=True, slots=True)

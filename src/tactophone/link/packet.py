@@ -103,19 +103,6 @@ class Payload:
 class Packet:
     """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of :func:`parse_packet`.
 
-    Parameters
-    ----------
-    sequence
-        Packet number, modulo 2**16.
-    ssrc
-        Identifier of the stream.
-    payload
-        The sound or prediction of this packet.
-    earlier
-        Payloads of the packets before this one, oldest first.
-    marker
-        True on the first packet and after a gap in the sound itself (RFC 3551 section 4.1).
-
     Examples
     --------
     >>> packet = Packet(7, ssrc=1, payload=Payload(PayloadType.OPUS, 960, b"sound"))
@@ -126,10 +113,14 @@ class Packet:
     """
 
     sequence: int
+    """Packet number, modulo 2**16."""
     ssrc: int
     payload: Payload
+    """The sound or prediction of this packet."""
     earlier: tuple[Payload, ...] = ()
+    """Payloads of the packets before this one, oldest first."""
     marker: bool = False
+    """True on the first packet and after a gap in the sound itself (RFC 3551 section 4.1)."""
 
     def __bytes__(self) -> bytes:
         kind = PayloadType.RED if self.earlier else self.payload.kind

@@ -25,32 +25,23 @@ NTP_ERA = 2_208_988_800
 
 @dataclass(frozen=True, slots=True)
 class ReceiverReport:
-    """Reception statistics of the peer's stream.
-
-    Parameters
-    ----------
-    ssrc, of
-        SSRC of the reporting end, and of the stream that it reports on.
-    fraction_lost
-        Of the packets expected since the last report, 0 to 1, before recovery by redundancy.
-    lost
-        Packets lost since the stream began.
-    highest
-        Extended highest sequence number received.
-    jitter
-        Interarrival jitter in seconds.
-    last_report, since
-        The stamp of the peer's last `SenderReport` (middle 32 bits of its ``ntp``), and seconds since it was received.
-    """
+    """Reception statistics of the peer's stream."""
 
     ssrc: int
     of: int
+    """`ssrc` and `of`: SSRC of the reporting end, and of the stream that it reports on."""
     fraction_lost: float
+    """Of the packets expected since the last report, 0 to 1, before recovery by redundancy."""
     lost: int
+    """Packets lost since the stream began."""
     highest: int
+    """Extended highest sequence number received."""
     jitter: float
+    """Interarrival jitter in seconds."""
     last_report: int = 0
     since: float = 0.0
+    """`last_report` and `since`: the stamp of the peer's last `SenderReport` (middle 32 bits of its ``ntp``), and
+    seconds since it was received."""
 
     def __bytes__(self) -> bytes:
         lost = round(self.fraction_lost * 256)
@@ -67,23 +58,16 @@ class ReceiverReport:
 
 @dataclass(frozen=True, slots=True)
 class SenderReport:
-    """The sender's position in its stream at a time; also keeps the session alive while the source is silent.
-
-    Parameters
-    ----------
-    ntp
-        Seconds since 1970, or of any other clock (RFC 3550 section 6.4.1).
-    timestamp
-        RTP timestamp of the sound at that time.
-    packets, octets
-        Sent since the stream began.
-    """
+    """The sender's position in its stream at a time; also keeps the session alive while the source is silent."""
 
     ssrc: int
     ntp: float
+    """Seconds since 1970, or of any other clock (RFC 3550 section 6.4.1)."""
     timestamp: int
+    """RTP timestamp of the sound at that time."""
     packets: int
     octets: int
+    """`packets` and `octets`: sent since the stream began."""
 
     @property
     def stamp(self) -> int:

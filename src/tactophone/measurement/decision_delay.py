@@ -41,18 +41,12 @@ PITCH = 0.085
 
 @dataclass(slots=True)
 class DecisionDelays:
-    """Seconds from each event to the vibration that it caused, and the number of events that caused none.
-
-    Parameters
-    ----------
-    touch
-        From contact to the first sample that vibrates.
-    edge
-        From the edge between smooth and rough until the frequency crosses `MIDDLE`.
-    """
+    """Seconds from each event to the vibration that it caused, and the number of events that caused none."""
 
     touch: list[float] = field(default_factory=list)
+    """From contact to the first sample that vibrates."""
     edge: list[float] = field(default_factory=list)
+    """From the edge between smooth and rough until the frequency crosses `MIDDLE`."""
     missed_touches: int = 0
     missed_edges: int = 0
 

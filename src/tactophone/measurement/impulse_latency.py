@@ -38,30 +38,20 @@ WARM_UP = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImpulseLatency:
-    """The measured latencies, one entry for each impulse, in seconds.
-
-    Parameters
-    ----------
-    impulses
-        Number played; missed impulses are in no array.
-    end_to_end
-        By counted samples.
-    stages
-        By marks, for each stage of `tactophone.telemetry.STAGES`; only impulses with all marks.
-    disagreement
-        Difference between the mean end-to-end latency of those impulses and the mean sum of their stages.
-    period
-        Samples of a period of the JACK server.
-    restarts
-        Number of times that a side was restarted; later impulses are missed, as it stays muted.
-    """
+    """The measured latencies, one entry for each impulse, in seconds."""
 
     impulses: int
+    """Number played; missed impulses are in no array."""
     end_to_end: NDArray[np.float64]
+    """By counted samples."""
     stages: dict[str, NDArray[np.float64]]
+    """By marks, for each stage of `tactophone.telemetry.STAGES`; only impulses with all marks."""
     disagreement: float
+    """Difference between the mean end-to-end latency of those impulses and the mean sum of their stages."""
     period: int
+    """Samples of a period of the JACK server."""
     restarts: int = 0
+    """Number of times that a side was restarted; later impulses are missed, as it stays muted."""
 
     @property
     def missed(self) -> int:

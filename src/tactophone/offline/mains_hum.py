@@ -34,22 +34,15 @@ Amplitudes = NDArray[np.complex64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hum:
-    """The lines of a recording.
-
-    Parameters
-    ----------
-    sample_rate
-        In Hz.
-    frequency
-        Of each line and channel, in Hz, shape ``(lines, channels)``.
-    amplitude
-        At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that frequency that starts at 0:
-        shape ``(lines, channels, frames)``. 0 where the channel has no such line.
-    """
+    """The lines of a recording."""
 
     sample_rate: int
+    """In Hz."""
     frequency: NDArray[np.float64]
+    """Of each line and channel, in Hz, shape ``(lines, channels)``."""
     amplitude: Amplitudes
+    """At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that frequency that starts at 0:
+    shape ``(lines, channels, frames)``. 0 where the channel has no such line."""
 
     @property
     def level_dbfs(self) -> float:

@@ -38,24 +38,16 @@ WITHOUT_HUM = ("plastic", "stylus")
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What is changed in a recording.
-
-    Parameters
-    ----------
-    channels
-        Numbers of the channels that are kept.
-    offset
-        Mean of each of these, which is removed; 0 where it is negligible.
-    gain_db
-        Of all of them.
-    hum
-        Of all channels of the source, which is subtracted; None where there is none.
-    """
+    """What is changed in a recording."""
 
     channels: tuple[int, ...]
+    """Numbers of the channels that are kept."""
     offset: tuple[float, ...]
+    """Mean of each of these, which is removed; 0 where it is negligible."""
     gain_db: float = 0.0
+    """Of all of them."""
     hum: Hum | None = None
+    """Of all channels of the source, which is subtracted; None where there is none."""
 
     @classmethod
     def of(cls, source: Source) -> Self:

@@ -42,31 +42,22 @@ class OutputFiles:
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """Totals of a processed recording.
-
-    Parameters
-    ----------
-    duration
-        Of the sound, in s.
-    updates
-        Number of predictions.
-    contact, rough
-        Share of all predictions in contact, and of those in contact that are rough; NaN where there are none.
-    loudest_dbfs
-        Greatest level of the contact channel in any window.
-    elapsed
-        Computing time, in s.
-    faults
-        Count of each cause of silence.
-    """
+    """Totals of a processed recording."""
 
     duration: float
+    """Of the sound, in s."""
     updates: int
+    """Number of predictions."""
     contact: float
     rough: float
+    """`contact` and `rough`: share of all predictions in contact, and of those in contact that are rough; NaN where
+    there are none."""
     loudest_dbfs: float
+    """Greatest level of the contact channel in any window."""
     elapsed: float
+    """Computing time, in s."""
     faults: dict[str, int] = field(default_factory=dict)
+    """Count of each cause of silence."""
 
     @property
     def speed(self) -> float:

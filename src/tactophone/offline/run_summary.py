@@ -16,25 +16,17 @@ PERCEPTIBLE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class RunScores:
-    """Scores of a run.
-
-    Parameters
-    ----------
-    smooth_right, rough_right
-        Share of correct predictions while a smooth, or rough, stone was touched.
-    false_bumps
-        Number of times that smooth was rendered as rough.
-    touch_to_vibration
-        Median time in s from the start of a contact to a vibration that can be felt.
-    lift_to_silence
-        Median time in s from the end of a contact to the command for silence.
-    """
+    """Scores of a run."""
 
     smooth_right: float
     rough_right: float
+    """`smooth_right` and `rough_right`: share of correct predictions while a smooth, or rough, stone was touched."""
     false_bumps: int
+    """Number of times that smooth was rendered as rough."""
     touch_to_vibration: float
+    """Median time in s from the start of a contact to a vibration that can be felt."""
     lift_to_silence: float
+    """Median time in s from the end of a contact to the command for silence."""
 
 
 def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:

@@ -35,13 +35,6 @@ _ZIP = b"PK\x03\x04"
 class Gate:
     """The level of the contact microphone from which there is contact.
 
-    Parameters
-    ----------
-    threshold_dbfs
-        Level from which there is contact; "slightly over the noise floor" (paper, section III).
-    rule
-        How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors' code, ``banded`` without hum.
-
     Raises
     ------
     ValueError
@@ -49,7 +42,10 @@ class Gate:
     """
 
     threshold_dbfs: float
+    """Level from which there is contact; "slightly over the noise floor" (paper, section III)."""
     rule: LoudnessRule = "rms"
+    """How it is measured: ``rms`` as in the paper, ``mean_absolute`` as in its authors' code, ``banded`` without
+    hum."""
 
     def __post_init__(self) -> None:
         if self.rule not in LOUDNESS or not -200 <= self.threshold_dbfs <= 0:
@@ -58,42 +54,29 @@ class Gate:
 
 @dataclass(frozen=True, slots=True)
 class ModelCard:
-    """Description of a model.
-
-    Parameters
-    ----------
-    name
-        Shown to people; the file's name may differ.
-    kind
-        Of its features, a key of :data:`tactophone.perception.EXTRACTORS`.
-    sample_rate, window_size, hop
-        Hz; samples; samples, as a fraction.
-    channels
-        2 (contact, air) or 1: see ``microphone``.
-    gate, decision
-        How contact and roughness are decided.
-    settings
-        Further parameters of a ``kind``.
-    training
-        Names and hashes of its training sound, the recipe, the seed.
-    scores
-        Scores on held-out surfaces, with conditions.
-    licence
-        Of the weights, and what the licences of the training sound require.
-    """
+    """Description of a model."""
 
     name: str
+    """Shown to people; the file's name may differ."""
     kind: str
+    """Of its features, a key of :data:`tactophone.perception.EXTRACTORS`."""
     sample_rate: int
     window_size: int
     hop: Fraction
+    """`sample_rate`, `window_size` and `hop`: Hz; samples; samples, as a fraction."""
     channels: int
+    """2 (contact, air) or 1: see ``microphone``."""
     gate: Gate
     decision: DecisionRule = field(default_factory=DecisionRule)
+    """`gate` and `decision`: how contact and roughness are decided."""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    """Further parameters of a ``kind``."""
     training: Mapping[str, Any] = field(default_factory=dict)
+    """Names and hashes of its training sound, the recipe, the seed."""
     scores: Mapping[str, Any] = field(default_factory=dict)
+    """Scores on held-out surfaces, with conditions."""
     licence: str = ""
+    """Of the weights, and what the licences of the training sound require."""
 
     @property
     def microphone(self) -> str:

@@ -39,21 +39,14 @@ FADE = 10
 
 @dataclass(frozen=True, slots=True)
 class RecordingFloor:
-    """What a recording shows of its noise.
-
-    Parameters
-    ----------
-    threshold_dbfs
-        Contact threshold; where the floor is unknown, the lowest: all sound is contact.
-    floor_dbfs
-        Level of the noise; NaN where it is unknown.
-    loudest_dbfs
-        Greatest level over 32 ms.
-    """
+    """What a recording shows of its noise."""
 
     threshold_dbfs: float
+    """Contact threshold; where the floor is unknown, the lowest: all sound is contact."""
     floor_dbfs: float
+    """Level of the noise; NaN where it is unknown."""
     loudest_dbfs: float
+    """Greatest level over 32 ms."""
 
     @property
     def known(self) -> bool:

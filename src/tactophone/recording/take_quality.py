@@ -24,27 +24,18 @@ LEVEL_PERCENTILE = 75
 
 @dataclass(frozen=True, slots=True)
 class TakeLevels:
-    """Measurements of a take.
-
-    Parameters
-    ----------
-    duration
-        In s.
-    contact
-        Share of the time in contact.
-    clipped
-        Share of clipped samples, of the worse channel.
-    level_dbfs
-        75th percentile of the contact channel's level.
-    faults
-        Sensor faults found.
-    """
+    """Measurements of a take."""
 
     duration: float
+    """In s."""
     contact: float
+    """Share of the time in contact."""
     clipped: float
+    """Share of clipped samples, of the worse channel."""
     level_dbfs: float
+    """75th percentile of the contact channel's level."""
     faults: tuple[SensorFault, ...] = ()
+    """Sensor faults found."""
 
 
 @dataclass(frozen=True, slots=True)

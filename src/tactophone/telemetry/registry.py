@@ -73,25 +73,18 @@ ACTIONS: tuple[Action, ...] = get_args(Action)
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """A request of a watcher to the runtime; the newest of each action counts.
-
-    Parameters
-    ----------
-    action
-        ``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
-        full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
-        ``profile`` takes the profile's name in ``text``.
-    time
-        When the request was made, on the system-wide monotonic clock, in seconds.
-    finger
-        Counted from 0; -1 is all of them.
-    """
+    """A request of a watcher to the runtime; the newest of each action counts."""
 
     action: Action
+    """``stop`` is the emergency stop. ``mute`` and ``arm`` need no value. ``ceiling`` and ``output_level`` are 0-1 of
+    full drive; a ceiling above the local machine's own is refused. ``threshold_dbfs`` is the contact gate's.
+    ``profile`` takes the profile's name in ``text``."""
     value: float = 0.0
     text: str = ""
     time: float = 0.0
+    """When the request was made, on the system-wide monotonic clock, in seconds."""
     finger: int = -1
+    """Counted from 0; -1 is all of them."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,82 +30,55 @@ ARRIVAL_SIZE = 1 << 15
 
 @dataclass(frozen=True, slots=True)
 class RunStart:
-    """The beginning of a process.
-
-    Parameters
-    ----------
-    role
-        ``operator`` or ``robot``.
-    settings
-        Every setting, by section and name; ``None`` stands for NaN.
-    models
-        SHA-256 of each model file that the settings may lead to, by its name.
-    versions
-        Of Tactophone and of what its numbers depend on.
-    calibration
-        Text of the calibration file; empty if there is none.
-    epoch
-        Seconds since 1970 at 0 of the monotonic clock, on which all other times are.
-    fingers
-        Of a hand: name, settings of its own by dotted name, and text of the calibration file of each.
-    """
+    """The beginning of a process."""
 
     role: str
+    """``operator`` or ``robot``."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Every setting, by section and name; ``None`` stands for NaN."""
     models: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
+    """Of Tactophone and of what its numbers depend on."""
     calibration: str = ""
+    """Text of the calibration file; empty if there is none."""
     epoch: float = 0.0
+    """Seconds since 1970 at 0 of the monotonic clock, on which all other times are."""
     fingers: list[dict[str, Any]] = field(default_factory=list)
+    """Of a hand: name, settings of its own by dotted name, and text of the calibration file of each."""
 
 
 @dataclass(frozen=True, slots=True)
 class EventBatch:
-    """Events that the end processed together, encoded as the link encodes them.
-
-    Parameters
-    ----------
-    time
-        Of the monotonic clock, in s.
-    polled
-        Whether they came with the passing of time, not from the network; there may then be none.
-    more
-        Whether the next record continues this one.
-    """
+    """Events that the end processed together, encoded as the link encodes them."""
 
     time: float
+    """Of the monotonic clock, in s."""
     events: tuple[bytes, ...] = ()
     polled: bool = False
+    """Whether they came with the passing of time, not from the network; there may then be none."""
     more: bool = False
+    """Whether the next record continues this one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Controls:
-    """What a person or the machine may change while the end runs; logged at each change.
-
-    Parameters
-    ----------
-    step
-        0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
-        from 1, was computed.
-    armed, ceiling, output_level
-        Of the output gate.
-    limit
-        Ceiling of the pipeline, to which a profile is scaled.
-    threshold_dbfs
-        Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself.
-    finger
-        Of a hand: whose controls these are.
-    """
+    """What a person or the machine may change while the end runs; logged at each change."""
 
     armed: bool
     ceiling: float
     output_level: float
+    """`armed`, `ceiling` and `output_level`: of the output gate."""
     limit: float
+    """Ceiling of the pipeline, to which a profile is scaled."""
     profile: str
     threshold_dbfs: float | None
+    """Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself."""
     step: int = 0
+    """0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
+    from 1, was computed."""
     finger: int = 0
+    """Of a hand: whose controls these are."""
 
 
 Record: TypeAlias = RunStart | EventBatch | Controls

@@ -29,32 +29,24 @@ _AMPLITUDE, _PERIOD = _GAUGE["output_amplitude"], _GAUGE["device_period"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """A run at one moment.
-
-    Parameters
-    ----------
-    sound, vibration
-        The newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end`` and ``vibration_end``
-        counted since the run began.
-    steps
-        The newest steps, of dtype `STEP`, ending at the count ``step_end``.
-    age
-        Seconds since the run's last heartbeat.
-    alive
-        Whether the run's process exists and its last heartbeat is newer than `STALE_AFTER`.
-    """
+    """A run at one moment."""
 
     state: State
     counters: dict[str, int]
     gauges: dict[str, float]
     steps: NDArray[np.void]
+    """The newest steps, of dtype `STEP`, ending at the count ``step_end``."""
     sound: FloatArray
     vibration: FloatArray
+    """`sound` and `vibration`: the newest samples, shapes ``(samples, 2)`` and ``(samples,)``, ending at ``sound_end``
+    and ``vibration_end`` counted since the run began."""
     step_end: int
     sound_end: int
     vibration_end: int
     age: float
+    """Seconds since the run's last heartbeat."""
     alive: bool
+    """Whether the run's process exists and its last heartbeat is newer than `STALE_AFTER`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,21 +43,16 @@ HOLD_OUT = 3
 
 @dataclass(frozen=True, slots=True)
 class FinetuningData:
-    """Disjoint sets of recordings for a fine-tuning.
-
-    Parameters
-    ----------
-    new, held_out
-        Takes of the new objects, to train on and to test with.
-    replay, validation, test
-        Of the general set, by surface: trained on again, used to choose the mixture, and reported on.
-    """
+    """Disjoint sets of recordings for a fine-tuning."""
 
     new: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
+    """`new` and `held_out`: takes of the new objects, to train on and to test with."""
     replay: tuple[Recording, ...]
     validation: tuple[Recording, ...]
     test: tuple[Recording, ...]
+    """`replay`, `validation` and `test`: of the general set, by surface: trained on again, used to choose the mixture,
+    and reported on."""
 
 
 def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:

@@ -46,40 +46,30 @@ def silent(*progress: object) -> None:
 
 @dataclass(frozen=True, slots=True)
 class TrainingOptions:
-    """What a user may choose for a training; each recipe reads the options that it has.
-
-    Parameters
-    ----------
-    channels
-        Microphones that the model uses, 1 or 2; the paper's network takes them from its variant.
-    seed
-        Of everything random.
-    opus_bitrate_bps
-        Bitrate of the link's Opus that the sound passes through first; ``None`` for no codec.
-    microphone
-        The microphone that a model of one channel uses, where its recipe does not say.
-    tip
-        The tip that the model is for; empty: that of the recordings, if they all name the same.
-    start, gate, calibration
-        Model file to continue from, contact gate of the model, and calibration that replaces the gate.
-    variant, reference_code, precision
-        See :class:`tactophone.training.network.settings.NetworkSettings`.
-    changes
-        Other fields of those settings, by name.
-    """
+    """What a user may choose for a training; each recipe reads the options that it has."""
 
     channels: int = 2
+    """Microphones that the model uses, 1 or 2; the paper's network takes them from its variant."""
     seed: int = 0
+    """Of everything random."""
     opus_bitrate_bps: int | None = None
+    """Bitrate of the link's Opus that the sound passes through first; ``None`` for no codec."""
     microphone: Microphone = "contact"
+    """The microphone that a model of one channel uses, where its recipe does not say."""
     tip: str = ""
+    """The tip that the model is for; empty: that of the recordings, if they all name the same."""
     start: Path | None = None
     gate: Gate | None = None
     calibration: Calibration | None = None
+    """`start`, `gate` and `calibration`: model file to continue from, contact gate of the model, and calibration that
+    replaces the gate."""
     variant: Variant = "general"
     reference_code: bool = False
     precision: Precision = "float32"
+    """`variant`, `reference_code` and `precision`: see
+    :class:`tactophone.training.network.settings.NetworkSettings`."""
     changes: Mapping[str, Any] = field(default_factory=dict)
+    """Other fields of those settings, by name."""
 
     def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
         """Return the codec of the options: packets of 10 ms, a bandwidth in Hz (by default the codec's narrowest)."""
@@ -137,68 +127,45 @@ class Job(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How surely and how quickly a detector decides.
-
-    Parameters
-    ----------
-    decision
-        The decision rule in the model's card.
-    memory
-        Of texture features' running statistics, in s.
-    """
+    """How surely and how quickly a detector decides."""
 
     decision: DecisionRule = field(default_factory=DecisionRule)
+    """The decision rule in the model's card."""
     memory: float = MEMORY
+    """Of texture features' running statistics, in s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """A named way to train a detector.
-
-    Parameters
-    ----------
-    name
-        As `train --recipe` takes it.
-    description
-        For tables.
-    features
-        What it learns from: a :data:`FeatureKind`, or ``"magnitudes"`` for the paper's network.
-    fit
-        Dotted path ``module:function`` from a training set to the graph of a model file; empty where ``job`` trains.
-    job
-        Dotted path of the function that makes its :class:`Job` from the recipe and :class:`TrainingOptions`.
-    response
-        Decision rule and memory of its models.
-    pad_response
-        The same for models of the pad; by default as of others.
-    version
-        Version of its results: raise it when they change in a way that neither name nor options show, so that cached
-        folds are computed anew.
-    microphone
-        Where not ``None``, the recipe always uses one channel, this one.
-    change_detection
-        Whether the running statistics of texture features restart where the surface changes.
-    augmentation
-        How takes are varied in training; not at all by default.
-    shipped
-        Whether `make model` puts its model into the package.
-    requires
-        Property that every training recording must have, such as ``ra_um``.
-    """
+    """A named way to train a detector."""
 
     name: str
+    """As `train --recipe` takes it."""
     description: str
+    """For tables."""
     features: FeatureKind | Literal["magnitudes"]
+    """What it learns from: a :data:`FeatureKind`, or ``"magnitudes"`` for the paper's network."""
     fit: str = ""
+    """Dotted path ``module:function`` from a training set to the graph of a model file; empty where ``job`` trains."""
     job: str = "tactophone.training.features.job:feature_job"
+    """Dotted path of the function that makes its :class:`Job` from the recipe and :class:`TrainingOptions`."""
     response: Response = field(default_factory=Response)
+    """Decision rule and memory of its models."""
     pad_response: Response | None = None
+    """The same for models of the pad; by default as of others."""
     version: int = 2
+    """Version of its results: raise it when they change in a way that neither name nor options show, so that cached
+    folds are computed anew."""
     microphone: Microphone | None = None
+    """Where not ``None``, the recipe always uses one channel, this one."""
     change_detection: bool = True
+    """Whether the running statistics of texture features restart where the surface changes."""
     augmentation: Augmentation | None = None
+    """How takes are varied in training; not at all by default."""
     shipped: bool = False
+    """Whether `make model` puts its model into the package."""
     requires: str = ""
+    """Property that every training recording must have, such as ``ra_um``."""
 
     def response_for(self, tip: str) -> Response:
         """Return decision rule and memory of a model of this tip."""

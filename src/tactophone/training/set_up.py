@@ -48,25 +48,17 @@ MIN_SCALE, MIN_LOGIT_SCALE = 1e-3, 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectSound:
-    """The windows in contact of one object.
-
-    Parameters
-    ----------
-    name, rough
-        Of the object, and whether it is rough.
-    features
-        Shape ``(windows, features)``; NaN where a channel is missing.
-    logit
-        Of the shipped model, rough against smooth, shape ``(windows,)``.
-    unknown
-        Share of the windows that are unlike the shipped model's training.
-    """
+    """The windows in contact of one object."""
 
     name: str
     rough: bool
+    """`name` and `rough`: of the object, and whether it is rough."""
     features: FloatArray
+    """Shape ``(windows, features)``; NaN where a channel is missing."""
     logit: Floats
+    """Of the shipped model, rough against smooth, shape ``(windows,)``."""
     unknown: float = 0.0
+    """Share of the windows that are unlike the shipped model's training."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -82,22 +82,12 @@ class GuidePage:
 
 @dataclass(frozen=True, slots=True)
 class GuideScreen:
-    """A guided command's terminal and page.
-
-    Parameters
-    ----------
-    live
-        Display of the terminal, where there is one.
-    has_keyboard
-        Whether keys of the terminal answer.
-    page
-        Where there is one.
-    steps
-        Names of all steps, for the page.
-    """
+    """A guided command's terminal and page."""
 
     live: Live | None = None
+    """Display of the terminal, where there is one."""
     has_keyboard: bool = False
+    """Whether keys of the terminal answer."""
     page: GuidePage | None = None
     steps: tuple[str, ...] = ()
 

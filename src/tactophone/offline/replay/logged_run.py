@@ -79,18 +79,12 @@ def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
 
 @dataclass
 class LoggedEndpoint:
-    """The operator's end of one logged process.
-
-    Parameters
-    ----------
-    run
-        How it was started.
-    change
-        Changes its settings: another model, another profile. Controls in the log then no longer set the profile.
-    """
+    """The operator's end of one logged process."""
 
     run: RunStart
+    """How it was started."""
     change: Change = lambda settings: settings
+    """Changes its settings: another model, another profile. Controls in the log then no longer set the profile."""
     notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:

@@ -72,13 +72,6 @@ class Comparison:
 class Replay:
     """Runs the entries of a log; iterate over :meth:`steps` to the end.
 
-    Parameters
-    ----------
-    entries
-        Of a log, in order.
-    change
-        Changes the settings of each process in it.
-
     Attributes
     ----------
     comparison
@@ -91,6 +84,7 @@ class Replay:
 
     entries: Iterable[LogEntry]
     change: Change = lambda settings: settings
+    """Changes the settings of each process in it."""
     comparison: Comparison = field(default_factory=Comparison)
     role: str = ""
     complete: bool = True

@@ -19,39 +19,27 @@ _TABLE = "calibration"
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """Levels of a set-up (a finger, its microphones, their gain); one entry for each channel where several.
-
-    Parameters
-    ----------
-    made, source
-        Date and time in ISO 8601, and the name of the source.
-    sample_rate
-        In Hz.
-    false_alarms_per_minute
-        Chosen: false contacts in a minute of silence.
-    threshold_dbfs
-        Level of the contact microphone from which there is contact, for :class:`ContactGate`.
-    window_dbfs
-        The same for a whole window of 256 ms, as in the paper: lower, as a level over a longer time varies less.
-    floor_dbfs, hum_dbfs
-        Level and hum in silence.
-    stroke_dbfs, peak_dbfs
-        Median level and highest peak while stroked.
-    banded_dbfs
-        ``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it.
-    """
+    """Levels of a set-up (a finger, its microphones, their gain); one entry for each channel where several."""
 
     made: str
     source: str
+    """`made` and `source`: date and time in ISO 8601, and the name of the source."""
     sample_rate: int
+    """In Hz."""
     false_alarms_per_minute: float
+    """Chosen: false contacts in a minute of silence."""
     threshold_dbfs: float
+    """Level of the contact microphone from which there is contact, for :class:`ContactGate`."""
     window_dbfs: float
+    """The same for a whole window of 256 ms, as in the paper: lower, as a level over a longer time varies less."""
     floor_dbfs: tuple[float, ...]
     hum_dbfs: tuple[float, ...]
+    """`floor_dbfs` and `hum_dbfs`: level and hum in silence."""
     stroke_dbfs: tuple[float, ...]
     peak_dbfs: tuple[float, ...]
+    """`stroke_dbfs` and `peak_dbfs`: median level and highest peak while stroked."""
     banded_dbfs: float = math.inf
+    """``threshold_dbfs`` by the rule ``banded``; infinite in files of versions that did not measure it."""
 
     def threshold_for(self, rule: LoudnessRule) -> float | None:
         """Return the contact threshold for a model's rule, if it was measured."""

@@ -89,25 +89,17 @@ FAULTS = (
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Levels of a set-up without faults; the defaults hold for any set-up, less sharply.
-
-    Parameters
-    ----------
-    threshold_dbfs
-        Level of the contact channel from which there is contact.
-    floor_dbfs, hum_dbfs
-        Level and hum of each channel in silence.
-    clipped
-        Largest share of clipped samples that is no fault.
-    contrast_db
-        By how much contact is louder than air, in silence or during a stroke, whichever is less; 0 if unknown.
-    """
+    """Levels of a set-up without faults; the defaults hold for any set-up, less sharply."""
 
     threshold_dbfs: float = -26.0
+    """Level of the contact channel from which there is contact."""
     floor_dbfs: tuple[float, ...] = (-70.0, -70.0)
     hum_dbfs: tuple[float, ...] = (-32.0, -32.0)
+    """`floor_dbfs` and `hum_dbfs`: level and hum of each channel in silence."""
     clipped: float = 0.3
+    """Largest share of clipped samples that is no fault."""
     contrast_db: float = 0.0
+    """By how much contact is louder than air, in silence or during a stroke, whichever is less; 0 if unknown."""
 
 
 UNCALIBRATED = Reference()

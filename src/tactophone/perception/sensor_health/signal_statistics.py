@@ -36,35 +36,26 @@ _LOUD = 0.1
 
 @dataclass(frozen=True, slots=True)
 class ChannelStatistics:
-    """Half a second of sound in numbers; one entry a channel where there are several.
-
-    Parameters
-    ----------
-    end
-        Seconds since the stream began.
-    level_dbfs, treble_dbfs
-        RMS without the mean, and that of the difference of neighbours at 8 kHz, which weighs 1 to 4 kHz most.
-    offset
-        The mean (DC), of full scale.
-    clipped
-        Share of samples at full scale or flat against a rail.
-    hum_dbfs, masking_dbfs
-        RMS of the mains' harmonics, and of the noise in the same narrow bands, which can hide hum of that level.
-    mains
-        50 or 60, whichever has more power in its harmonics, in Hz.
-    correlation
-        Correlation of the two channels' treble, -1 to 1; 0 with one channel.
-    """
+    """Half a second of sound in numbers; one entry a channel where there are several."""
 
     end: float
+    """Seconds since the stream began."""
     level_dbfs: tuple[float, ...]
     treble_dbfs: tuple[float, ...]
+    """`level_dbfs` and `treble_dbfs`: RMS without the mean, and that of the difference of neighbours at 8 kHz, which
+    weighs 1 to 4 kHz most."""
     offset: tuple[float, ...]
+    """The mean (DC), of full scale."""
     clipped: tuple[float, ...]
+    """Share of samples at full scale or flat against a rail."""
     hum_dbfs: tuple[float, ...]
     masking_dbfs: tuple[float, ...]
+    """`hum_dbfs` and `masking_dbfs`: RMS of the mains' harmonics, and of the noise in the same narrow bands, which can
+    hide hum of that level."""
     mains: int
+    """50 or 60, whichever has more power in its harmonics, in Hz."""
     correlation: float
+    """Correlation of the two channels' treble, -1 to 1; 0 with one channel."""
 
     def tilt_db(self, channel: int) -> float:
         """Brightness of a channel: treble over level, in dB; independent of gain."""

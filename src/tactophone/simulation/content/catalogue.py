@@ -28,36 +28,25 @@ _UNITS = {"_um": 1e-6, "_mm": 1e-3, "_mm_s": 1e-3, "_gpa": 1e9}
 
 @dataclass(frozen=True, slots=True)
 class SimulatedObject:
-    """An object of the catalogue.
-
-    Parameters
-    ----------
-    number, name
-        The number is that of the authors' files, up to 22.
-    surface, material
-        Statistics of its height, and its other properties.
-    substance
-        What it is made of, as text.
-    label
-        As people labelled it: ``SMOOTH`` or ``ROUGH``.
-    body, mounting
-        How it is built and mounted.
-    length
-        Length available for a stroke, in m.
-    mass
-        In kg.
-    """
+    """An object of the catalogue."""
 
     number: int
     name: str
+    """`number` and `name`: the number is that of the authors' files, up to 22."""
     surface: Surface
     material: Material
+    """`surface` and `material`: statistics of its height, and its other properties."""
     substance: str
+    """What it is made of, as text."""
     label: Touch
+    """As people labelled it: ``SMOOTH`` or ``ROUGH``."""
     body: Body
     mounting: Mounting
+    """`body` and `mounting`: how it is built and mounted."""
     length: float
+    """Length available for a stroke, in m."""
     mass: float
+    """In kg."""
 
     @property
     def roughness(self) -> Roughness:

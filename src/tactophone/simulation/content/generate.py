@@ -42,33 +42,22 @@ SLIDING = 0.005
 
 @dataclass(frozen=True, slots=True)
 class RenderOptions:
-    """How recordings are rendered and named.
-
-    Parameters
-    ----------
-    duration
-        Seconds of a take.
-    seed
-        Of sessions, strokes and noise.
-    opus
-        Whether the sound passes through Opus.
-    hall
-        Whether the room is the competition's: a hall full of people, and running motors.
-    authors_layout
-        ``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``.
-    bits
-        16 or 24 per sample.
-    tip
-        What touches: one of `~tactophone.simulation.physics.tip.TIPS`.
-    """
+    """How recordings are rendered and named."""
 
     duration: float = DURATION
+    """Seconds of a take."""
     seed: int = 0
+    """Of sessions, strokes and noise."""
     opus: bool = False
+    """Whether the sound passes through Opus."""
     hall: bool = False
+    """Whether the room is the competition's: a hall full of people, and running motors."""
     authors_layout: bool = False
+    """``opus/stereo/NN_variant.wav`` in place of ``OBJECT/MOUNTING/TAKE.flac``."""
     bits: int = 16
+    """16 or 24 per sample."""
     tip: str = DEFAULT_TIP
+    """What touches: one of `~tactophone.simulation.physics.tip.TIPS`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,35 +19,25 @@ from tactophone.errors import ConfigError
 
 @dataclass(frozen=True, slots=True)
 class NetworkProfile:
-    """The impairments of one direction of a link.
-
-    Parameters
-    ----------
-    loss
-        Share of packets lost, 0 to below 1.
-    burst
-        Mean number of packets lost in a row.
-    delay, jitter
-        Seconds: the constant delay, and the mean of the exponential queueing delay.
-    spread
-        Seconds of further delay, uniform from 0.
-    duplicates
-        Share of packets that arrive twice.
-    overtaking
-        Whether packets may overtake one another; if not, a delayed packet also delays those behind it.
-    stall, stall_interval
-        Seconds of a stall, and mean seconds between two stalls; no stalls when the interval is infinite.
-    """
+    """The impairments of one direction of a link."""
 
     loss: float = 0.0
+    """Share of packets lost, 0 to below 1."""
     burst: float = 1.0
+    """Mean number of packets lost in a row."""
     delay: float = 0.0
     jitter: float = 0.0
+    """`delay` and `jitter`: seconds: the constant delay, and the mean of the exponential queueing delay."""
     spread: float = 0.0
+    """Seconds of further delay, uniform from 0."""
     duplicates: float = 0.0
+    """Share of packets that arrive twice."""
     overtaking: bool = False
+    """Whether packets may overtake one another; if not, a delayed packet also delays those behind it."""
     stall: float = 0.0
     stall_interval: float = math.inf
+    """`stall` and `stall_interval`: seconds of a stall, and mean seconds between two stalls; no stalls when the
+    interval is infinite."""
 
     def __post_init__(self) -> None:
         if not (0 <= self.loss < 1 and self.burst >= 1 and min(self.delay, self.jitter, self.spread, self.stall) >= 0):

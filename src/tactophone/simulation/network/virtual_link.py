@@ -56,20 +56,14 @@ def paired_sessions(
 
 @dataclass
 class VirtualLink(Generic[T]):
-    """A robot and an operator with an impaired link each way.
-
-    Parameters
-    ----------
-    operator
-        Its session alone, or its whole endpoint; `carry` returns what that returns.
-    to_operator, to_robot
-        The two directions of the link.
-    """
+    """A robot and an operator with an impaired link each way."""
 
     robot: SendSession
     operator: Receiver[T]
+    """Its session alone, or its whole endpoint; `carry` returns what that returns."""
     to_operator: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
     to_robot: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
+    """`to_operator` and `to_robot`: the two directions of the link."""
 
     def connect(self, now: float) -> float:
         """Let both ends connect; return the time at which they have.

@@ -33,18 +33,12 @@ _HALF_WIDTH = 2 / INTEGRATION
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Percepts:
-    """A vibration as perceived, one value every ``INTEGRATION`` seconds, before internal noise.
-
-    Parameters
-    ----------
-    level_db
-        Over threshold; 0 where nothing is perceived.
-    pitch
-        Natural logarithm of the frequency in Hz; 0 where nothing is perceived.
-    """
+    """A vibration as perceived, one value every ``INTEGRATION`` seconds, before internal noise."""
 
     level_db: NDArray[np.float64]
+    """Over threshold; 0 where nothing is perceived."""
     pitch: NDArray[np.float64]
+    """Natural logarithm of the frequency in Hz; 0 where nothing is perceived."""
 
 
 def perceive(waveform: FloatArray, rate: int) -> Percepts:

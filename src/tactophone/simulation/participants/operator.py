@@ -66,21 +66,14 @@ class Visits(Generic[Representation]):
 
 @dataclass(frozen=True, slots=True)
 class OperatorRound:
-    """Result of a round.
-
-    Parameters
-    ----------
-    success
-        Whether the two picked stones are the two rough ones.
-    found
-        Whether the stone picked as roughest is rough: the paper's task.
-    duration
-        Seconds from the first touch to the decision, travel between stones included.
-    """
+    """Result of a round."""
 
     success: bool
+    """Whether the two picked stones are the two rough ones."""
     found: bool
+    """Whether the stone picked as roughest is rough: the paper's task."""
     duration: float
+    """Seconds from the first touch to the decision, travel between stones included."""
 
 
 @dataclass(frozen=True, slots=True)

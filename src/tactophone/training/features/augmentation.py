@@ -22,24 +22,16 @@ Offset = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """How takes are varied; the values are the first that were tried, by the study of real sound.
-
-    Parameters
-    ----------
-    copies
-        Of each take.
-    gain_db
-        Standard deviation of the gain; microphones and mounts differ by as much.
-    equaliser_db
-        The same of the equaliser, at each of its knots.
-    knots
-        Of the equaliser, evenly spaced over the bands; between them it is linear.
-    """
+    """How takes are varied; the values are the first that were tried, by the study of real sound."""
 
     copies: int = 4
+    """Of each take."""
     gain_db: float = 6.0
+    """Standard deviation of the gain; microphones and mounts differ by as much."""
     equaliser_db: float = 3.5
+    """The same of the equaliser, at each of its knots."""
     knots: int = 5
+    """Of the equaliser, evenly spaced over the bands; between them it is linear."""
 
     def draw(self, rng: np.random.Generator, *, channels: int) -> Offset:
         """Draw the offset of one copy of a take, each microphone by itself.

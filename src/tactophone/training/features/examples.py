@@ -18,24 +18,16 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Examples:
-    """Windows to train on.
-
-    Parameters
-    ----------
-    features
-        Shape ``(windows, features)``; NaN where a channel is missing.
-    rough
-        Whether rough, shape ``(windows,)``.
-    surface
-        Number of the surface, shape ``(windows,)``; kin have the same.
-    importance
-        Weight of each window's surface beside others, shape ``(windows,)``; none: all weigh the same.
-    """
+    """Windows to train on."""
 
     features: FloatArray
+    """Shape ``(windows, features)``; NaN where a channel is missing."""
     rough: NDArray[np.bool_]
+    """Whether rough, shape ``(windows,)``."""
     surface: NDArray[np.intp]
+    """Number of the surface, shape ``(windows,)``; kin have the same."""
     importance: Floats | None = None
+    """Weight of each window's surface beside others, shape ``(windows,)``; none: all weigh the same."""
 
     def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
         """Return the windows of a mask or with these numbers."""

@@ -50,57 +50,36 @@ _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)
 
 @dataclass(frozen=True, slots=True)
 class FeatureSpec:
-    """Which features are extracted, from what sound.
-
-    Parameters
-    ----------
-    kind
-        Of the features.
-    channels
-        2, or 1.
-    codec
-        Codec that the sound passes through first.
-    microphone
-        The microphone used where ``channels`` is 1; the file's first, if it has none of that name.
-    change_detection
-        Whether the running statistics restart where the surface changes.
-    memory
-        Of the running statistics, in s.
-    """
+    """Which features are extracted, from what sound."""
 
     kind: FeatureKind = "texture"
     channels: int = 2
     codec: Codec | None = None
+    """Codec that the sound passes through first."""
     microphone: Microphone = "contact"
+    """The microphone used where ``channels`` is 1; the file's first, if it has none of that name."""
     change_detection: bool = True
+    """Whether the running statistics restart where the surface changes."""
     memory: float = MEMORY
+    """Of the running statistics, in s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureTrack:
-    """The features of one recording, window by window.
-
-    Parameters
-    ----------
-    recording
-        Where they come from.
-    description
-        Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, BAND_VALUES)``; of
-        other kinds: the features, shape ``(windows, features)``.
-    level_dbfs
-        Banded level of the contact channel.
-    start, end
-        Of each window, in s.
-    present
-        Whether each channel carries a signal, shape ``(windows, channels)``.
-    """
+    """The features of one recording, window by window."""
 
     recording: Recording
+    """Where they come from."""
     description: NDArray[np.float32]
+    """Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, BAND_VALUES)``; of
+    other kinds: the features, shape ``(windows, features)``."""
     level_dbfs: NDArray[np.float64]
+    """Banded level of the contact channel."""
     start: NDArray[np.float64]
     end: NDArray[np.float64]
+    """`start` and `end`: of each window, in s."""
     present: NDArray[np.bool_]
+    """Whether each channel carries a signal, shape ``(windows, channels)``."""
 
     def touching(self) -> NDArray[np.bool_]:
         """Whether the segments label each window's end as contact; true throughout where there are no segments."""
@@ -124,18 +103,12 @@ class FeatureTrack:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunningMoments:
-    """The running statistics of a track after each window, without the prior.
-
-    Parameters
-    ----------
-    moments
-        Shape ``(2, windows, channels, values)``.
-    prior_weight
-        Weight of the average touch, shape ``(windows,)``.
-    """
+    """The running statistics of a track after each window, without the prior."""
 
     moments: Moments
+    """Shape ``(2, windows, channels, values)``."""
     prior_weight: NDArray[np.float64]
+    """Weight of the average touch, shape ``(windows,)``."""
 
     def offset(self, offset: Offset) -> "RunningMoments":
         """Return the moments as they are with an offset added to every description.

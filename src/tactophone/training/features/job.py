@@ -18,27 +18,18 @@ from tactophone.training.recipes import RECIPES, FeatureKind, Recipe, Report, Tr
 
 @dataclass(frozen=True, slots=True)
 class FeatureJob:
-    """A training of a recipe on features, without its recordings.
-
-    Parameters
-    ----------
-    name
-        A key of :data:`tactophone.training.recipes.RECIPES`.
-    spec
-        Which features, of which channels; the memory is that of the recipe for the tip.
-    codecs
-        A model file is trained on each recording as it is and once more through each of these codecs.
-    seed
-        Of the augmentation.
-    tip
-        That the model is for; empty: that of the recordings.
-    """
+    """A training of a recipe on features, without its recordings."""
 
     name: str
+    """A key of :data:`tactophone.training.recipes.RECIPES`."""
     spec: FeatureSpec
+    """Which features, of which channels; the memory is that of the recipe for the tip."""
     codecs: tuple[Codec, ...] = ()
+    """A model file is trained on each recording as it is and once more through each of these codecs."""
     seed: int = 0
+    """Of the augmentation."""
     tip: str = ""
+    """That the model is for; empty: that of the recordings."""
 
     @property
     def recipe(self) -> Recipe:

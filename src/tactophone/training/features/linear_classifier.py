@@ -36,26 +36,19 @@ IMPULSES = (CREST_INDEX, CREST_INDEX + 1, BAND_VALUES + CREST_INDEX, BAND_VALUES
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearClassifier:
-    """Parameters of the classifier.
-
-    Parameters
-    ----------
-    centre, scale
-        Of the features, which are standardised first.
-    weights, biases
-        A logistic regression for each set of working channels, shape ``(sets, features)``: all, then each alone.
-    whitening
-        Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance.
-    limit
-        Mean square of the working channels' whitened features over which sound is unknown.
-    """
+    """Parameters of the classifier."""
 
     centre: Floats
     scale: Floats
+    """`centre` and `scale`: of the features, which are standardised first."""
     weights: Floats
     biases: Floats
+    """`weights` and `biases`: a logistic regression for each set of working channels, shape ``(sets, features)``: all,
+    then each alone."""
     whitening: Floats
+    """Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance."""
     limit: float
+    """Mean square of the working channels' whitened features over which sound is unknown."""
 
 
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:

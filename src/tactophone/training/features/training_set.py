@@ -51,31 +51,21 @@ NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainingSet:
-    """What a classifier is trained with.
-
-    Parameters
-    ----------
-    spec
-        Which features.
-    threshold_dbfs
-        Of contact.
-    prior, change_metric
-        Of the running statistics, for kind ``texture``: see :mod:`tactophone.perception.features.texture`.
-    examples
-        Windows in contact.
-    height
-        log10 of the surface's Ra in micrometres for each example; NaN where it is unknown.
-    tip
-        That touches; empty where it is unknown.
-    """
+    """What a classifier is trained with."""
 
     spec: FeatureSpec
     threshold_dbfs: float
+    """Of contact."""
     prior: Moments
     change_metric: ChangeMetric
+    """`prior` and `change_metric`: of the running statistics, for kind ``texture``: see
+    :mod:`tactophone.perception.features.texture`."""
     examples: Examples
+    """Windows in contact."""
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """log10 of the surface's Ra in micrometres for each example; NaN where it is unknown."""
     tip: str = ""
+    """That touches; empty where it is unknown."""
 
     def features(self, track: FeatureTrack) -> FloatArray:
         """Return the features that the live extractor returns, shape ``(windows, features)``."""

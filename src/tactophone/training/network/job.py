@@ -34,27 +34,17 @@ FEW_BATCHES = 150
 
 @dataclass(frozen=True, slots=True)
 class NetworkJob:
-    """A training run of the paper's network, without its recordings.
-
-    Parameters
-    ----------
-    settings
-        Of the training.
-    seed
-        Of everything random.
-    codec
-        Codec that the sound passes through first, as it does on the link.
-    start
-        Model file to continue from; random parameters by default.
-    gate
-        The contact gate of the model; by default that of the paper or of its reference code.
-    """
+    """A training run of the paper's network, without its recordings."""
 
     settings: NetworkSettings
     seed: int = 0
+    """Of everything random."""
     codec: Codec | None = None
+    """Codec that the sound passes through first, as it does on the link."""
     start: Path | None = None
+    """Model file to continue from; random parameters by default."""
     gate: Gate | None = None
+    """The contact gate of the model; by default that of the paper or of its reference code."""
 
     @property
     def name(self) -> str:

@@ -39,24 +39,16 @@ OPEN_GATE = Gate(-200.0)
 
 @dataclass(frozen=True, slots=True)
 class Labelling:
-    """Which windows count as contact, and so take their recording's label; the others are *none*.
-
-    Parameters
-    ----------
-    loudness
-        ``"rms"``, or ``"mean_absolute"``; of the window's first channel.
-    threshold
-        Least loudness: of full scale, or of the mean loudness of all windows with that label if ``relative``.
-    relative
-        See ``threshold``.
-    quiet_rough
-        Whether quiet windows of rough recordings are trained as *none* too; if not, they are left out.
-    """
+    """Which windows count as contact, and so take their recording's label; the others are *none*."""
 
     loudness: LoudnessRule
+    """``"rms"``, or ``"mean_absolute"``; of the window's first channel."""
     threshold: float
+    """Least loudness: of full scale, or of the mean loudness of all windows with that label if ``relative``."""
     relative: bool = False
+    """See ``threshold``."""
     quiet_rough: bool = True
+    """Whether quiet windows of rough recordings are trained as *none* too; if not, they are left out."""
 
 
 @dataclass(frozen=True, slots=True)

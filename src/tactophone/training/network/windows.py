@@ -20,21 +20,14 @@ from tactophone.types import FloatArray, Touch
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """The training windows, as starts in the signal.
-
-    Parameters
-    ----------
-    signal
-        All recordings concatenated at 2 kHz, float32, shape ``(samples, channels)``.
-    starts
-        First sample of each window at a hop of one; no window crosses a recording's end.
-    labels
-        A ``Touch`` for each start.
-    """
+    """The training windows, as starts in the signal."""
 
     signal: FloatArray
+    """All recordings concatenated at 2 kHz, float32, shape ``(samples, channels)``."""
     starts: NDArray[np.int32]
+    """First sample of each window at a hop of one; no window crosses a recording's end."""
     labels: NDArray[np.int8]
+    """A ``Touch`` for each start."""
 
     def __len__(self) -> int:
         return len(self.starts)
