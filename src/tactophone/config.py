@@ -249,10 +249,7 @@ def read(path: Path, settings: Settings | None = None) -> Settings:
 def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[str, Any]]:
     """Read a TOML file that holds tables alone.
 
-    Parameters
-    ----------
-    missing, outside
-        What to do about a file that cannot be read, and about an entry outside a table: the end of the error message.
+    ``missing`` and ``outside`` end the error messages about a file that cannot be read, and an entry outside a table.
 
     Raises
     ------

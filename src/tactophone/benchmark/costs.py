@@ -34,14 +34,7 @@ class Cost:
 def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:
     """Measure the cost of entries; ablations have none of their own.
 
-    Parameters
-    ----------
-    dataset
-        A few of its recordings train the model files; the cost depends on shapes alone.
-    names
-        Of entries.
-    folder
-        Where the model files are kept.
+    A few of the recordings train the model files: the cost depends on shapes alone.
     """
     channels = channels_of(dataset)
     few = replace(dataset, recordings=_few(dataset))

@@ -85,16 +85,7 @@ def cross_validate(
 ) -> list[TakePredictions]:
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
-    Parameters
-    ----------
-    method
-        Is fitted anew for each fold.
-    folds
-        From :func:`tactophone.dataset.split`.
-    cache
-        Where predictions are kept; a killed run loses the fold that it was at.
-    report
-        Called before each fold with the number of folds done and the fold's name.
+    A killed run loses the fold that it was at. ``report`` is called with the number of folds done and the fold's name.
     """
     predictions: list[TakePredictions] = []
     for done, fold in enumerate(folds):

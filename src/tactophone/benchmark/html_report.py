@@ -46,17 +46,7 @@ tr.texture { background: var(--best); } tr.control { font-style: italic; opacity
 def write_report(
     datasets: Sequence[DatasetResults], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]
 ) -> str:
-    """Return the report as HTML.
-
-    Parameters
-    ----------
-    datasets
-        Results of a data set each.
-    costs
-        Of each method, by data set.
-    notes
-        Paragraphs at the top: what ran, on what.
-    """
+    """Return the report as HTML; ``notes`` are paragraphs at the top: what ran, on what."""
     parts = [f"<p>{html.escape(note)}</p>" for note in notes]
     for of_dataset in datasets:
         parts.append(f"<h2>{html.escape(f'{of_dataset.dataset}: {of_dataset.origin}')}</h2>")

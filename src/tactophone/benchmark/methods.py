@@ -136,16 +136,7 @@ def graph_predictor(
 ) -> Predictor:
     """Return a predictor that runs a graph on all windows of a recording at once.
 
-    Parameters
-    ----------
-    graph
-        As a model file holds it.
-    training_set
-        That it was trained on.
-    spec
-        Of the features; as in training by default.
-    dropped
-        A channel that carries nothing.
+    The features are as in training by default; the channel ``dropped`` carries nothing.
     """
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
 

@@ -149,15 +149,7 @@ def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Re
 def by_gate(
     predictions: Mapping[str, Sequence[TakePredictions]], labelled: Sequence[Recording]
 ) -> dict[str, dict[str, list[TakePredictions]]]:
-    """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any.
-
-    Parameters
-    ----------
-    predictions
-        Of :func:`predict_held_out`.
-    labelled
-        The data set's recordings, as they were opened.
-    """
+    """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any."""
     if any(take.segments for take in labelled):
         return {LABELLED: {name: list(takes) for name, takes in predictions.items()}}
     return {

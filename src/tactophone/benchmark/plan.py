@@ -118,16 +118,7 @@ def run_plan(
 ) -> DatasetResults:
     """Run a plan and score it.
 
-    Parameters
-    ----------
-    plan
-        What runs.
-    cache
-        Where folds' predictions are kept, and the joined edges beside them.
-    place, workers
-        See :func:`tactophone.benchmark.run_jobs`.
-    report
-        Called with the number of folds done, the largest number that there can be, and the name of the last one.
+    ``report`` is called with the number of folds done, the most that there can be, and the name of the last one.
     """
     folds = {name: folds_with_edges(plan.dataset, name, cache.folder / "edges") for name in plan.splits}
     permuted = {

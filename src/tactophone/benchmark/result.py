@@ -71,17 +71,6 @@ def compare_entries(
 ) -> list[MethodResult]:
     """Score entries on one split of a data set, each also as its difference from the first.
 
-    Parameters
-    ----------
-    dataset
-        Its name stands in the results.
-    entries
-        The first is the reference.
-    split
-        Its name.
-    predictions
-        By the entry's name.
-
     Raises
     ------
     DatasetError

@@ -74,18 +74,7 @@ def play_task(
 ) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
-    Parameters
-    ----------
-    names
-        Of :func:`task_methods`, all by default; also ``FILE.onnx`` for any other model.
-    rounds
-        Of the task, for each method.
-    visits
-        Of each label, for practice and for rounds.
-    seed
-        Of everything random.
-    report
-        Called with what begins.
+    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model.
 
     Raises
     ------

@@ -49,16 +49,7 @@ _MESSAGE_DATA = 1
 
 
 class FoxgloveBridge:
-    """Serves a run to viewers; a context manager whose `read` is called every `INTERVAL`.
-
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    address
-        Host and port to listen at.
-    token
-        The path that a viewer must know.
+    """Serves a run to viewers who know the path ``token``; a context manager whose `read` is called every `INTERVAL`.
 
     Raises
     ------

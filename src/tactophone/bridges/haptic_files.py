@@ -39,13 +39,7 @@ Point = tuple[float, float, float]
 
 
 def envelope(commands: Iterable[HapticCommand], *, duration: float = 0.0) -> list[Point]:
-    """Return the points of a stream, from time 0, each command held until the next.
-
-    Parameters
-    ----------
-    duration
-        Of the stream in s; that of its last command at least.
-    """
+    """Return the points of a stream of at least ``duration`` s, from time 0, each command held until the next."""
     points: list[Point] = [(0.0, 0.0, LOWEST_HZ)]
     for command in commands:
         _, amplitude, frequency = points[-1]

@@ -89,13 +89,7 @@ class TactophoneDevice(IHapticDevice):
 
 
 class RunPulses:
-    """The newest command of a run as Isaac's tensors; read it once a step.
-
-    Parameters
-    ----------
-    name
-        Of a run on this machine.
-    """
+    """The newest command of a run on this machine as Isaac's tensors; read it once a step."""
 
     def __init__(self, name: str) -> None:
         self._reader = NewestReader(name)

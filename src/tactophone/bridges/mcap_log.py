@@ -49,14 +49,7 @@ BLOCKS = (
 
 
 class McapLog:
-    """Keeps a run in an MCAP file; a context manager whose `read` is called every `READ_INTERVAL`.
-
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    path
-        The file, overwritten if it exists.
+    """Keeps a run in an MCAP file, which it overwrites; a context manager whose `read` is called every `READ_INTERVAL`.
 
     Raises
     ------

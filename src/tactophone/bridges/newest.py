@@ -28,12 +28,7 @@ class Newest:
 class NewestReader:
     """Reads a run, and the processes that replace it.
 
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    finger
-        Name of the finger where the run is of a single one; those of a hand have names.
+    ``finger`` names the finger of a run that has a single one; those of a hand have names.
 
     Attributes
     ----------

@@ -44,12 +44,7 @@ class Bridge(Protocol):
 class BridgeProcess:
     """Runs a bridge while the context lasts.
 
-    Parameters
-    ----------
-    build
-        Makes the bridge in the new process; must be picklable.
-    report
-        Called with a line when the bridge ends by itself, from another thread.
+    ``build`` must be picklable. ``report`` is called with a line when the bridge ends by itself, from another thread.
 
     Raises
     ------

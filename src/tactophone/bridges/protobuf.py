@@ -133,12 +133,7 @@ def signed_numbers(packed: bytes) -> Iterator[int]:
 def describe_file(package: str, messages: Sequence[MessageType], *, imports: Sequence[str] = ()) -> bytes:
     """Return one file of a schema; a schema, a ``FileDescriptorSet``, is several of them joined.
 
-    Parameters
-    ----------
-    package
-        Of the messages; the file is called after it.
-    imports
-        Packages whose messages these contain; their files come before.
+    ``imports`` are packages whose messages these contain; their files come before.
     """
     file = octets(1, _file_name(package)) + octets(2, package.encode())
     file += b"".join(octets(3, _file_name(other)) for other in imports)

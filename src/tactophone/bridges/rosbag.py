@@ -34,14 +34,7 @@ _TOPICS = {
 class RosBag:
     """Writes steps with the topics of the ROS bridge; a context manager.
 
-    Parameters
-    ----------
-    folder
-        New folder of the bag.
-    epoch
-        Seconds since 1970 at the beginning of the steps' time.
-    fingers
-        Part of the topics of each finger.
+    ``epoch`` is in seconds since 1970, at the beginning of the steps' time.
 
     Raises
     ------

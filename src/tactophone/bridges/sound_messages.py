@@ -34,10 +34,7 @@ class _Joined:
 class SoundMessages:
     """Turns packets into messages; a call of `flush` ends those that have begun.
 
-    Parameters
-    ----------
-    names
-        Of the fingers of a hand; packets of another number of fingers are left out, as the operator refuses them.
+    Packets of another number of fingers than ``names`` has are left out, as the operator refuses them.
     """
 
     def __init__(self, names: Sequence[str] = ("",)) -> None:

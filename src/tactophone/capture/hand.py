@@ -19,10 +19,7 @@ class LabelledSource(Source, Protocol):
 class CombinedSource:
     """Sources of one rate and block size as one, with contact and air of each in turn; it ends with the first of them.
 
-    Parameters
-    ----------
-    sources
-        One for each finger; one of a single channel has silence for air.
+    A source of a single channel has silence for air.
     """
 
     def __init__(self, sources: Sequence[LabelledSource]) -> None:

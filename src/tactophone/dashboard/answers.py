@@ -10,15 +10,7 @@ from aiohttp import web
 
 
 class Answers:
-    """The page's end of the pipe.
-
-    Parameters
-    ----------
-    orders
-        The pipe.
-    views
-        Pages that are open now; the caller adds and removes them.
-    """
+    """The page's end of the pipe; the caller adds and removes the ``views``, the pages that are open now."""
 
     def __init__(self, orders: Connection, views: set[web.WebSocketResponse]) -> None:
         self._orders, self._views = orders, views

@@ -103,13 +103,8 @@ def watch(
 ) -> Page:
     """Serve the operator's page for the run of that name; see `Page`.
 
-    Parameters
-    ----------
-    microphone
-        Takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end); without it, no
-        page can.
-    recorder
-        Keeps logs of the run when a page on this machine asks for one; without it, no page can.
+    ``microphone`` takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end), and
+    ``recorder`` keeps logs when a page on this machine asks for one; without them, no page can.
     """
     return Page(partial(_dashboard, name, microphone, recorder), address, certificate=certificate, names=names)
 

@@ -45,15 +45,7 @@ class _Measurements:
 
 
 def check(dataset: Dataset, *, progress: Callable[[int], None] = lambda done: None) -> tuple[Problem, ...]:
-    """Read every recording to its end and report what is wrong; a bad one does not stop the rest.
-
-    Parameters
-    ----------
-    dataset
-        Problems met while opening it come first.
-    progress
-        Called with the number of recordings done.
-    """
+    """Read every recording to its end and report what is wrong, after what opening found; a bad one stops nothing."""
     problems = [*dataset.problems, *_label_conflicts(dataset)]
     for done, recording in enumerate(dataset.recordings, 1):
         problems.extend(check_recording(recording))

@@ -67,12 +67,7 @@ def convert(
 
 
 def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
-    """Write the column ``split`` of a data set's manifest.
-
-    Parameters
-    ----------
-    sides
-        ``train`` or ``test``, by surface.
+    """Write the column ``split`` of a data set's manifest: ``train`` or ``test``, by surface.
 
     Raises
     ------

@@ -21,12 +21,7 @@ _SEARCH_DEPTH = 3
 
 
 def open_dataset(path: Path | str) -> Dataset:
-    """Read the manifest of a data set in any of the three layouts; no sound is opened.
-
-    Parameters
-    ----------
-    path
-        The folder, or the ``metadata.csv`` or ``manifest.csv`` in it.
+    """Read the manifest of a data set in any layout, by its folder or the CSV file in it; no sound is opened.
 
     Raises
     ------

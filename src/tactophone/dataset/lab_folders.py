@@ -63,10 +63,7 @@ class _Name:
 def read_lab_folder(folder: Path) -> LabFolder:
     """Find recordings, labels and pairs by the names below a folder.
 
-    Parameters
-    ----------
-    folder
-        Searched to any depth. Without a label in any name nothing is found: ``dataset.recordings`` is then empty.
+    The folder is searched to any depth. Without a label in any name ``dataset.recordings`` is empty.
 
     Returns
     -------

@@ -30,13 +30,8 @@ def holds_metadata(folder: Path) -> bool:
 def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = None) -> Dataset:
     """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
 
-    Parameters
-    ----------
-    folder
-        Of the data set.
-    surface_of
-        Names the surface of a file, by its path from the folder, where the manifest has no column ``surface``; without
-        it that column is required.
+    ``surface_of`` names the surface of a file, by its path from the folder, where the manifest has no column
+    ``surface``, which is required without it.
 
     Raises
     ------

@@ -81,14 +81,7 @@ def _timing_fault(first: NDArray[np.float32], second: NDArray[np.float32], *, ra
 
 
 def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> Lag:
-    """Measure how late ``second`` is by the correlation of levels in dB.
-
-    Parameters
-    ----------
-    first, second
-        Mono sound of equal length.
-    rate
-        In Hz.
+    """Measure how late ``second`` is by the correlation of levels in dB; both are mono and as long, at ``rate`` Hz.
 
     Examples
     --------

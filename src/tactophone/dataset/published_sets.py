@@ -44,14 +44,7 @@ Imported = tuple[Dataset, tuple[Problem, ...]]
 def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
     """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact alone.
 
-    Parameters
-    ----------
-    folder
-        Searched to any depth. The folder of a file names its surface.
-    out
-        New folder to write to.
-    progress
-        Called with the number of files done.
+    ``folder`` is searched to any depth; the folder of a file names its surface.
     """
     problems: list[Problem] = []
     labels = _labels(folder, problems)

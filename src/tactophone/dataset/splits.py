@@ -35,14 +35,7 @@ class Fold:
 
 
 def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
-    """Split labelled recordings; the same name and data give the same folds on any machine.
-
-    Parameters
-    ----------
-    dataset
-        Recordings without the label smooth or rough are left out.
-    name
-        One of :data:`SPLITS`.
+    """Split recordings labelled smooth or rough by one of `SPLITS`; the same data give the same folds on any machine.
 
     Raises
     ------

@@ -30,17 +30,7 @@ class PortAudioDevice:
 
 
 class PortAudioStream:
-    """One direction of a PortAudio device.
-
-    Parameters
-    ----------
-    process
-        Called each period; see `tactophone.devices.device.Process`.
-    direction
-        ``"input"`` or ``"output"``.
-    device
-        Number, or part of the name; empty for the system's default.
-    """
+    """One direction of a PortAudio device, given by number or part of its name; empty is the system's default."""
 
     def __init__(
         self,

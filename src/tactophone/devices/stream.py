@@ -19,12 +19,7 @@ _WAIT = 0.1
 class StreamDevice:
     """A `tactophone.devices.Device` fed by messages of a uint32 position and float32 samples, little-endian.
 
-    Parameters
-    ----------
-    sound
-        Delivers the messages.
-    absent
-        What to do while no sound arrives; the text of the fault.
+    ``absent`` is what to do while no sound arrives: the text of the fault.
     """
 
     process_faults = 0

@@ -109,10 +109,7 @@ def _vertex(x: NDArray[np.float64], y: NDArray[np.float64], peak: int) -> float:
 class SweepRecorder:
     """Plays a waveform once on one device while it records another; both run in the devices' threads.
 
-    Parameters
-    ----------
-    waveform
-        Shape ``(samples,)``; played as it is, so the caller bounds it.
+    The waveform, shape ``(samples,)``, is played as it is, so the caller bounds it.
     """
 
     def __init__(self, waveform: FloatArray) -> None:

@@ -28,19 +28,10 @@ class Estimate:
 
 
 def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
-    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval.
+    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval from ``draws`` of surfaces.
 
     Surfaces are drawn with replacement, rough and smooth ones apart, so that no draw lacks a class (stratified
     percentile bootstrap; Efron & Tibshirani, "An Introduction to the Bootstrap", 1993, chapters 8 and 13).
-
-    Parameters
-    ----------
-    scores
-        The windows.
-    draws
-        How many times the surfaces are resampled.
-    seed
-        Of the draws.
     """
     rng = np.random.default_rng(seed)
     strata = [surfaces for rough in (False, True) if len(surfaces := np.unique(scores.surface[scores.rough == rough]))]
@@ -50,15 +41,7 @@ def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, 
 
 
 def measure_draws(counts: Counts, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Compute every score of each draw of surfaces.
-
-    Parameters
-    ----------
-    counts
-        Of each surface.
-    times
-        How often each draw holds each surface, shape ``(draws, surfaces)``.
-    """
+    """Compute every score of each draw of surfaces, which ``times``, shape ``(draws, surfaces)``, counts."""
     return measure_counts(counts.times(times.reshape(-1, len(counts.rough))))
 
 

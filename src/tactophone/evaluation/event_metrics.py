@@ -89,16 +89,7 @@ def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *
     """Time from the first slide of each touch to the correct decision; only recordings with segments count.
 
     Recordings of more than one label, such as joined edges, are left out. Where sliding is not labelled, the time
-    counts from the first touch.
-
-    Parameters
-    ----------
-    predictions
-        For recordings with segments.
-    rule
-        Of the decision.
-    latency
-        Seconds from a window's end to its prediction.
+    counts from the first touch. ``latency`` is from a window's end to its prediction, in s.
     """
     found = [
         _delay(take, start, segment.end, take.recording.label, rule=rule)

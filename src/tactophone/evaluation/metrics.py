@@ -74,14 +74,7 @@ def sort_scores(
 
 
 def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
-    """Compute every metric.
-
-    Parameters
-    ----------
-    scores
-        The windows.
-    weights
-        How often each window counts; once by default.
+    """Compute every metric; ``weights`` says how often each window counts, once by default.
 
     Returns
     -------

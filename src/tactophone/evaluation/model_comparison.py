@@ -50,14 +50,7 @@ def compare_models(
 ) -> dict[str, Change]:
     """Compare two models on the same recordings, over windows in contact, by the two-class rule.
 
-    Parameters
-    ----------
-    before, after
-        Predictions of each model.
-    by
-        Names the cluster of a recording; the bootstrap draws clusters.
-    seed
-        Of the draws.
+    ``by`` names the cluster of a recording: the bootstrap draws clusters.
 
     Returns
     -------

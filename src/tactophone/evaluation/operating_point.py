@@ -129,15 +129,7 @@ def choose_rule(outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: 
 
 
 def rates(outcomes: RuleOutcomes, times: NDArray[np.float64] | None = None) -> dict[str, NDArray[np.float64]]:
-    """Compute the rates of every rule, each of shape ``(rules,)``; see :class:`OperatingPoint`.
-
-    Parameters
-    ----------
-    outcomes
-        Of the rules.
-    times
-        How often each recording counts; once by default.
-    """
+    """Compute the rates of every rule, each of shape ``(rules,)``; see :class:`OperatingPoint`."""
     weight = np.ones(len(outcomes.recordings)) if times is None else times
     smooth, rough = weight * ~outcomes.is_rough, weight * outcomes.is_rough
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -44,15 +44,7 @@ Predictor = Callable[[Recording], TakePredictions]
 
 
 def streaming_predictor(open_detector: Callable[[int], Detector], *, channels: int) -> Predictor:
-    """Return a predictor that runs a fresh streaming detector over each recording.
-
-    Parameters
-    ----------
-    open_detector
-        Opens a detector for sound of a sample rate, in Hz.
-    channels
-        How many it takes; the recording's own order is put right.
-    """
+    """Return a predictor that runs a fresh streaming detector of so many channels over each recording."""
 
     def predict(recording: Recording) -> TakePredictions:
         return as_arrays(recording, _stream(open_detector, recording, channel_order(recording, count=channels)))

@@ -56,16 +56,7 @@ class Report:
 def make_report(
     predictions: Sequence[TakePredictions], *, decision: DecisionRule | None = None, draws: int = DRAWS
 ) -> Report:
-    """Score the predictions for labelled recordings.
-
-    Parameters
-    ----------
-    predictions
-        Of one model, or of the folds of one recipe.
-    decision
-        Of the model; the paper's by default.
-    draws
-        Of the bootstrap.
+    """Score the predictions of one model, or of the folds of one recipe, for labelled recordings.
 
     Raises
     ------

@@ -34,16 +34,8 @@ _WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
     """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
-    Parameters
-    ----------
-    recordings
-        Held-out recordings of one sample rate, with segments or in contact throughout.
-    folder
-        For the files, which are named by content and written once.
-    most
-        Largest number of edges.
-    seed
-        Of the pairing.
+    The recordings are held out, of one sample rate, with segments or in contact throughout. The files are named by
+    content and written once; ``most`` limits the number of edges.
 
     Raises
     ------

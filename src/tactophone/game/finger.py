@@ -21,16 +21,8 @@ class StoneBoxSource(AlwaysOpen):
     """A `tactophone.types.Source` whose finger follows messages.
 
     ``("lay", touches, seed)`` replaces the five stones under the curtain, which takes about half a second;
-    ``("move", x, y, force)`` moves the finger (m, N; negative force lifts).
-
-    Parameters
-    ----------
-    inbox
-        Receives the messages; the sender never waits for the finger, nor the finger for the sender.
-    block_size
-        Samples per block.
-    tip
-        That touches.
+    ``("move", x, y, force)`` moves the finger (m, N; negative force lifts). The sender never waits for the finger, nor
+    the finger for the sender.
 
     Examples
     --------

@@ -15,17 +15,10 @@ CLICKS = frozenset({"contact"})
 
 
 class EventsProfile:
-    """Adds a click to another profile at each onset of a touch.
+    """Adds a click of ``frequency`` Hz to another profile at each onset of a touch.
 
     It remembers when the click began; each pipeline needs one of its own. Without an event detector in the pipeline it
     renders as the other profile does.
-
-    Parameters
-    ----------
-    base
-        Renders everything else.
-    frequency
-        Of the click, in Hz.
     """
 
     name = "events"

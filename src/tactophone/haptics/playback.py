@@ -12,11 +12,6 @@ from tactophone.types import FloatArray, HapticCommand
 class Playback:
     """Renders commands in stream time; the waveform is bit-equal in portions of any size.
 
-    Parameters
-    ----------
-    oscillator
-        Its rate is that of the waveform.
-
     Examples
     --------
     >>> playback = Playback(Oscillator())

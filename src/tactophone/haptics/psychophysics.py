@@ -55,10 +55,7 @@ def amplitude_for(level_db: float, frequency: float) -> float:
 def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Count the just-noticeable steps along a path of vibrations: of frequency alone, and of frequency and level.
 
-    Parameters
-    ----------
-    stimuli
-        Amplitude and frequency, from one end of the path to the other, densely.
+    ``stimuli`` are amplitude and frequency, from one end of the path to the other, densely.
 
     Returns
     -------

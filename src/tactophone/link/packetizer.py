@@ -64,10 +64,7 @@ class Redundancy:
 class Packetizer:
     """Makes one stream of packets, not yet encrypted.
 
-    Parameters
-    ----------
-    encoder
-        Of this stream, or the one encoder of several streams that carry the same sound.
+    The encoder is of this stream, or the one encoder of several streams that carry the same sound.
     """
 
     def __init__(self, encoder: BlockEncoder, *, ssrc: int, redundancy: Redundancy) -> None:

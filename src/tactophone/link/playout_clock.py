@@ -67,11 +67,6 @@ class Step:
 class PlayoutController:
     """Controls the playout of one stream; positions are in samples of the sender, times in s of the local clock.
 
-    Parameters
-    ----------
-    block_size
-        Samples of each block.
-
     Attributes
     ----------
     position

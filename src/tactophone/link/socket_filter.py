@@ -37,12 +37,7 @@ class _Program(ctypes.Structure):
 
 
 def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: bool = True) -> None:
-    """Let only DTLS and the SSRCs ``streams`` pass to a UDP socket; without any, everything passes.
-
-    Parameters
-    ----------
-    handshakes
-        Whether DTLS passes; where not, it is dropped too.
+    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
 
     Notes
     -----

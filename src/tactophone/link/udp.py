@@ -69,12 +69,8 @@ class UdpSocket:
     While a peer is `follow`-ed, two sockets share the port. The system passes the peer's datagrams to one that is
     connected to its address, and everybody else's to the first one, of which each `receive` takes only a few: so
     strangers can fill their own queue and not the peer's. A filter in both drops what belongs to no stream of the peer.
-    Everything is sent through the first one, whose source address follows the route.
-
-    Parameters
-    ----------
-    host, port
-        Local address; an empty host is all addresses of both families; port 0 lets the system choose.
+    Everything is sent through the first one, whose source address follows the route. An empty ``host`` is all addresses
+    of both families; port 0 lets the system choose.
 
     Raises
     ------

@@ -62,12 +62,7 @@ class _Rendered:
 def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) -> DecisionDelays:
     """Stroke, detect and render, and measure the delays.
 
-    Parameters
-    ----------
-    pipeline
-        For two channels at 48 kHz, newly opened.
-    passes
-        Strokes over the edge; a lift and a new touch follow every fourth.
+    The pipeline is for two channels at 48 kHz. Of ``passes`` over the edge, a lift and a new touch follow every fourth.
     """
     rendered = _render(pipeline, passes, seed)
     rendered = replace(rendered, touch=_without_hops(rendered.touch))

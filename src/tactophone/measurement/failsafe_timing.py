@@ -110,11 +110,6 @@ def freeze_operator(sides: Sides) -> None:
 def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Sides], None]) -> float:
     """Start a stroke, stop something, and return the seconds until silence.
 
-    Parameters
-    ----------
-    stop
-        Stops something of the two sides.
-
     Raises
     ------
     TactophoneError

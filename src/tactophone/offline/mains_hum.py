@@ -70,13 +70,7 @@ class Hum:
 
 
 class HumMeter:
-    """Measures the lines of a recording that is read once; its memory is 1 s of sound and 1 kB a second.
-
-    Parameters
-    ----------
-    sample_rate, channels
-        Of the recording.
-    """
+    """Measures the lines of a recording that is read once; its memory is 1 s of sound and 1 kB a second."""
 
     def __init__(self, sample_rate: int, channels: int) -> None:
         self._rate, self._hop = sample_rate, sample_rate // 2

@@ -14,13 +14,6 @@ class PeakEnvelope:
 
     When the columns are full, neighbours are joined, and each column then spans twice as many samples.
 
-    Parameters
-    ----------
-    channels
-        Of the sound.
-    sample_rate
-        In Hz.
-
     Examples
     --------
     >>> envelope = PeakEnvelope(1, sample_rate=1000)

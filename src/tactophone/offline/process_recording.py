@@ -177,18 +177,8 @@ def process_recording(
 ) -> tuple[RunSummary, OfflineRenderer]:
     """Process a source to its end.
 
-    Parameters
-    ----------
-    source
-        Not entered yet.
-    pipeline
-        Opened for that source's rate and channels; it is reset first.
-    outputs
-        Files to write.
-    passthrough
-        Renders the sound itself, in place of the pipeline's commands.
-    on_step
-        Called with each step, for example by a progress bar.
+    The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
+    renders the sound itself, in place of the pipeline's commands.
 
     Returns
     -------

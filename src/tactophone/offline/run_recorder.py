@@ -10,16 +10,9 @@ from tactophone.types import FloatArray
 
 
 class RunRecorder(RunFollower):
-    """Records an operator's run from beginning to end; a context manager around the run.
+    """Records an operator's run (of a hand: one finger's vibration); a context manager around the run.
 
     Its predictions are written by `tactophone.telemetry.PredictionLog`.
-
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    finger
-        Of a hand: whose vibration is recorded.
     """
 
     def __init__(self, name: str, *, finger: int = 0) -> None:

@@ -12,11 +12,6 @@ class EventMerger:
 
     A prediction that a window brings comes every 10 ms; an event must be rendered within 5 ms. Bit-equal at any block
     size, as events and predictions are ordered by when they became known.
-
-    Parameters
-    ----------
-    detector
-        For sound of the stream's rate.
     """
 
     def __init__(self, detector: EventDetector) -> None:
@@ -29,17 +24,7 @@ class EventMerger:
         self._newest = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0)
 
     def merge(self, block: AudioBlock, predictions: list[Prediction], *, latency: float) -> list[Prediction]:
-        """Return the predictions of a block with those of its events.
-
-        Parameters
-        ----------
-        block
-            The sound that the predictions were made of.
-        predictions
-            Oldest first.
-        latency
-            Seconds from the end of a prediction to when it was known.
-        """
+        """Return a block's predictions, known ``latency`` s after their end, with those of its events."""
         return list(self._merged(block, predictions, latency))
 
     def _merged(self, block: AudioBlock, predictions: list[Prediction], latency: float) -> Iterator[Prediction]:

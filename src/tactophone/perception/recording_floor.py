@@ -59,16 +59,7 @@ def measure_floor(
 ) -> RecordingFloor:
     """Measure the noise floor of a recording.
 
-    Parameters
-    ----------
-    blocks
-        Of the recording, from its beginning to its end.
-    sample_rate
-        In Hz.
-    rule
-        How the level is measured.
-    false_alarms
-        Wanted share of the time without contact that counts as contact.
+    ``false_alarms`` is the wanted share of the time without contact that counts as contact.
     """
     levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
     cells = [_moments(levels[at : at + CELL]) for at in range(0, len(levels) - CELL + 1, CELL // 2)]

@@ -83,18 +83,7 @@ _ON_GO = {Stage.READY: Stage.COUNTDOWN, Stage.RECORDING: Stage.PAUSED, Stage.PAU
 
 
 class Protocol:
-    """Steps through the takes.
-
-    Parameters
-    ----------
-    takes
-        In order.
-    sample_rate
-        Of the sound to come, in Hz.
-    done
-        Names of takes that are skipped.
-    duration, countdown
-        Of a take, and before it, in s.
+    """Steps through the takes but those that are ``done``; ``duration`` and ``countdown`` are in s.
 
     Examples
     --------

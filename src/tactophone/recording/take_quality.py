@@ -90,17 +90,7 @@ class TakeMeter:
 def assess_take(
     take: TakePlan, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float
 ) -> TakeQuality:
-    """Report what is wrong with a take.
-
-    Parameters
-    ----------
-    take, levels
-        The planned take, and its measurements.
-    other_levels
-        Level in dBFS of each other take of this object, by the take's name.
-    duration
-        Planned length, in s.
-    """
+    """Report what is wrong with a take, given the levels in dBFS of each other take of this object, by its name."""
     # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
     complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
     if levels.duration < 0.99 * duration:

@@ -10,13 +10,7 @@ READ_INTERVAL = 0.2
 
 
 class RunFollower:
-    """Calls `read` every `READ_INTERVAL` and once at the end; a context manager within which the run goes on.
-
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    """
+    """Calls `read` every `READ_INTERVAL` and once at the end; a context manager within which the run goes on."""
 
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)

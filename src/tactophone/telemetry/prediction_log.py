@@ -57,14 +57,7 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
 class TimelineWriter:
     """Writes predictions as they are made; a context manager.
 
-    Parameters
-    ----------
-    path
-        The CSV file.
-    json_path
-        A JSON file with the same entries as a list; none if ``None``.
-    fingers
-        Names of a hand's fingers; the first column of each line is then ``finger``.
+    A JSON file gets the same entries as a list. With names of ``fingers`` the first column is ``finger``.
     """
 
     def __init__(self, path: Path, *, json_path: Path | None = None, fingers: Sequence[str] = ()) -> None:
@@ -186,14 +179,9 @@ def _events_of(entry: Any) -> tuple[TouchEvent, ...]:
 
 
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
-    """Read a CSV timeline back, as one array for each column; ``touch`` as numbers of `Touch`.
+    """Read a CSV timeline (of a hand: one finger's) as one array for each column; ``touch`` as numbers of `Touch`.
 
     ``event`` is text, empty where there is none, and then ``event_time`` is NaN; older timelines have neither column.
-
-    Parameters
-    ----------
-    finger
-        Of a hand: only the lines of the finger of this name.
 
     Raises
     ------

@@ -128,15 +128,6 @@ def train_on_both(
 ) -> dict[str, FloatArray]:
     """Train on new and replayed recordings; return the parameters.
 
-    Parameters
-    ----------
-    job, data
-        Of the fine-tuning.
-    reading
-        Called with the recordings read, and with how many there are.
-    report
-        Called with the progress of the training.
-
     Raises
     ------
     DatasetError

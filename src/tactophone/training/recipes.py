@@ -107,16 +107,7 @@ class Job(Protocol):
     ) -> bool:
         """Train on labelled recordings and write the model file.
 
-        Parameters
-        ----------
-        path
-            The ONNX file to write.
-        dataset
-            Usable, labelled recordings.
-        checkpoint
-            Where to keep unfinished state, so that a killed training can continue; recipes of seconds keep none.
-        report, log
-            Called with the progress, and with lines worth keeping.
+        ``checkpoint`` keeps unfinished state, so that a killed training can continue; recipes of seconds keep none.
 
         Returns
         -------

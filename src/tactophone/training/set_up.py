@@ -115,16 +115,7 @@ class SetUpFit:
 def collect(
     model: Model, samples: FloatArray, *, sample_rate: int, threshold_dbfs: float, name: str, rough: bool
 ) -> ObjectSound:
-    """Return the windows in contact of one object.
-
-    Parameters
-    ----------
-    model, samples, sample_rate
-        The shipped model, and sound of shape ``(samples, channels)`` at a rate in Hz.
-    name, rough
-        Of the object.
-    threshold_dbfs
-        Of contact.
+    """Return the windows in contact of one object, whose sound has the shape ``(samples, channels)``.
 
     Raises
     ------

@@ -25,14 +25,7 @@ _SAMPLE = np.dtype("<i2")
 
 
 class RosSource(AlwaysOpen):
-    """A `tactophone.types.Source` of 16-bit samples on a topic.
-
-    Parameters
-    ----------
-    topic
-        Such as ``/audio``; its format is read from ``/audio_info``.
-    domain
-        DDS domain; ``None`` takes ROS_DOMAIN_ID.
+    """A `tactophone.types.Source` of 16-bit samples on a topic such as ``/audio``, with its format on ``/audio_info``.
 
     Attributes
     ----------

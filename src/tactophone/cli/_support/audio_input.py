@@ -50,15 +50,7 @@ class SimulatedAct:
 
 
 class AudioInput:
-    """An open source, with a simulated person if it is the simulated finger; a context manager.
-
-    Parameters
-    ----------
-    args
-        Parsed arguments of :func:`add_arguments`.
-    object_name
-        Name of the object that the simulated finger touches.
-    """
+    """An open source; a person touching ``object_name`` if it is the simulated finger. A context manager."""
 
     def __init__(self, args: argparse.Namespace, object_name: str) -> None:
         settings = flags.settings_of(args)

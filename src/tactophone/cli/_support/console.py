@@ -34,14 +34,7 @@ class Outcome:
 def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0) -> Outcome:
     """Show a run until a side ends by itself, somebody quits, or the time is over.
 
-    Parameters
-    ----------
-    supervisors
-        Of the sides that run; the first to end by itself ends all.
-    name
-        Of the process that is shown and controlled by the keys.
-    duration
-        Seconds; 0 means no limit.
+    The first of the ``supervisors`` to end by itself ends all. A ``duration`` of 0 s means no limit.
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")

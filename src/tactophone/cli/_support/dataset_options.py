@@ -29,16 +29,7 @@ def add_kin(parser: argparse.ArgumentParser) -> None:
 def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
-    Parameters
-    ----------
-    folder
-        Of the data set.
-    filters
-        As ``--filter`` has them.
-    channels
-        Microphones that are needed: recordings with fewer are dropped where others have as many.
-    kin
-        File that says which surfaces are kin.
+    Recordings with fewer ``channels`` are dropped where others have as many.
 
     Raises
     ------

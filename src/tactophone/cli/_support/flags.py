@@ -13,13 +13,7 @@ REPEATED = ("link.peer",)
 
 
 def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
-    """Declare ``--config``, ``--set`` and each flag, with the help text, range and default of its setting.
-
-    Parameters
-    ----------
-    flags
-        Option and dotted name, such as ``{"--peer": "link.peer"}``.
-    """
+    """Declare ``--config``, ``--set`` and flags such as ``{"--peer": "link.peer"}``, with help, range and default."""
     known = {entry.name: entry for entry in config.entries()}
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
     group.add_argument(

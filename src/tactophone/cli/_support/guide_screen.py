@@ -24,13 +24,7 @@ DONE = "done"
 
 
 class GuidePage:
-    """The page of a guided command; a context manager that shows an error, and ends when the page's *Done* is pressed.
-
-    Parameters
-    ----------
-    wait
-        Whether it waits for that.
-    """
+    """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
         from tactophone.dashboard import guide  # for --dashboard alone: it imports processes

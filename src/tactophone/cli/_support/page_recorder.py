@@ -17,14 +17,7 @@ from tactophone.errors import TactophoneError
 class PageRecorder:
     """Obeys the page's process, and answers it; a context manager that ends a log that is still open.
 
-    Parameters
-    ----------
-    name
-        Of the run.
-    folder
-        Where the files are written, each named by the run and the time.
-    report
-        Called with a line when a log begins, ends, or fails, from another thread.
+    ``report`` is called with a line when a log begins, ends, or fails, from another thread.
 
     Attributes
     ----------

@@ -65,12 +65,7 @@ class SessionSound:
 
 
 def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
-    """Write the sound of each session and finger of a log as WAV with 32-bit floats, which hold it exactly.
-
-    Parameters
-    ----------
-    finger
-        Of a hand: only the finger of this name.
+    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
 
     Raises
     ------

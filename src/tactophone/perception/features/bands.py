@@ -47,14 +47,7 @@ class WindowSpectrum(NamedTuple):
 
 
 class BandFeatures:
-    """Describes windows of a fixed size and rate.
-
-    Parameters
-    ----------
-    size
-        Samples a window.
-    sample_rate
-        In Hz; 15.2 kHz or more, or the highest bands stay empty.
+    """Describes windows of a fixed size and rate; under 15.2 kHz the highest bands stay empty.
 
     Examples
     --------
@@ -78,13 +71,7 @@ class BandFeatures:
         self._scales = np.array([1.0] * BAND_COUNT + [1 / self._newest, 1 / slopes, 1 / slopes, 1], np.float32)
 
     def spectrum(self, window: FloatArray) -> WindowSpectrum:
-        """Return a window's spectrum.
-
-        Parameters
-        ----------
-        window
-            Shape ``(..., samples, channels)``; leading axes are a batch.
-        """
+        """Return the spectrum of windows of shape ``(..., samples, channels)``."""
         sound = np.ascontiguousarray(window.swapaxes(-1, -2))
         # Complex bins viewed as floats: real and imaginary parts alternate, and one product squares both.
         parts = real_fft(sound * self._taper).view(np.float32)

@@ -23,14 +23,7 @@ FAINT = 1e-10
 
 
 def cues(window: FloatArray, sample_rate: int) -> NDArray[np.float64]:
-    """Compute the cues of a window, in the order of :data:`CUES`.
-
-    Parameters
-    ----------
-    window
-        Shape ``(samples, channels)``; all cues but the last are of channel 0.
-    sample_rate
-        In Hz.
+    """Compute :data:`CUES` of a window ``(samples, channels)``; all but the last are of channel 0.
 
     Examples
     --------

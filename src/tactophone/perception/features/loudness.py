@@ -57,12 +57,7 @@ def banded_dbfs(samples: FloatArray) -> float:
 def band_of_powers(powers: NDArray[np.floating[Any]], size: int) -> float:
     """Return the banded level from the powers of the real and the imaginary parts of a spectrum, alternating.
 
-    Parameters
-    ----------
-    powers
-        Shape ``(2 * bins,)``, of sound with a periodic Hann taper.
-    size
-        Samples of the window.
+    ``powers`` has the shape ``(2 * bins,)``, of ``size`` samples with a periodic Hann taper.
     """
     # Two values a bin, hence the doubled indices; two sides of a real spectrum; the taper's mean square is 3/8.
     power = 2 * float(np.add.reduce(powers[size // 32 : size // 2], dtype=np.float64)) / (3 / 8 * size * size)

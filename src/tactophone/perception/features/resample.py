@@ -22,14 +22,7 @@ LOWEST_RATE = 2000
 
 
 class Resampler:
-    """Resamples a stream, block by block.
-
-    Parameters
-    ----------
-    input_rate, output_rate
-        In Hz.
-    channels
-        Of the sound to come.
+    """Resamples a stream from ``input_rate`` to ``output_rate`` Hz, block by block.
 
     Attributes
     ----------

@@ -11,12 +11,7 @@ from tactophone.types import FloatArray
 
 
 def magnitudes(window: FloatArray) -> FloatArray:
-    """Return the magnitude of each channel's real FFT, concatenated.
-
-    Parameters
-    ----------
-    window
-        Shape ``(..., samples, channels)``; leading axes are a batch.
+    """Return the magnitude of each channel's real FFT, concatenated; of windows ``(..., samples, channels)``.
 
     Returns
     -------

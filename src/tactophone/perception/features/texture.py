@@ -57,12 +57,7 @@ than 1 for one window in a hundred on one and the same surface; zeros never dete
 class RunningStatistics:
     """Exponentially weighted moments of descriptions, restarted where the surface changes.
 
-    Parameters
-    ----------
-    change_metric
-        See :data:`ChangeMetric`.
-    fading
-        Windows after which the weight of a window has fallen to 1/e.
+    ``fading`` is in windows: after so many, the weight of a window has fallen to 1/e.
 
     Attributes
     ----------

@@ -48,14 +48,7 @@ _UNKNOWN = (0.0, 0.5, 0.5)
 
 
 def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode:
-    """Return the safe fallback for faults: that of the worst.
-
-    Parameters
-    ----------
-    faults
-        Present now.
-    spare
-        Whether there is a one-channel model to fall back to.
+    """Return the safe fallback for the present faults: that of the worst, given whether there is a ``spare`` model.
 
     Examples
     --------

@@ -37,14 +37,7 @@ SLIPS = 0.06
 class Script:
     """A list of moves under construction, one motion after another.
 
-    Parameters
-    ----------
-    rng
-        Draws tremor, drift and pauses.
-    x, y
-        Place of the finger at the start, in m.
-    start
-        Time of the first move, in s.
+    ``x`` and ``y`` are the finger's place at the start in m; ``rng`` draws tremor, drift and pauses.
     """
 
     def __init__(self, rng: np.random.Generator, *, x: float, y: float, start: float = 0.0) -> None:

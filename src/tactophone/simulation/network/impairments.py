@@ -104,14 +104,8 @@ def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[Delivery]:
 class ImpairedLink:
     """One direction of an impaired link; time is an argument.
 
-    Parameters
-    ----------
-    profile
-        Its impairments.
-    seed
-        Gives the same deliveries to the same packets, whatever the time between them.
-    lost
-        Whether each packet in turn is lost, instead of the profile's loss.
+    A seed gives the same deliveries to the same packets, whatever the time between them. ``lost`` says whether each
+    packet in turn is lost, instead of the profile's loss.
     """
 
     def __init__(self, profile: NetworkProfile, *, seed: int = 0, lost: Iterator[bool] | None = None) -> None:

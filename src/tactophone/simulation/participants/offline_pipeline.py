@@ -10,13 +10,7 @@ if TYPE_CHECKING:
 
 
 class OfflinePipeline:
-    """Renders a whole recording through a pipeline; every call starts from its initial state.
-
-    Parameters
-    ----------
-    pipeline
-        For two channels at 48 kHz.
-    """
+    """Renders recordings of two channels at 48 kHz through a pipeline; each call starts from its initial state."""
 
     def __init__(self, pipeline: "Pipeline") -> None:
         self._pipeline = pipeline

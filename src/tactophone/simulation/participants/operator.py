@@ -87,15 +87,7 @@ class RoundSummary:
 
 
 def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
-    """Render the sound of visits to stones in the competition's box; the same for every method.
-
-    Parameters
-    ----------
-    visits
-        Per label, for practice and for rounds each.
-    seed
-        Of set-ups, strokes and noise.
-    """
+    """Render ``visits`` per label and purpose to stones in the competition's box; the same for every method."""
     return Visits(
         practice={
             label: tuple(_visit(_practice_object(label, k), [seed, 0, k]) for k in range(visits)) for label in _LABELS

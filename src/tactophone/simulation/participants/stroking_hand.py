@@ -20,17 +20,7 @@ LIFTED = 0.3
 
 
 class StrokingHand(AlwaysOpen):
-    """Several fingers on the same stone, one stone after another; a `tactophone.types.Source`.
-
-    Parameters
-    ----------
-    fingers
-        How many.
-    block_size
-        Samples per block.
-    seed
-        Of stones, strokes and noise.
-    """
+    """Several fingers on the same stone, one after another, all drawn by ``seed``; a `tactophone.types.Source`."""
 
     sample_rate = LIVE_SAMPLE_RATE
 

@@ -103,12 +103,7 @@ FAST_CHANGES: Mapping[str, int] = MappingProxyType({"batch_size": 1000, "least_s
 def network_settings(variant: Variant, *, reference_code: bool = False) -> NetworkSettings:
     """Return the settings of one of the paper's models; change parts with ``dataclasses.replace``.
 
-    Parameters
-    ----------
-    variant
-        Which of the paper's three models.
-    reference_code
-        Whether to follow the authors' code where it differs from the paper's text.
+    With ``reference_code`` they follow the authors' code where it differs from the paper's text.
 
     Examples
     --------

@@ -43,16 +43,7 @@ class Windows:
 
 
 def find_windows(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
-    """Return the windows of recordings that a labelling keeps.
-
-    Parameters
-    ----------
-    signals
-        A recording each, float32, shape ``(samples, channels)``, at 2 kHz.
-    labels
-        ``SMOOTH`` or ``ROUGH`` for each.
-    rule
-        Which windows are contact.
+    """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that a labelling keeps.
 
     Raises
     ------
