@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tactophone.capture import FileSource
 from tactophone.dataset import Recording, open_dataset
 from tactophone.perception import ContactGate, LoudnessRule, NoiseFloor, measure_floor
-from tactophone.perception.noise_floor import HOLD, SPREAD_DB
+from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW
 from tactophone.types import AudioBlock, FloatArray
 
 GAINS_DB = (-30.0, -10.0, 0.0, 10.0)
@@ -61,8 +61,8 @@ class Counts:
 
     def row(self) -> list[str]:
         """Return the table's cells."""
-        delays = ["-" if not times else f"{1000 * np.quantile(times, q):.0f}"
-                  for times in (self.landings, self.lifts) for q in (0.5, 0.95)]  # fmt: skip
+        delays = ["-" if not times else f"{1000 * np.quantile(times, q):.{digits}f}"
+                  for times, digits in ((self.landings, 1), (self.lifts, 0)) for q in (0.5, 0.95)]  # fmt: skip
         return [
             f"{100 * self.false / self.silent:.2f}", f"{100 * self.found / self.touched:.1f}",
             f"{100 * self.gaps / self.inside:.1f}", *delays,
@@ -133,9 +133,11 @@ def level_tracks(sound: FloatArray, rate: int) -> NDArray[np.float64]:
     """Return the banded level over 32 ms in dBFS, a hundred times a second."""
     from tactophone.perception.step_levels import StepLevels
 
-    powers = np.array(StepLevels("banded", sample_rate=rate).push(AudioBlock(sound, rate)))
-    total = np.concatenate(([0.0], np.cumsum(powers)))
-    return np.asarray(10 * np.log10(np.maximum((total[32:] - total[:-32])[::10] / 32, 1e-15)))
+    steps = StepLevels("banded", sample_rate=rate)
+    total = np.concatenate(([0.0], np.cumsum(steps.push(AudioBlock(sound, rate)), dtype=np.float64)))
+    window = steps.count(WINDOW)
+    powers = (total[window:] - total[:-window])[:: steps.count(STEP)] / window
+    return np.asarray(10 * np.log10(np.maximum(powers, 1e-15)))
 
 
 def real_shares(folder: Path) -> dict[str, tuple[int, int, int]]:

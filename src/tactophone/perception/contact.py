@@ -1,7 +1,7 @@
 """The contact gate: detects the start and end of a touch within milliseconds, where a window of 256 ms cannot.
 
 A window still contains a touch 240 ms after the finger has lifted, and is only a twentieth full when the finger has
-just landed. So the gate measures the level a thousand times a second, beside the classifier. A clearly loud touch
+just landed. So the gate measures the level four thousand times a second, beside the classifier. A clearly loud touch
 opens it by the level over 4 ms; any other by the level over 32 ms, as noise with motors and hum in it rises by 5 dB
 for 4 ms now and then, and not for 32. The gate closes when the longer level has fallen under the threshold.
 
@@ -12,16 +12,18 @@ The paper has no such gate (it compares the level of the whole window): `feel --
 """
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 
-from tactophone.perception.features.loudness import LoudnessRule
-from tactophone.perception.noise_floor import NoiseFloor
-from tactophone.perception.step_levels import STEP_RATE, StepLevels
-from tactophone.types import AudioBlock
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-FAST, SLOW = 4, 32
-"""Steps that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
+from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.noise_floor import RATE, WINDOW, NoiseFloor
+from tactophone.perception.step_levels import StepLevels
+from tactophone.types import AudioBlock, FloatArray
+
+FAST, SLOW = 0.004, WINDOW
+"""Seconds that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
 
 CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
@@ -29,11 +31,17 @@ CLEAR_DB = 5.0
 RELEASE_DB = 3.0
 """Margin under the threshold at which the slow level closes the gate, or noise at the threshold would chatter."""
 
-MIN_STEPS = 30
-"""Shortest touch in steps: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
+SHORTEST = 0.03
+"""Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""
 
-HEARTBEAT_STEPS = 10
-"""Steps between two reports while nothing changes: downstream, no report means that something has stopped."""
+HEARTBEAT = 1 / RATE
+"""Seconds between two reports while nothing changes: downstream, no report means that something has stopped."""
+
+MOST_STEPS = 64
+"""Steps of a longer block that are taken at once."""
+
+ROUNDING = 1e-3
+"""Share of a level, far over the error of sums, by which a threshold must be missed for steps to wait."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +89,7 @@ class ContactGate:
     >>> sound = np.zeros((4800, 1), np.float32)
     >>> sound[480:960] = 0.1
     >>> [change for change in gate.push(AudioBlock(sound, 48_000)) if change.touching][0]
-    Contact(time=0.011, touching=True)
+    Contact(time=0.01025, touching=True)
     """
 
     def __init__(
@@ -94,7 +102,15 @@ class ContactGate:
         hold: float = 0.0,
     ) -> None:
         self._levels = StepLevels(rule, sample_rate=sample_rate)
-        self._sample_rate, self._hold_steps = sample_rate, round(hold * STEP_RATE)
+        self._sample_rate = sample_rate
+        count = self._levels.count
+        self._fast, self._slow, self._heartbeat = count(FAST), count(SLOW), count(HEARTBEAT)
+        self._shortest, self._hold = count(SHORTEST), count(hold)
+        # Powers of the steps that the slow level covers, then of those that wait and of new ones.
+        self._powers = np.zeros(self._slow + self._heartbeat + MOST_STEPS)
+        self._windows = sliding_window_view(self._powers[1:], self._slow)
+        self._slow_weights, self._fast_weights = (np.full(steps, 1 / steps) for steps in (self._slow, self._fast))
+        self._filled = self._slow
         self.floor: NoiseFloor | None = None
         self.threshold_dbfs = threshold_dbfs
         self.floor = floor  # after the threshold, whose assignment ends the following
@@ -107,7 +123,10 @@ class ContactGate:
 
     @threshold_dbfs.setter
     def threshold_dbfs(self, level_dbfs: float) -> None:
+        if self._filled > self._slow:
+            self._evaluate()  # the steps that wait, by the threshold of their time: none changes anything
         self.floor = None
+        self._room = 0.0
         self._set(level_dbfs, level_dbfs - RELEASE_DB)
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
@@ -125,8 +144,8 @@ class ContactGate:
     def reset(self) -> None:
         """Return to the initial state: no contact; the floor is measured anew."""
         self._levels.reset()
-        self._fast, self._slow = deque([0.0] * FAST, FAST), deque([0.0] * SLOW, SLOW)
-        self._steps = 0
+        self._powers[:] = 0
+        self._filled, self._room, self._steps = self._slow, 0.0, 0
         self._touching = self._held = False
         self._lasted = self._quiet = 0
         if self.floor:
@@ -134,27 +153,90 @@ class ContactGate:
             self._set(self.floor.threshold_dbfs, self.floor.release_dbfs)
 
     def push(self, block: AudioBlock) -> list[Contact]:
-        """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT_STEPS`` steps."""
-        return [step for power in self._levels.push(block) if (step := self._step(power))]
+        """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT`` s."""
+        powers = self._levels.push(block)
+        if len(powers) <= MOST_STEPS:
+            return self._take(powers)
+        pieces = (powers[start : start + MOST_STEPS] for start in range(0, len(powers), MOST_STEPS))
+        return [contact for piece in pieces for contact in self._take(piece)]
 
-    def _step(self, power: float) -> Contact | None:
-        self._fast.append(power)
-        self._slow.append(power)
+    def _take(self, powers: FloatArray) -> list[Contact]:
+        """Keep the steps; evaluate them as soon as they could change anything."""
+        if not len(powers):
+            return []
+        filled = self._filled + len(powers)
+        self._powers[self._filled : filled] = powers
+        self._filled = filled
+        self._room -= sum(powers.tolist())
+        until_heartbeat = self._heartbeat - self._steps % self._heartbeat
+        # A comparison with NaN is false: invalid samples are evaluated at once.
+        if self._room > 0 and filled - self._slow < until_heartbeat:
+            return []
+        return self._evaluate()
+
+    def _evaluate(self) -> list[Contact]:
+        """Evaluate all steps that wait, one after another, and return what changed."""
+        # Each level is a sum of its own, so that it is the same at any block size.
+        count = self._filled - self._slow
+        windows = self._windows[:count]
+        slow = np.vecdot(windows, self._slow_weights).tolist()
+        fast = np.vecdot(windows[:, -self._fast :], self._fast_weights).tolist()
+        self._powers[: self._slow] = self._powers[count : self._filled]
+        self._filled = self._slow
+        contacts, start = list[Contact](), 0
+        while start < count:
+            # A heartbeat may move the thresholds.
+            end = start + self._heartbeat - self._steps % self._heartbeat
+            contacts += self._evaluate_until_heartbeat(slow[start:end], fast[start:end])
+            start = end
+        self._room = self._room_after(slow[-1], fast[-1])
+        return contacts
+
+    def _evaluate_until_heartbeat(self, slow: list[float], fast: list[float]) -> list[Contact]:
+        if not self._stays(slow, fast):
+            return [contact for contact in map(self._step, slow, fast) if contact]
+        self._steps += len(slow)
+        self._lasted += len(slow)
+        self._quiet = 0 if self._touching else self._quiet + len(slow)
+        contact = self._report(slow[-1], changed=False)
+        return [contact] if contact else []
+
+    def _room_after(self, slow: float, fast: float) -> float:
+        """Return the sum of powers up to which further steps can change nothing until the next heartbeat."""
+        if self._held:
+            return 0.0
+        if self._touching:
+            # The steps that the slow level will still cover then may be enough to keep the touch.
+            kept = self._powers[self._heartbeat : self._slow] @ self._slow_weights[self._heartbeat :]
+            return math.inf if kept >= self._close_under * (1 + ROUNDING) else 0.0
+        opening = min(self._slow * (self._open_from - slow), self._fast * (self._clear_from - fast))
+        return (1 - ROUNDING) * opening
+
+    def _stays(self, slow: list[float], fast: list[float]) -> bool:
+        """Whether these steps plainly change nothing, so that none needs a look of its own."""
+        if self._touching:
+            return not self._held and all(level >= self._close_under for level in slow)
+        return max(slow) < self._open_from and max(fast) < self._clear_from
+
+    def _step(self, slow: float, fast: float) -> Contact | None:
         touching, held = self._touching, self._held
         self._steps += 1
         self._lasted += 1
-        slow = sum(self._slow) / SLOW
-        loud = slow >= self._open_from or self._is_loud(sum(self._fast) / FAST, slow)
+        loud = slow >= self._open_from or self._is_loud(fast, slow)
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
-        self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold_steps
+        self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold
         self._touching = loud or self._held
         if self._touching and not touching:
             self._lasted = 0
-        reported = self._steps % HEARTBEAT_STEPS == 0
-        if reported and self.floor:
-            self._follow(self.floor, slow)
-        if not reported and self._touching is touching and self._held is held:
+        return self._report(slow, changed=self._touching is not touching or self._held is not held)
+
+    def _report(self, slow: float, *, changed: bool) -> Contact | None:
+        """Return the state if it changed or a heartbeat is due."""
+        if self._steps % self._heartbeat == 0:
+            if self.floor:
+                self._follow(self.floor, slow)
+        elif not changed:
             return None
         time = self._steps * self._levels.step_size / self._sample_rate
         return Contact(time, self._touching, self._held, self._threshold_dbfs)
@@ -165,11 +247,11 @@ class ContactGate:
         if fast >= self._clear_from:
             return True
         open_now = self._touching and not self._held
-        return open_now and (slow >= self._close_under or (self._lasted < MIN_STEPS and fast >= 0))
+        return open_now and (slow >= self._close_under or (self._lasted < self._shortest and fast >= 0))
 
     def _follow(self, floor: NoiseFloor, slow: float) -> None:
         level_dbfs = 20 / self._levels.power * math.log10(slow) if slow > 0 else math.nan
-        # Until the deque is full of sound, the level is that of its zeros.
-        floor.push(level_dbfs if self._steps >= SLOW else math.nan, touching=self._touching)
+        # Until the window is full of sound, the level is that of its zeros.
+        floor.push(level_dbfs if self._steps >= self._slow else math.nan, touching=self._touching)
         if floor.threshold_dbfs != self._threshold_dbfs:
             self._set(floor.threshold_dbfs, floor.release_dbfs)

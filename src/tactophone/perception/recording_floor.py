@@ -9,7 +9,10 @@ import statistics
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tactophone.perception.contact import HEARTBEAT_STEPS, SLOW
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tactophone.perception.contact import HEARTBEAT, SLOW
 from tactophone.perception.features.loudness import LoudnessRule
 from tactophone.perception.noise_floor import (
     CELL,
@@ -79,11 +82,11 @@ def measure_floor(
 
 def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> list[float]:
     """Return the level over 32 ms in dBFS a hundred times a second, without digital silence."""
-    steps, powers = StepLevels(rule, sample_rate=sample_rate), [0.0]
-    for block in blocks:
-        powers += steps.push(block)
-    totals = [math.nan] * SLOW
-    totals += [sum(powers[at - SLOW : at]) / SLOW for at in range(SLOW, len(powers), HEARTBEAT_STEPS)]
+    steps = StepLevels(rule, sample_rate=sample_rate)
+    powers = np.concatenate([np.zeros(0), *(steps.push(block) for block in blocks)])
+    if len(powers) < steps.count(SLOW):
+        return []
+    totals = sliding_window_view(powers, steps.count(SLOW))[:: steps.count(HEARTBEAT)].mean(axis=1).tolist()
     levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
     return [level for level in levels if level > SILENT_DBFS]
 

@@ -26,7 +26,6 @@ from tactophone.perception.sensor_health.faults import (
     SensorFault,
 )
 from tactophone.perception.sensor_health.signal_statistics import ChannelStatistics, SignalStatistics
-from tactophone.perception.step_levels import STEP_RATE
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 WINDOW = 0.256
@@ -144,7 +143,7 @@ def measure_calibration(
 
 def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
     """Return the threshold in dBFS at which silence opens the contact gate so many times a minute."""
-    fast, slow = (level_threshold(sounds, steps / STEP_RATE, false_alarms_per_minute) for steps in (FAST, SLOW))
+    fast, slow = (level_threshold(sounds, seconds, false_alarms_per_minute) for seconds in (FAST, SLOW))
     return round(max(slow, fast - CLEAR_DB), 2)
 
 
@@ -236,7 +235,7 @@ def _weaknesses(
             f"the stroke is {clearance_db:+.1f} dB from the contact threshold, but needs {CLEARANCE_DB:+g} dB: "
             "press harder, lower the noise, or turn the contact microphone's gain up",
         )
-    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], sounds.sample_rate * FAST // STEP_RATE).max()))
+    tap_dbfs = _dbfs(float(_powers(sounds.tap[:, CONTACT], round(FAST * sounds.sample_rate)).max()))
     if tap_dbfs < calibration.threshold_dbfs + CLEAR_DB:
         yield Finding("no-tap", "no tap was found: tap the pad on something hard, about twice a second")
     for channel, name in enumerate(MICROPHONES[: calibration.channels]):
