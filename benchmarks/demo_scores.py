@@ -1,6 +1,6 @@
 """How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, gaps; simulated sound.
 
-python benchmarks/demo_scores.py [--seeds 30] [--tip pad] [--model NAME]
+python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
 
 The strokes and the competition's noise are those of `tactophone demo`, through the pipeline without the network.
 """
@@ -47,10 +47,12 @@ def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, floa
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=30)
+    parser.add_argument("--first", type=int, default=0, help="first seed; choices were made on 100 to 300")
     parser.add_argument("--tip", choices=TIP_NAMES, default=DEFAULT_TIP)
     parser.add_argument("--model", default="")
     args = parser.parse_args()
-    scores = np.array([score(seed, tip=args.tip, model=args.model) for seed in range(args.seeds)])
+    seeds = range(args.first, args.first + args.seeds)
+    scores = np.array([score(seed, tip=args.tip, model=args.model) for seed in seeds])
     worst = [scores[:, 0].min(), *scores[:, 1:].max(axis=0)]
     names = (
         "rough rendered rough",

@@ -47,6 +47,7 @@ def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixtu
         (["--takes", "long"], "is not a take"),
         (["--seconds", "0"], "must be over 0"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),
+        (["--authors-layout", "--tip", "stylus"], "of their finger, tip pad"),
     ],
 )
 def test_a_mistake_is_reported_in_one_line(

@@ -19,6 +19,7 @@ def test_the_authors_layout_knows_their_objects(tmp_path: Path) -> None:
     }
     assert by_name["02_short_loud"].known("pressure") == "strong"
     assert by_name["day_2_rough"].session == "day 2"
+    assert {recording.known("tip") for recording in dataset.recordings} == {"pad"}
 
 
 def test_the_authors_split_tests_their_test_objects_and_the_competition(tmp_path: Path) -> None:

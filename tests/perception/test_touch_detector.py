@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.perception import ContactGate, TouchDetector
-from tactophone.perception.touch_detector import PAUSE
+from tactophone.perception import Contact, ContactGate, TouchDetector
+from tactophone.perception.touch_detector import FADED_DB, FADED_PAUSE, PAUSE
 from tactophone.types import AudioBlock, Prediction, Touch
 
 RATE, HOP = 8000, 80
@@ -64,6 +64,22 @@ def test_rough_outlasts_the_gates_level_by_a_short_pause() -> None:
     # The gate's longer level falls for up to 32 ms before the hold begins.
     assert max(each.end for each in found if each.touch is Touch.ROUGH) < 0.2 + 0.032 + PAUSE
     assert {each.touch for each in found if silent <= each.end < silent + 0.05} == {Touch.SMOOTH}
+
+
+@pytest.mark.parametrize(("over_db", "pause"), [(FADED_DB + 1, PAUSE), (FADED_DB - 1, FADED_PAUSE)])
+def test_rough_outlasts_sound_that_fades_for_longer_than_sound_that_stops(over_db: float, pause: float) -> None:
+    touches = [Touch.ROUGH] * 20 + [Touch.NONE] * 20
+    sound = np.zeros((len(touches) * HOP, 1), np.float32)
+    sound[: 20 * HOP] = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1))
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1)
+    found = TouchDetector(Scripted(touches, -40 + over_db), gate, window=0.032).push(AudioBlock(sound, RATE))
+    held_from = next(contact.time for contact in _contacts(sound) if contact.held)
+    ends = max(each.end for each in found if each.touch is Touch.ROUGH)
+    assert held_from + pause - 0.01 <= ends < held_from + pause
+
+
+def _contacts(sound: np.ndarray) -> list[Contact]:
+    return ContactGate(-40, sample_rate=RATE, rule="banded", hold=0.1).push(AudioBlock(sound, RATE))
 
 
 def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:

@@ -129,6 +129,7 @@ def _dataset(args: argparse.Namespace) -> int:
         tip=args.tip,
     )
     objects = _objects_named(args.objects)
+    _check_layout(args)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
     if args.seconds <= 0 or args.jobs < 1:
@@ -148,10 +149,18 @@ def _dataset(args: argparse.Namespace) -> int:
     return 0
 
 
+def _check_layout(args: argparse.Namespace) -> None:
+    if args.authors_layout and args.tip != DEFAULT_TIP:
+        raise ConfigError(
+            f"--tip {args.tip}: the authors' layout is of their finger, tip {DEFAULT_TIP}; omit one of them"
+        )
+
+
 def _competition(args: argparse.Namespace) -> int:
     from tactophone.dataset import write_metadata
     from tactophone.simulation import DAYS, CompetitionRun, run_recording, write_finals, write_run
 
+    _check_layout(args)
     runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
     args.out.mkdir(parents=True, exist_ok=True)
     if args.authors_layout:

@@ -2,7 +2,7 @@
 
 The authors' layout is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
 ``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
-(github.com/AIS-Bonn/Roughness_Sensing) and repeated here.
+(github.com/AIS-Bonn/Roughness_Sensing) and repeated here. The tip is that of their finger, hard skin on a pad.
 """
 
 import re
@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 from tactophone.dataset.metadata import inside, parse_label, rows
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
-from tactophone.types import Touch
+from tactophone.types import DEFAULT_TIP, Touch
 
 MANIFEST = "manifest.csv"
 SEGMENTS = "segments.csv"
@@ -134,6 +134,7 @@ def _object(path: Path, problems: list[Problem]) -> Recording | None:
         "pressure": PRESSURES.get(match["pressure"] or "", ""),
         "split": "test" if number in TEST_OBJECTS else "" if number == SPARE_OBJECT else "train",
         "kin": KIN.get(number, f"object {number:02}"),
+        "tip": DEFAULT_TIP,
     }
     return Recording(
         path,
@@ -158,5 +159,7 @@ def _final(path: Path, problems: list[Problem]) -> Recording | None:
         ("contact", "air"),
         scenario="competition",
         session=f"day {match['day']}",
-        properties=MappingProxyType({"split": "competition", "kin": f"competition {match['label']}"}),
+        properties=MappingProxyType(
+            {"split": "competition", "kin": f"competition {match['label']}", "tip": DEFAULT_TIP}
+        ),
     )
