@@ -20,20 +20,28 @@ from tactophone.types import AudioBlock
 RATE = 48_000
 
 
-def record(source: FaultySource, seconds: float, act: Callable[[], None]) -> np.ndarray:
+def record(source: SimulatedParticipant, seconds: float, act: Callable[[], None]) -> np.ndarray:
     act()
     blocks = iter(source)
     return np.concatenate([next(blocks).samples for _ in range(round(seconds * 100))])
 
 
 @functools.cache
-def calibrated(name: str, fault: str = "", gain_db: float = -9.0) -> CalibrationResult:
+def performed(name: str, gain_db: float) -> tuple[SimulatedParticipant, list[AudioBlock]]:
+    """A participant, and its settling, silence, strokes and taps, as microphones without a fault record them."""
     participant = SimulatedParticipant(find(name), gain_db=gain_db)
+    acts = ((0.5, participant.rest), (5, participant.rest), (5, lambda: participant.stroke(4.8)),
+            (3, lambda: participant.tap(3)))  # fmt: skip
+    sounds = [record(participant, seconds, act) for seconds, act in acts]
+    starts = itertools.accumulate((len(sound) for sound in sounds), initial=0)
+    return participant, list(map(AudioBlock, sounds, itertools.repeat(RATE), starts))
+
+
+@functools.cache
+def calibrated(name: str, fault: str = "", gain_db: float = -9.0) -> CalibrationResult:
+    participant, sounds = performed(name, gain_db)
     source = FaultySource(participant, [FaultSpan(fault)] if fault else [])
-    record(source, 0.5, participant.rest)
-    silence = record(source, 5, participant.rest)
-    stroke = record(source, 5, lambda: participant.stroke(4.8))
-    tap = record(source, 3, lambda: participant.tap(3))
+    _, silence, stroke, tap = (source.apply(sound).samples for sound in sounds)
     return measure_calibration(
         CalibrationSounds(RATE, silence, stroke, tap), made="2026-01-01T00:00:00", source="the simulated finger"
     )
@@ -67,12 +75,11 @@ def test_a_gain_too_high_comes_with_the_change_that_mends_it() -> None:
 
 def test_missing_strokes_and_taps_are_found() -> None:
     participant = SimulatedParticipant(find("whiteboard"), gain_db=-9)
-    source = FaultySource(participant, [])
-    record(source, 0.5, participant.rest)
-    still = record(source, 5, participant.rest)
+    record(participant, 0.5, participant.rest)
+    still = record(participant, 5, participant.rest)
     result = measure_calibration(CalibrationSounds(RATE, still, still, still), made="", source="")
     assert {"faint-stroke", "no-tap"} <= {finding.code for finding in result.findings if finding.fatal}
-    moved = record(source, 5, lambda: participant.stroke(1.5))
+    moved = record(participant, 5, lambda: participant.stroke(1.5))
     restless = measure_calibration(CalibrationSounds(RATE, moved, moved, moved), made="", source="")
     assert "restless" in {finding.code for finding in restless.findings}
 
@@ -95,12 +102,11 @@ def test_the_threshold_gives_about_the_chosen_number_of_false_alarms(duration: f
 @pytest.mark.slow
 def test_silence_hardly_ever_opens_the_contact_gate_at_the_threshold_found() -> None:
     participant = SimulatedParticipant(find("whiteboard"))
-    source = FaultySource(participant, [])
-    record(source, 0.5, participant.rest)
-    silence = record(source, 5, participant.rest)
+    record(participant, 0.5, participant.rest)
+    silence = record(participant, 5, participant.rest)
     threshold_dbfs = gate_threshold(CalibrationSounds(RATE, silence, silence, silence), 6.0)
     gate = ContactGate(threshold_dbfs, sample_rate=RATE)
-    changes = gate.push(AudioBlock(record(source, 60, participant.rest), RATE))
+    changes = gate.push(AudioBlock(record(participant, 60, participant.rest), RATE))
     openings = sum(later.touching and not earlier.touching for earlier, later in itertools.pairwise(changes))
     # A few of either kind of look; five seconds do not determine a rate of 6 to better than a factor of three.
     assert openings <= 18

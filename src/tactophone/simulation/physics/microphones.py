@@ -5,6 +5,7 @@ vent. In a box, the box's resonances filter a body's sound on its way to the air
 normals of each sample, so that it does not depend on block size.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
@@ -94,10 +95,9 @@ def _peak(frequency: float, gain_db: float, q: float, rate: int) -> Array:
 
 def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, rate: int) -> Electrics:
     e = electronics
-    rumble = signal.butter(2, [12, 80], "band", fs=rate, output="sos")
-    room = np.vstack([signal.tf2sos(*_PINK), signal.butter(2, 45, "high", fs=rate, output="sos")])
+    rumble, room, gains = _noise_filters(rate)
     levels = (e.contact_noise_dbfs, e.contact_rumble_dbfs, e.room_dbfs, e.air_noise_dbfs)
-    noise = np.array([_amplitude(level) for level in levels]) / (1.0, _rms_gain(rumble), _rms_gain(room), 1.0)
+    noise = np.array([_amplitude(level) for level in levels]) / gains
     motors = _amplitude(e.motor_contact_dbfs), _amplitude(e.motor_air_dbfs)
     return Electrics(
         contact=_filter(signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")),
@@ -111,6 +111,14 @@ def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, 
         whine_frequency=float(rng.uniform(240, 420)),
         gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
     )
+
+
+@functools.cache
+def _noise_filters(rate: int) -> tuple[Array, Array, tuple[float, ...]]:
+    """Return the filters of rumble and of a room's noise, and the rms gains of the four noises through theirs."""
+    rumble = signal.butter(2, [12, 80], "band", fs=rate, output="sos")
+    room = np.vstack([signal.tf2sos(*_PINK), signal.butter(2, 45, "high", fs=rate, output="sos")])
+    return rumble, room, (1.0, _rms_gain(rumble), _rms_gain(room), 1.0)
 
 
 def _filter(sections: Array) -> Filter:

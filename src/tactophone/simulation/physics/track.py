@@ -89,11 +89,12 @@ def track(surface: Surface, material: Material, tip_radius: float, tip_modulus: 
     traced = envelope(height, tip_radius)
     traced -= traced.mean()
     rng = np.random.default_rng(np.random.SeedSequence([0xF21C, surface.seed]))
-    light, heavy = (patch_filter(traced, mechanics.patch(load)) for load in (LIGHT, HEAVY))
+    spectrum = np.fft.rfft(traced)
+    light, heavy = (_averaged(spectrum, mechanics.patch(load)) for load in (LIGHT, HEAVY))
     return Track(
         light=light.astype(np.float32),
         heavy=heavy.astype(np.float32),
-        friction=_friction(traced, material, mechanics, rng).astype(np.float32),
+        friction=_friction(spectrum, material, mechanics, rng).astype(np.float32),
         mechanics=mechanics,
     )
 
@@ -114,14 +115,25 @@ def envelope(height: Profile, tip_radius: float) -> Profile:
 
 def patch_filter(height: Profile, radius: float) -> Profile:
     """Average a profile over a contact patch of this radius in m."""
-    wavenumber = 2 * np.pi * np.fft.rfftfreq(height.size, SPACING)
+    return _averaged(np.fft.rfft(height), radius)
+
+
+def _averaged(spectrum: NDArray[np.complex128], radius: float) -> Profile:
+    """Average the profile of this spectrum, of an even number of samples, over a contact patch."""
+    size = 2 * (spectrum.size - 1)
+    wavenumber = 2 * np.pi * np.fft.rfftfreq(size, SPACING)
     passed = (wavenumber < 2 * np.pi / FINEST_TEXTURE) / np.sqrt(1 + np.pi / 4 * (wavenumber * radius) ** 3)
-    return np.fft.irfft(np.fft.rfft(height) * passed, height.size)
+    return np.fft.irfft(spectrum * passed, size)
 
 
-def _friction(traced: Profile, material: Material, mechanics: ContactMechanics, rng: np.random.Generator) -> Profile:
-    """Tangential over normal force beyond plain friction: slope, patches of friction, and snags."""
-    slope = np.gradient(patch_filter(traced, mechanics.patch(1.0)), SPACING)
+def _friction(
+    spectrum: NDArray[np.complex128], material: Material, mechanics: ContactMechanics, rng: np.random.Generator
+) -> Profile:
+    """Tangential over normal force beyond plain friction: slope, patches of friction, and snags.
+
+    ``spectrum`` is that of the traced profile.
+    """
+    slope = np.gradient(_averaged(spectrum, mechanics.patch(1.0)), SPACING)
     patchiness = mechanics.adhesion * material.kinetic * material.patchiness
     patches = self_affine(patchiness, PATCH, hurst=0.5, rng=rng)
     uneven = patch_filter(patches + _snags(material, rng), mechanics.patch(LIGHT))
