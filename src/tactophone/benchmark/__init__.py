@@ -7,7 +7,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, default_cache, permute_labels
-from tactophone.benchmark.job_runner import Job, Place, run_jobs
+from tactophone.benchmark.job_runner import Job, run_jobs
 
 if TYPE_CHECKING:
     from tactophone.benchmark.costs import Cost, measure_costs
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     )
     from tactophone.benchmark.methods import graph_predictor, method_of, recipe_method
     from tactophone.benchmark.paper_tables import TableRow, by_gate, predict_held_out, table_one, table_two
-    from tactophone.benchmark.plan import DatasetResults, Plan, origin_of, plan_for, run_plan, splits_of
-    from tactophone.benchmark.stone_task import PAPER_THREE, TaskOutcome, play_task, task_methods
+    from tactophone.benchmark.plan import DatasetResults, origin_of, plan_for, run_plan, splits_of
+    from tactophone.benchmark.stone_task import PAPER_THREE, play_task, task_methods
 
 __all__ = [
     "PAPER_THREE",
@@ -31,10 +31,7 @@ __all__ = [
     "DatasetResults",
     "Job",
     "Method",
-    "Place",
-    "Plan",
     "TableRow",
-    "TaskOutcome",
     "by_gate",
     "cross_validate",
     "default_cache",
@@ -73,8 +70,8 @@ _MODULE_OF = {
     ),
     "methods": ("graph_predictor", "method_of", "recipe_method"),
     "paper_tables": ("TableRow", "by_gate", "predict_held_out", "table_one", "table_two"),
-    "plan": ("DatasetResults", "Plan", "origin_of", "plan_for", "run_plan", "splits_of"),
-    "stone_task": ("PAPER_THREE", "TaskOutcome", "play_task", "task_methods"),
+    "plan": ("DatasetResults", "origin_of", "plan_for", "run_plan", "splits_of"),
+    "stone_task": ("PAPER_THREE", "play_task", "task_methods"),
 }
 
 

@@ -8,7 +8,6 @@ from tactophone.bridges.mcap_file import LogEnd, LogEntry, is_mcap, read_log
 from tactophone.bridges.mcap_log import McapLog
 from tactophone.bridges.prediction_rows import LoggedPrediction, RowChecks
 from tactophone.bridges.process import Bridge, BridgeProcess
-from tactophone.bridges.run_reader import Message, RunReader
 
 __all__ = [
     "Bridge",
@@ -17,9 +16,7 @@ __all__ = [
     "LogEntry",
     "LoggedPrediction",
     "McapLog",
-    "Message",
     "RowChecks",
-    "RunReader",
     "is_mcap",
     "read_log",
 ]

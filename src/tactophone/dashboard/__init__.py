@@ -2,6 +2,6 @@
 
 from tactophone.dashboard.feed import WatchedRun
 from tactophone.dashboard.message import pack, step_table
-from tactophone.dashboard.process import ADDRESS, Page, guide, network_address, watch
+from tactophone.dashboard.process import Page, guide, network_address, watch
 
-__all__ = ["ADDRESS", "Page", "WatchedRun", "guide", "network_address", "pack", "step_table", "watch"]
+__all__ = ["Page", "WatchedRun", "guide", "network_address", "pack", "step_table", "watch"]

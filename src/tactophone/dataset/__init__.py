@@ -9,15 +9,13 @@ from tactophone.dataset.checks import check, usable, with_channels
 from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
 from tactophone.dataset.converters import convert, set_split, write_card
 from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
-from tactophone.dataset.height_map import ArealRoughness, HeightReport, measure_heights, read_heights
+from tactophone.dataset.height_map import HeightReport, measure_heights, read_heights
 from tactophone.dataset.height_plots import draw_heights
 from tactophone.dataset.kin import kin_of, with_kin
 from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
-from tactophone.dataset.motion_intervals import MotionInterval, read_slides, write_slides
 from tactophone.dataset.plots import draw_dataset
 from tactophone.dataset.published_sets import FORMATS
-from tactophone.dataset.roughness import Roughness, measure_profile
 from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
 
@@ -30,14 +28,11 @@ __all__ = [
     "REDUCED_OBJECTS",
     "SPARE_OBJECT",
     "SPLITS",
-    "ArealRoughness",
     "Dataset",
     "Fold",
     "HeightReport",
-    "MotionInterval",
     "Problem",
     "Recording",
-    "Roughness",
     "Segment",
     "channel_order",
     "check",
@@ -52,11 +47,9 @@ __all__ = [
     "holds_metadata",
     "kin_of",
     "measure_heights",
-    "measure_profile",
     "open_dataset",
     "read_heights",
     "read_metadata",
-    "read_slides",
     "set_split",
     "split",
     "touch_at",
@@ -65,5 +58,4 @@ __all__ = [
     "with_kin",
     "write_card",
     "write_metadata",
-    "write_slides",
 ]

@@ -7,10 +7,10 @@ a device is lost, and reconnecting.
 from tactophone.devices.clocked import ClockedDevice
 from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.devices.dummy import DummyServer
-from tactophone.devices.gamepad import GamepadDevice, motor_levels
-from tactophone.devices.jack import JackClient, JackPort
+from tactophone.devices.gamepad import GamepadDevice
+from tactophone.devices.jack import JackClient
 from tactophone.devices.jack_sockets import disconnect_from_jack
-from tactophone.devices.portaudio import PortAudioDevice, PortAudioStream
+from tactophone.devices.portaudio import PortAudioStream
 from tactophone.devices.stream import StreamDevice
 from tactophone.devices.survey import SurveyedDevice, survey
 from tactophone.devices.sweep import MeasuredResponse, SweepRecorder, fit, sweep
@@ -21,9 +21,7 @@ __all__ = [
     "DummyServer",
     "GamepadDevice",
     "JackClient",
-    "JackPort",
     "MeasuredResponse",
-    "PortAudioDevice",
     "PortAudioStream",
     "Process",
     "StreamDevice",
@@ -31,7 +29,6 @@ __all__ = [
     "SweepRecorder",
     "disconnect_from_jack",
     "fit",
-    "motor_levels",
     "open_at_rate",
     "survey",
     "sweep",

@@ -8,7 +8,6 @@ from tactophone.evaluation.event_metrics import (
     edge_delays,
     false_bumps_per_minute,
     in_true_contact,
-    true_contact,
 )
 from tactophone.evaluation.metrics import RULES, Rule, Scores, false_positives_at_recall, measure, rough_score
 from tactophone.evaluation.model_comparison import Change, accuracy_of, by_surface, by_take, compare_models
@@ -30,7 +29,7 @@ from tactophone.evaluation.predictions import (
     streaming_predictor,
 )
 from tactophone.evaluation.rendered import RENDERED, Rendered, rendered_scores
-from tactophone.evaluation.report import GroupScore, Report, make_report
+from tactophone.evaluation.report import Report, make_report
 from tactophone.evaluation.transitions import join_edges
 
 __all__ = [
@@ -41,7 +40,6 @@ __all__ = [
     "Difference",
     "Estimate",
     "Goal",
-    "GroupScore",
     "OperatingPoint",
     "Predictor",
     "Rendered",
@@ -75,6 +73,5 @@ __all__ = [
     "rough_score",
     "scores_of",
     "streaming_predictor",
-    "true_contact",
     "try_rules",
 ]

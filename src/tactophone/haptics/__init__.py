@@ -2,7 +2,6 @@
 
 from tactophone.haptics.actuator import (
     Actuator,
-    Render,
     RenderHand,
     clocked_hand_actuator,
     gamepad_actuator,
@@ -15,8 +14,8 @@ from tactophone.haptics.oscillator import Oscillator
 from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE, Passthrough
 from tactophone.haptics.passthrough_renderer import GateProfile, PassthroughRenderer
 from tactophone.haptics.playback import Playback
-from tactophone.haptics.profiles import ErmProfile, LraProfile, PerceptualProfile, discriminable_steps
-from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, sensation_db, threshold_db
+from tactophone.haptics.profiles import PerceptualProfile, discriminable_steps
+from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
 from tactophone.haptics.renderer import Renderer
 from tactophone.haptics.response import UNKNOWN, ActuatorResponse, parse_levels
 
@@ -32,17 +31,14 @@ __all__ = [
     "UNKNOWN",
     "Actuator",
     "ActuatorResponse",
-    "ErmProfile",
     "GateProfile",
     "Limits",
-    "LraProfile",
     "Oscillator",
     "PaperProfile",
     "Passthrough",
     "PassthroughRenderer",
     "PerceptualProfile",
     "Playback",
-    "Render",
     "RenderHand",
     "Renderer",
     "Stimulus",
@@ -54,6 +50,5 @@ __all__ = [
     "parse_levels",
     "peak_amplitude",
     "portaudio_hand_actuator",
-    "sensation_db",
     "threshold_db",
 ]

@@ -18,8 +18,7 @@ from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, Re
 from tactophone.link.send_group import MOST_OPERATORS, SendGroup
 from tactophone.link.send_session import Datagrams, SendSession
 from tactophone.link.session import Session
-from tactophone.link.session_log import LoggedSession, read_event, write_event
-from tactophone.link.stats import StreamStats
+from tactophone.link.session_log import LoggedSession, write_event
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
 
 __all__ = [
@@ -55,12 +54,10 @@ __all__ = [
     "SendGroup",
     "SendSession",
     "Session",
-    "StreamStats",
     "UdpSocket",
     "open_decoder",
     "open_encoder",
     "parse_packet",
-    "read_event",
     "resolve",
     "resolve_all",
     "round_trip",

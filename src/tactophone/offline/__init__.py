@@ -3,12 +3,11 @@
 from tactophone.offline.peaks import PeakEnvelope
 from tactophone.offline.plots import draw_recording
 from tactophone.offline.prepared_source import Preparation, PreparedSource
-from tactophone.offline.process_recording import OfflineRenderer, OutputFiles, RunSummary, process_recording
+from tactophone.offline.process_recording import OutputFiles, RunSummary, process_recording
 from tactophone.offline.run_recorder import RunRecorder
 from tactophone.offline.run_summary import RunScores, score_run
 
 __all__ = [
-    "OfflineRenderer",
     "OutputFiles",
     "PeakEnvelope",
     "Preparation",

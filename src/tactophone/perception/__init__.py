@@ -1,8 +1,8 @@
 """Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
 
 from tactophone.perception.batching import process_together
-from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, Decision, DecisionRule, rough_share
+from tactophone.perception.contact import ContactGate
+from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, Decision, DecisionRule
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.event_merging import EventMerger
 from tactophone.perception.events import EventDetector
@@ -78,7 +78,6 @@ __all__ = [
     "CalibrationSounds",
     "ChangeMetric",
     "ChannelStatistics",
-    "Contact",
     "ContactGate",
     "Decision",
     "DecisionRule",
@@ -114,7 +113,6 @@ __all__ = [
     "open_detector",
     "process_together",
     "read_model",
-    "rough_share",
     "shipped_models",
     "texture_features",
     "tip_mismatch",

@@ -22,20 +22,19 @@ from tactophone.simulation.participants.stroking_finger import StrokingFinger
 from tactophone.simulation.participants.stroking_hand import StrokingHand
 from tactophone.simulation.physics.finger import Electronics, Finger
 from tactophone.simulation.physics.hand import STRUCTURE_DB, SimulatedHand
-from tactophone.simulation.physics.motion import LIFT, Move
+from tactophone.simulation.physics.motion import LIFT
 from tactophone.simulation.physics.scene import Scene, five_stones, row, single
 from tactophone.simulation.physics.sensor_faults import CODES, FaultSpan, FaultySource
 from tactophone.simulation.physics.session_variation import SessionVariation
-from tactophone.simulation.physics.source import SimulatedFinger, Truth
-from tactophone.simulation.physics.tip import TIPS, Tip
+from tactophone.simulation.physics.source import SimulatedFinger
 
 __all__ = [
-    "CODES", "DAYS", "LIFT", "PAPER", "STRUCTURE_DB", "TAKES", "TIPS", "CompetitionRun", "Electronics", "FaultSpan",
+    "CODES", "DAYS", "LIFT", "PAPER", "STRUCTURE_DB", "TAKES", "CompetitionRun", "Electronics", "FaultSpan",
     "FaultySource",
-    "Finger", "Move", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
+    "Finger", "OfflinePipeline", "RenderOptions", "Scene", "Script", "SessionVariation",
     "SimulatedFinger", "SimulatedHand", "SimulatedObject", "SimulatedParticipant", "SoundToVibration",
     "StrokingFinger", "StrokingHand",
-    "Take", "Tip", "Truth", "catalogue", "demonstrate_hand", "demonstration", "find", "five_stones", "measured_objects",
+    "Take", "catalogue", "demonstrate_hand", "demonstration", "find", "five_stones", "measured_objects",
     "perceive_visits", "plan_dataset",
     "play_rounds", "read_render_metadata", "render_dataset", "render_visits", "row", "run_recording",
     "shuffled", "single", "summarize_rounds", "take_moves", "write_demonstration", "write_finals",
