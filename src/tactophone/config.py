@@ -5,7 +5,6 @@ its range and the words that ``--help`` and ``tactophone settings`` show, so tha
 """
 
 import dataclasses
-import difflib
 import math
 import sys
 import tomllib
@@ -287,7 +286,8 @@ def replace(settings: Settings, name: str, value: Any, *, where: str) -> Setting
     section, _, key = name.partition(".")
     known = {entry.name: entry for entry in entries()}
     if name not in known:
-        raise ConfigError(f"{where}: there is no setting {name}{_nearest(name, known)}")
+        hint = did_you_mean(name, known) or f"; sections are {_sections()}"
+        raise ConfigError(f"{where}: there is no setting {name}{hint}")
     table = getattr(settings, section)
     declared = next(entry for entry in dataclasses.fields(table) if entry.name == key)
     checked = _checked(declared, value, f"{where}: {name} = {value!r}")
@@ -326,11 +326,6 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else f"; sections are {_sections()}"
 
 
 def _sections() -> str:

@@ -140,7 +140,7 @@ def run_plan(
         origin_of(plan.dataset),
         tuple(results),
         {
-            name: tuple(_balanced_accuracy(plan.permuted, of_set, cache) for of_set in sets)
+            name: tuple(_window_scores(plan.permuted, of_set, cache)[0] for of_set in sets)
             for name, sets in permuted.items()
         },
         {
@@ -162,10 +162,6 @@ def folds_with_edges(dataset: Dataset, name: str, folder: Path) -> list[Fold]:
     if not any(key in name for key in ("surface", "kin")) and not name.endswith("-fold"):
         return list(folds)
     return [replace(fold, test=(*fold.test, *join_edges(fold.test, folder))) for fold in folds]
-
-
-def _balanced_accuracy(method: Method, folds: Sequence[Fold], cache: Cache) -> float:
-    return _window_scores(method, folds, cache)[0]
 
 
 def _window_scores(method: Method, folds: Sequence[Fold], cache: Cache) -> tuple[float, float]:

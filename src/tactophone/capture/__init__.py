@@ -1,11 +1,15 @@
 """Sources of sound: microphones behind JACK and PortAudio, and files; all obey `tactophone.types.Source`."""
 
-from tactophone.capture.browser import browser_source
 from tactophone.capture.files import FileSource
 from tactophone.capture.hand import CombinedSource
-from tactophone.capture.jack import jack_hand_source, jack_source
 from tactophone.capture.live import LiveSource
-from tactophone.capture.portaudio import portaudio_hand_source, portaudio_source
+from tactophone.capture.microphones import (
+    browser_source,
+    jack_hand_source,
+    jack_source,
+    portaudio_hand_source,
+    portaudio_source,
+)
 from tactophone.capture.recorded import RecordedSource
 
 __all__ = [

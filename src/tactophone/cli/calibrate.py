@@ -12,7 +12,7 @@ from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
 from tactophone.cli._support.guide_screen import GuideScreen
 from tactophone.cli._support.guided_recording import record_step
-from tactophone.cli._support.meters import Meters, live_display
+from tactophone.cli._support.meters import Meters
 from tactophone.errors import DatasetError
 from tactophone.perception import MICROPHONES, CalibrationResult, CalibrationSounds, measure_calibration
 
@@ -78,7 +78,7 @@ def per_minute(text: str) -> float:
 
 def _record(audio: AudioInput, *, wait: bool) -> CalibrationSounds:
     blocks, meters = iter(audio), Meters(audio.source.channels, math.nan)
-    with live_display() as live:
+    with terminal.live_display() as live:
         parts = [
             record_step(audio, blocks, act, instruction, meters=meters, screen=GuideScreen(live, wait), wait=wait)
             for act, instruction in STEPS

@@ -57,49 +57,23 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.capture import FileSource
     from tactophone.cli.loopback import both_sides
     from tactophone.dataset import ground_truth
+    from tactophone.hand_file import each_finger
     from tactophone.offline import RunRecorder, score_run
     from tactophone.telemetry import read_timeline
 
     args.out.mkdir(parents=True, exist_ok=True)
     settings = flags.settings_of(args)
-    if settings.fingers:
-        return _run_hand(args, settings)
-    source = FileSource(args.recording or _demonstration(args.out, args.seed, settings.capture.tip))
-    terminal.log().print(f"sending {source.duration:.0f} s of sound over {args.network}, in real time", style="dim")
-    settings = _over(settings, source.path)
-    name = settings.process.name
-    with (
-        both_sides(settings, args.network, name=name, seed=args.seed) as sides,
-        record_option.recorded(args, name),
-        dashboard_options.shown(args, name),
-        log_option.logged(_timeline(args), name),
-        RunRecorder(name) as recorder,
-    ):
-        outcome = console.follow(sides, name, duration=source.duration + PATIENCE)
-    truth = ground_truth(source.path, duration=source.duration)
-    files = _write(args, source, recorder, truth)
-    _print(args, outcome, score_run(read_timeline(files["timeline"]), truth), files)
-    return 0
-
-
-def _run_hand(args: argparse.Namespace, settings: Settings) -> int:
-    """Let every finger of a hand stroke the stones."""
-    from tactophone.capture import FileSource
-    from tactophone.cli.loopback import both_sides
-    from tactophone.dataset import ground_truth
-    from tactophone.hand_file import each_finger
-    from tactophone.offline import RunRecorder, score_run
-    from tactophone.telemetry import read_timeline
-
-    names = [finger.name for finger in settings.fingers]
-    if args.recording:
-        raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
-    if not all(own.capture.device for own in each_finger(settings)):
-        settings = _demonstrated(args, settings, names)
-    sources = [FileSource(own.capture.device) for own in each_finger(settings)]
+    if names := [finger.name for finger in settings.fingers]:
+        if args.recording:
+            raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
+        if not all(own.capture.device for own in each_finger(settings)):
+            settings = _demonstrated(args, settings, names)
+        sources = [FileSource(own.capture.device) for own in each_finger(settings)]
+    else:
+        sources = [FileSource(args.recording or _demonstration(args.out, args.seed, settings.capture.tip))]
     duration = max(source.duration for source in sources)
-    terminal.log().print(f"sending {len(names)} fingers over {args.network}, {duration:.0f} s", style="dim")
-    settings = _over(settings, Path())
+    terminal.log().print(f"sending {duration:.0f} s of sound over {args.network}, in real time", style="dim")
+    settings = _over(settings, Path() if names else sources[0].path)
     name = settings.process.name
     with (
         both_sides(settings, args.network, name=name, seed=args.seed) as sides,
@@ -108,14 +82,17 @@ def _run_hand(args: argparse.Namespace, settings: Settings) -> int:
         log_option.logged(_timeline(args), name),
         ExitStack() as stack,
     ):
-        recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(names))]
+        recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(sources))]
         outcome = console.follow(sides, name, duration=duration + PATIENCE)
     scores, files = {}, {}
-    for finger, source, recorder in zip(names, sources, recorders, strict=True):
+    for finger, source, recorder in zip(names or [""], sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)
         files[finger] = _write(args, source, recorder, truth, finger=finger)
         scores[finger] = score_run(read_timeline(_timeline(args), finger=finger), truth)
-    _print_hand(args, outcome, scores, files)
+    if names:
+        _print_hand(args, outcome, scores, files)
+    else:
+        _print(args, outcome, scores[""], files[""])
     return 0
 
 

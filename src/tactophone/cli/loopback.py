@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 from tactophone.config import Settings
-from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.runtime import Supervisor
@@ -60,8 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = for_one_microphone(flags.settings_of(args))
     name = settings.process.name or "loopback"
-    source = source_of(settings)
-    _require_page(args, settings)
+    source = source_of(settings, page=args.dashboard or args.lan)
     with (
         both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open) as sides,
         record_option.recorded(args, name),
@@ -94,11 +92,6 @@ def both_sides(
         sending = Supervisor(send, robot, name=robot.process.name, report=terminal.note)
         stack.enter_context(supervised(receiving, sending))
         yield [receiving, sending]
-
-
-def _require_page(args: argparse.Namespace, settings: Settings) -> None:
-    if settings.capture.source == "browser" and not (args.dashboard or args.lan):
-        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
 
 
 def _impaired_port(stack: ExitStack, operator: Settings, network: str, seed: int) -> int:

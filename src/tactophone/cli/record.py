@@ -11,7 +11,7 @@ from rich.text import Text
 
 from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
-from tactophone.cli._support.meters import Meters, live_display
+from tactophone.cli._support.meters import Meters
 from tactophone.dataset import Recording, holds_metadata, open_dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception import Calibration, Reference
@@ -114,7 +114,7 @@ def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unatten
     count = len(recorder.protocol.takes)
     terminal.log().print(f"{count} takes to record" if count else "all takes are recorded already")
     try:
-        with live_display() as live:
+        with terminal.live_display() as live:
             for block in audio:
                 if unattended:
                     _press_go(recorder, audio, plan)

@@ -46,9 +46,7 @@ def run(args: argparse.Namespace) -> int:
             "send --log needs predictions on this side: add --send-predictions, or log with receive --log"
         )
     name = settings.process.name or "send"
-    source = source_of(settings)
-    if source.microphone is not None and not (args.dashboard or args.lan):
-        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
+    source = source_of(settings, page=args.dashboard or args.lan)
     main = partial(run_robot, open_source=source.open)
     with (
         Supervisor(main, settings, name=name, report=terminal.note) as robot,

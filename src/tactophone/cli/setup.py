@@ -16,7 +16,7 @@ from tactophone.cli._support import audio_input, flags, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
 from tactophone.cli._support.guide_screen import GuidePage, GuideScreen
 from tactophone.cli._support.guided_recording import record_step
-from tactophone.cli._support.meters import Meters, live_display
+from tactophone.cli._support.meters import Meters
 from tactophone.errors import ConfigError, ModelError
 from tactophone.perception import (
     CalibrationSounds,
@@ -184,7 +184,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
 
 def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], screen: GuideScreen) -> _Recorded:
     recorded: list[tuple[str, bool, FloatArray]] = []
-    with AudioInput(args, objects[0][0]) as audio, live_display() as live:
+    with AudioInput(args, objects[0][0]) as audio, terminal.live_display() as live:
         wait = screen.answers and not (args.yes or audio.simulated)
         screen = replace(screen, live=live)
         screen.begin(1)

@@ -58,13 +58,10 @@ def parse_request(text: str, state: State, *, local: bool = True) -> Request | R
 
 
 def _refusal_of_remote(action: Any, value: Any, state: State) -> str:
-    if action in ("stop", "mute", "ceiling") or (action == "output_level" and _at_most(value, state.output_level)):
+    weaker = isinstance(value, int | float) and value <= state.output_level
+    if action in ("stop", "mute", "ceiling") or (action == "output_level" and weaker):
         return ""
     return f"only a page on the run's own machine may do that ({str(action)[:20]}): this one may stop, mute and weaken"
-
-
-def _at_most(value: Any, limit: float) -> bool:
-    return isinstance(value, int | float) and value <= limit
 
 
 def _number(action: Any, value: Any, state: State) -> Request | str:

@@ -97,7 +97,9 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         rate,
         microphones=_microphones_problem(device.inputs, LIVE_SAMPLE_RATE),
         actuator=_actuator_problem(device.outputs, LIVE_SAMPLE_RATE),
-        settings=_dualsense_settings(device) if dualsense else _device_settings(device),
+        settings=_dualsense_settings(device)
+        if dualsense
+        else (f"capture.device={device.index}", f"output.device={device.index}"),
         note="use source jack instead"
         if device.system.startswith("JACK")
         else slow + (_DUALSENSE_NOTE if dualsense else ""),
@@ -105,10 +107,6 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
 
 
 _DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
-
-
-def _device_settings(device: PortAudioDevice) -> tuple[str, ...]:
-    return f"capture.device={device.index}", f"output.device={device.index}"
 
 
 def _dualsense_settings(device: PortAudioDevice) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ CLICKS = frozenset({"contact"})
 
 
 class EventsProfile:
-    """Adds a click of ``frequency`` Hz to another profile at each onset of a touch.
+    """Adds a click to another profile at each onset of a touch.
 
     It remembers when the click began; each pipeline needs one of its own. Without an event detector in the pipeline it
     renders as the other profile does.
@@ -23,8 +23,8 @@ class EventsProfile:
 
     name = "events"
 
-    def __init__(self, base: Profile, *, frequency: float = CLICK_FREQUENCY) -> None:
-        self._base, self._frequency = base, frequency
+    def __init__(self, base: Profile) -> None:
+        self._base = base
         self._clicked = -math.inf
 
     def command(self, prediction: Prediction) -> HapticCommand:
@@ -33,5 +33,5 @@ class EventsProfile:
             self._clicked = prediction.end
         # Time may begin anew, where a stream is restarted.
         if 0 <= prediction.end - self._clicked < CLICK_DURATION and not prediction.faulty:
-            return HapticCommand(1.0, self._frequency, prediction.end)
+            return HapticCommand(1.0, CLICK_FREQUENCY, prediction.end)
         return self._base.command(prediction)

@@ -4,8 +4,7 @@ All modules compute on values, with the time as an argument; only :mod:`~tactoph
 """
 
 from tactophone.link.block_encoder import BlockEncoder
-from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
-from tactophone.link.codec_loopback import round_trip
+from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder, round_trip
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address

@@ -21,6 +21,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
+import numpy as np
+
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.opus import LOOKAHEAD, OpusDecoder, OpusEncoder
 from tactophone.link.packet import CLOCK_RATE, PAYLOAD_SPACE, SOUND_FORMATS, PayloadType
@@ -163,3 +165,19 @@ def _default_bitrate(codec: Codec) -> int:
     """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
     per_channel = 64_000 if codec.packet_size == FRAME_SIZES[0] else 48_000
     return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
+
+
+def round_trip(samples: FloatArray, codec: Codec) -> FloatArray:
+    """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is aligned and of the same shape.
+
+    >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
+    >>> bool(np.abs(round_trip(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
+    True
+    """
+    # The codec delays by its look-ahead: the sound is padded at the end and the result cut at the start.
+    encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
+    packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
+    padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
+    padded[: len(samples)] = samples
+    decoded = [decoder.decode(encoder.encode(block)) for block in padded.reshape(packets, codec.packet_size, -1)]
+    return np.concatenate(decoded)[codec.lookahead : codec.lookahead + len(samples)]

@@ -69,7 +69,7 @@ def measure_floor(
     loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
     same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
-    if len(same) < LEAST_CELLS or same[0][0] > _quietest(cells) + SAME_FLOOR_DB:
+    if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, _ in cells) + SAME_FLOOR_DB:
         return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
     floor = statistics.fmean(mean for mean, _ in same)
     inner = levels[FADE:-FADE]
@@ -93,7 +93,3 @@ def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRul
 
 def _moments(levels: list[float]) -> tuple[float, float]:
     return statistics.fmean(levels), statistics.pstdev(levels)
-
-
-def _quietest(cells: list[tuple[float, float]]) -> float:
-    return min(mean for mean, _ in cells)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.live import Live
 from rich.text import Text
 
 from tactophone.cli._support import keyboard, terminal
@@ -38,7 +37,9 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")
-    with _signals(supervisors), keyboard.single_keys() as has_keyboard, _live(help_line=has_keyboard) as live:
+    with _signals(supervisors), keyboard.single_keys() as has_keyboard, terminal.live_display() as live:
+        if has_keyboard:
+            terminal.log().print(Text(keyboard.HELP, style="dim"))
         while time.monotonic() < deadline and all(side.running for side in supervisors):
             view.update()
             if live is not None:
@@ -88,16 +89,6 @@ class _ConsoleView:
             if self._printed.get(subject) != text:
                 terminal.log().print(text, soft_wrap=True)
         self._printed = messages
-
-
-def _live(*, help_line: bool) -> contextlib.AbstractContextManager[Live | None]:
-    """Return the line that changes; none where stderr is not a terminal."""
-    console = terminal.log()
-    if help_line:
-        console.print(Text(keyboard.HELP, style="dim"))
-    return (
-        Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else contextlib.nullcontext()
-    )
 
 
 def _line(snapshot: Snapshot) -> Text:

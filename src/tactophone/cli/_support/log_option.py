@@ -27,5 +27,5 @@ def logged(path: Path | None, name: str) -> Iterator[None]:
     if path is None:
         yield
         return
-    with PredictionLog(name, path, report=lambda message: terminal.log().print(f"! {message}", soft_wrap=True)):
+    with PredictionLog(name, path, report=terminal.warn):
         yield

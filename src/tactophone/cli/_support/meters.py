@@ -3,13 +3,10 @@
 import math
 import time
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
-from rich.live import Live
 from rich.text import Text
 
-from tactophone.cli._support import terminal
 from tactophone.perception import MICROPHONES
 from tactophone.types import CONTACT, AudioBlock
 
@@ -22,12 +19,6 @@ HOLD = 0.7
 """Factor by which a peak falls between two updates: slow enough to be read after a tap."""
 
 RED_DBFS, YELLOW_DBFS = -1.0, -6.0
-
-
-def live_display() -> AbstractContextManager[Live | None]:
-    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
-    console = terminal.log()
-    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
 
 
 class Meters:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from tactophone import config
 from tactophone.capture import browser_source
 from tactophone.config import Settings
+from tactophone.errors import ConfigError
 from tactophone.types import Source
 
 if TYPE_CHECKING:
@@ -26,12 +27,20 @@ class PageSource:
     microphone: Connection | None
 
 
-def source_of(settings: Settings) -> PageSource:
-    """Return how the source of the settings is opened."""
+def source_of(settings: Settings, *, page: bool = True) -> PageSource:
+    """Return how the source of the settings is opened.
+
+    Raises
+    ------
+    ConfigError
+        If it is the microphone of a page, and there is none.
+    """
     from tactophone.cli._support.sources import open_source  # needs the extra `link`
 
     if settings.capture.source != "browser":
         return PageSource(open_source, None)
+    if not page:
+        raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
     inbox, microphone = Pipe(duplex=False)
     return PageSource(partial(_open_browser, inbox), microphone)
 

@@ -62,12 +62,8 @@ def recorded(args: argparse.Namespace, name: str) -> Iterator[None]:
         for build in _bridges(args, name):
             from tactophone.bridges import BridgeProcess
 
-            stack.enter_context(BridgeProcess(build, report=_report))
+            stack.enter_context(BridgeProcess(build, report=terminal.warn))
         yield
-
-
-def _report(line: str) -> None:
-    terminal.log().print(f"! {line}", soft_wrap=True)
 
 
 def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Bridge]]":

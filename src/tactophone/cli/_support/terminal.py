@@ -4,9 +4,11 @@ import argparse
 import functools
 import json
 import sys
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any
 
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tactophone.errors import did_you_mean
@@ -50,6 +52,12 @@ def log() -> Console:
     return Console(stderr=True, highlight=False)
 
 
+def live_display() -> AbstractContextManager[Live | None]:
+    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
+    console = log()
+    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
+
+
 def print_error(message: str) -> None:
     """Print what went wrong, on stderr, in one line."""
     print(f"tactophone: {message}", file=sys.stderr)
@@ -83,6 +91,11 @@ def finite(value: Any) -> Any:
     if isinstance(value, float) and not abs(value) < float("inf"):
         return None
     return value
+
+
+def warn(line: str) -> None:
+    """Print what has gone wrong in a run that goes on, as `note` does."""
+    note(f"! {line}")
 
 
 def note(line: str) -> None:

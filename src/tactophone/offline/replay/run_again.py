@@ -19,7 +19,7 @@ from tactophone.offline.plots import draw_recording
 from tactophone.offline.process_recording import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.offline.replay.logged_run import Change, LoggedEndpoint, ReplayedStep, WakeUp, wake_ups
 from tactophone.telemetry import Controls, RunStart
-from tactophone.types import LIVE_SAMPLE_RATE, HapticCommand, PipelineStep, Prediction
+from tactophone.types import LIVE_SAMPLE_RATE, HapticCommand, PipelineStep
 
 
 @dataclass(slots=True)
@@ -137,7 +137,7 @@ class Replay:
         for replayed in self.endpoint.process(wake_up):
             step = replayed.step
             for number, prediction in enumerate(step.predictions):
-                command = step.commands[number] if step.commands else _no_command(prediction)
+                command = step.commands[number] if step.commands else HapticCommand(math.nan, math.nan, prediction.end)
                 logged = LoggedPrediction(prediction, command, step.finger)
                 self._computed[step.finger].append((logged, replayed.certain))
             yield replayed
@@ -228,7 +228,3 @@ class _TimeAxis:
             tuple(replace(each, time=each.time + shift) for each in step.commands),
             step.finger,
         )
-
-
-def _no_command(prediction: Prediction) -> HapticCommand:
-    return HapticCommand(math.nan, math.nan, prediction.end)

@@ -207,17 +207,14 @@ def find_signs(statistics: ChannelStatistics, reference: Reference) -> dict[Sens
         hidden = alike or swapped or any(found[SensorFault(kind, channel)] for kind in _ELECTRIC)
         found[SensorFault(FaultKind.HUM, channel)] = None if hidden else _hum(statistics, reference, channel)
         if not hidden:
-            found[SensorFault(FaultKind.DEAD, channel)] = _dead(statistics, reference, channel)
+            alive_from = max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
+            found[SensorFault(FaultKind.DEAD, channel)] = statistics.level_dbfs[channel] < alive_from
     if len(channels) > 1:
         hidden = alike or swapped or any(found.values())
         found[SensorFault(FaultKind.ALIKE)] = alike if paired else None
         found[SensorFault(FaultKind.SWAPPED)] = swapped if paired else None
         found[SensorFault(FaultKind.COVERED, AIR)] = None if hidden else _covered(statistics, reference)
     return found
-
-
-def _dead(statistics: ChannelStatistics, reference: Reference, channel: int) -> bool:
-    return statistics.level_dbfs[channel] < max(SILENCE_DBFS, reference.floor_dbfs[channel] - DEAD_DROP_DB)
 
 
 def _hum(statistics: ChannelStatistics, reference: Reference, channel: int) -> bool | None:
