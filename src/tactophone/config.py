@@ -228,10 +228,7 @@ def entries() -> Iterator[Entry]:
 def read(path: Path, settings: Settings | None = None) -> Settings:
     """Read a TOML file over the defaults, or over other settings.
 
-    Raises
-    ------
-    ConfigError
-        When the file cannot be read, or holds an unknown setting or a value out of range.
+    Raises `ConfigError` when the file cannot be read, or holds an unknown setting or a value out of range.
     """
     settings = settings or Settings()
     tables = read_tables(
@@ -249,11 +246,7 @@ def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[
     """Read a TOML file that holds tables alone.
 
     ``missing`` and ``outside`` end the error messages about a file that cannot be read, and an entry outside a table.
-
-    Raises
-    ------
-    ConfigError
-        In either case, or if the file is no TOML.
+    Raises `ConfigError` in either case, or if the file is no TOML.
     """
     try:
         tables = tomllib.loads(path.read_text())

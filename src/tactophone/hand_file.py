@@ -45,10 +45,8 @@ _UNSHARED = ("contact", "air", "port", "channel")
 def with_fingers(settings: Settings, text: str) -> Settings:
     """Return settings with the fingers that ``--fingers`` names: a number of them, or a file.
 
-    Raises
-    ------
-    ConfigError
-        If the file cannot be read, an entry is wrong, or the settings name a port or channel that fingers cannot share.
+    Raises `ConfigError` if the file cannot be read, an entry is wrong, or the settings name a port or channel that
+    fingers cannot share.
     """
     for key in _UNSHARED:
         name, value = OWN_SETTINGS[key], _value_of(settings, OWN_SETTINGS[key])
@@ -112,13 +110,7 @@ def channels_of(settings: Settings, *, alone: int) -> list[int]:
 
 
 def finger_named(settings: Settings, name: str) -> Settings:
-    """Return the settings of the finger of that name (`of_finger`).
-
-    Raises
-    ------
-    ConfigError
-        If there is no such finger.
-    """
+    """Return the settings of the finger of that name (`of_finger`); raises `ConfigError` if there is no such finger."""
     names = [finger.name for finger in settings.fingers]
     if name not in names:
         known = f"there are {', '.join(names)}" if names else "name the hand with --fingers hand.toml"

@@ -202,10 +202,7 @@ class Hand:
 def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:
     """Return the sound of each finger of a hand, of which each has the given number of channels, 1 or 2.
 
-    Raises
-    ------
-    ValueError
-        If the block has not two channels for each.
+    Raises `ValueError` if the block has not two channels for each.
     """
     if block.channels != 2 * len(channels):
         raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")

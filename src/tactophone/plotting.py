@@ -29,10 +29,7 @@ _STYLE: Any = {
 def load_pyplot() -> Any:
     """Import matplotlib's pyplot with the project's style, for files only (no window).
 
-    Raises
-    ------
-    TactophoneError
-        If matplotlib is not installed.
+    Raises `TactophoneError` if matplotlib is not installed.
     """
     try:
         import matplotlib as mpl  # slow to import, and only figures need it

@@ -59,12 +59,7 @@ def entry_names(channels: int) -> tuple[str, ...]:
 def entries_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False) -> tuple[BenchmarkEntry, ...]:
     """Make the entries for a data set, all by default, and the control where its sound has a band over 8 kHz.
 
-    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown.
+    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises `ConfigError` if a name is unknown.
     """
     channels = channels_of(dataset)
     allowed = entry_names(channels)

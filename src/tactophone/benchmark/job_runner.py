@@ -126,10 +126,7 @@ def _ray(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, list[TakePred
 def load_ray(workers: int) -> Any:
     """Import Ray and join the cluster at ``RAY_ADDRESS``, or start one on this machine.
 
-    Raises
-    ------
-    ConfigError
-        If Ray is not installed.
+    Raises `ConfigError` if Ray is not installed.
     """
     if importlib.util.find_spec("ray") is None:
         raise ConfigError("Ray is not installed: pip install 'tactophone[ray]', or leave --ray away")

@@ -71,12 +71,8 @@ class DatasetResults:
 def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, fast: bool = False) -> Plan:
     """Plan a benchmark of the named entries, all if there are no names, with its controls.
 
-    The reference runs with several seeds; with ``fast``, with one, and fewer steps.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown.
+    The reference runs with several seeds; with ``fast``, with one, and fewer steps. Raises `ConfigError` if a name is
+    unknown.
     """
     channels = channels_of(dataset)
     has_heights = any(recording.known("ra_um") for recording in dataset.recordings)

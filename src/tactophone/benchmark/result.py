@@ -71,10 +71,7 @@ def compare_entries(
 ) -> list[MethodResult]:
     """Score entries on one split of a data set, each also as its difference from the first.
 
-    Raises
-    ------
-    DatasetError
-        If there is no update in true contact.
+    Raises `DatasetError` if there is no update in true contact.
     """
     scores = {name: scores_of(map(in_true_contact, takes), "two-class") for name, takes in predictions.items()}
     reference = scores[entries[0].name]

@@ -74,12 +74,8 @@ def play_task(
 ) -> list[TaskOutcome]:
     """Let the operator play rounds with each method.
 
-    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown.
+    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if
+    a name is unknown.
     """
     allowed = task_methods()
     if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:

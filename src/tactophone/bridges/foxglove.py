@@ -51,10 +51,7 @@ _MESSAGE_DATA = 1
 class FoxgloveBridge:
     """Serves a run to viewers who know the path ``token``; a context manager whose `read` is called every `INTERVAL`.
 
-    Raises
-    ------
-    ConfigError
-        When the address cannot be used.
+    Raises `ConfigError` when the address cannot be used.
     """
 
     interval = INTERVAL

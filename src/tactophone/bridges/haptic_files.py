@@ -142,13 +142,7 @@ FORMATS: dict[str, Callable[[Sequence[Point]], dict[str, Any]]] = {
 
 
 def write_haptic_file(path: Path, commands: Iterable[HapticCommand], *, duration: float = 0.0) -> Path:
-    """Write a command stream in the format of the file's ending.
-
-    Raises
-    ------
-    ConfigError
-        For another ending.
-    """
+    """Write a command stream in the format of the file's ending; raises `ConfigError` for another ending."""
     if path.suffix not in FORMATS:
         raise ConfigError(f"{path}: haptic files end in {', '.join(FORMATS)}")
     content = FORMATS[path.suffix](envelope(commands, duration=duration))

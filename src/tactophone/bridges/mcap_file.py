@@ -44,10 +44,8 @@ def is_mcap(path: Path) -> bool:
 def read_log(path: Path) -> Iterator[LogEntry]:
     """Return the entries of a log, in their order.
 
-    Raises
-    ------
-    DatasetError
-        If the file is missing, no MCAP, or not of this program, or holds a message that cannot be read.
+    Raises `DatasetError` if the file is missing, no MCAP, or not of this program, or holds a message that cannot be
+    read.
     """
     try:
         with path.open("rb") as file:

@@ -51,10 +51,7 @@ BLOCKS = (
 class McapLog:
     """Keeps a run in an MCAP file, which it overwrites; a context manager whose `read` is called every `READ_INTERVAL`.
 
-    Raises
-    ------
-    ConfigError
-        When the file cannot be written.
+    Raises `ConfigError` when the file cannot be written.
     """
 
     interval = READ_INTERVAL
@@ -86,13 +83,7 @@ class McapLog:
             self._file.close()
 
     def read(self) -> None:
-        """Write what is new.
-
-        Raises
-        ------
-        ConfigError
-            When the disk is full or gone: the log ends, not the run.
-        """
+        """Write what is new; raises `ConfigError` when the disk is full or gone: the log ends, not the run."""
         try:
             self._waiting += self._reader.read()
             self._reads += 1

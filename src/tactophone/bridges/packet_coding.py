@@ -163,10 +163,7 @@ class PacketReader:
     def decode(self, message: bytes) -> Iterator[EventBatch]:
         """Yield the arrivals of a message ``tactophone.Packets``.
 
-        Raises
-        ------
-        ValueError
-            When the bytes are not such a message.
+        Raises `ValueError` when the bytes are not such a message.
         """
         reached, step, delays = 0, 0, deque[int]()
         for number, value in protobuf.fields(message):

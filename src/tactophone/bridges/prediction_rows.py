@@ -123,10 +123,7 @@ def write_columns(rows: Sequence[tuple[Prediction, HapticCommand]]) -> bytes:
 def read_columns(data: bytes, finger: int = 0) -> Iterator[LoggedPrediction]:
     """Yield the predictions of a message again.
 
-    Raises
-    ------
-    ValueError, TypeError, struct.error
-        If it is not such a message.
+    Raises `ValueError`, `TypeError` or `struct.error` if it is not such a message.
     """
     found = defaultdict[int, list[Any]](list)
     for number, value in protobuf.fields(data):

@@ -45,11 +45,7 @@ class BridgeProcess:
     """Runs a bridge while the context lasts.
 
     ``build`` must be picklable. ``report`` is called with a line when the bridge ends by itself, from another thread.
-
-    Raises
-    ------
-    TactophoneError
-        When the bridge cannot begin: its file cannot be written, its library is missing.
+    Raises `TactophoneError` when the bridge cannot begin: its file cannot be written, its library is missing.
     """
 
     def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:

@@ -91,10 +91,7 @@ def fixed32(number: int, value: int) -> bytes:
 def fields(message: bytes) -> Iterator[tuple[int, int | bytes]]:
     """Return the fields of a message as number and value; a fixed one as its bytes.
 
-    Raises
-    ------
-    ValueError
-        When the bytes are not a message.
+    Raises `ValueError` when the bytes are not a message.
     """
     position = 0
     while position < len(message):

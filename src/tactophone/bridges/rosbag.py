@@ -34,12 +34,7 @@ _TOPICS = {
 class RosBag:
     """Writes steps with the topics of the ROS bridge; a context manager.
 
-    ``epoch`` is in seconds since 1970, at the beginning of the steps' time.
-
-    Raises
-    ------
-    ConfigError
-        If the folder exists.
+    ``epoch`` is in seconds since 1970, at the beginning of the steps' time. Raises `ConfigError` if the folder exists.
     """
 
     def __init__(self, folder: Path, *, epoch: float, fingers: Sequence[str] = ("index",)) -> None:

@@ -111,13 +111,7 @@ class LoggedSound:
         self._parts[finger, kind] += [data] if kind == PCM_SOUND.kind else split_frames(data)
 
     def next_payload(self, kind: int) -> bytes:
-        """Return the payload of the next packet.
-
-        Raises
-        ------
-        ValueError
-            If its sound is missing.
-        """
+        """Return the payload of the next packet; raises `ValueError` if its sound is missing."""
         topics = [PCM_SOUND] if kind in PCM else [CONTACT_SOUND, AIR_SOUND][: OPUS[kind]]
         queues = [self._parts[finger, topic.kind] for finger in range(fingers_of(kind)) for topic in topics]
         if not all(queues):

@@ -115,13 +115,7 @@ def guide(orders: Connection) -> Page:
 
 
 def network_address() -> str:
-    """Return this machine's address in its network.
-
-    Raises
-    ------
-    TactophoneError
-        If it has none.
-    """
+    """Return this machine's address in its network; raises `TactophoneError` if it has none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             # Connecting a datagram socket sends nothing; it only chooses the interface (RFC 5737: a test address).

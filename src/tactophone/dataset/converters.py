@@ -69,10 +69,7 @@ def convert(
 def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
     """Write the column ``split`` of a data set's manifest: ``train`` or ``test``, by surface.
 
-    Raises
-    ------
-    DatasetError
-        If the data set has no ``metadata.csv`` of its own.
+    Raises `DatasetError` if the data set has no ``metadata.csv`` of its own.
     """
     if not (dataset.root / FILE_NAME).is_file():
         raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
@@ -94,10 +91,7 @@ def write_card(dataset: Dataset, *, path: Path | None = None) -> Path:
 def copy_as_flac(source: Path, target: Path) -> None:
     """Copy a sound file as FLAC, in 16 bits if it has 16, otherwise in 24; a kill leaves no half file at ``target``.
 
-    Raises
-    ------
-    OSError, soundfile.LibsndfileError
-        If the source cannot be read or the disk is full.
+    Raises `OSError` or `soundfile.LibsndfileError` if the source cannot be read or the disk is full.
     """
     with soundfile.SoundFile(source) as file:
         subtype = "PCM_16" if file.subtype == "PCM_16" else "PCM_24"

@@ -47,12 +47,8 @@ def open_dataset(path: Path | str) -> Dataset:
 def find_importable(path: Path | str) -> LabFolder:
     """Return what `dataset import` converts: a known layout, or a folder with labels in its names.
 
-    Surfaces that nothing states are taken from file names; ``guessed`` is then true.
-
-    Raises
-    ------
-    DatasetError
-        If neither a manifest nor any name holds a label.
+    Surfaces that nothing states are taken from file names; ``guessed`` is then true. Raises `DatasetError` if neither a
+    manifest nor any name holds a label.
     """
     folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
     if holds_metadata(folder):

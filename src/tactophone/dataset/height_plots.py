@@ -12,10 +12,7 @@ from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
 def draw_heights(path: Path, heights: Heights, report: HeightReport, *, title: str) -> None:
     """Draw heights in um over place in mm, with the parameters in the title, as PNG.
 
-    Raises
-    ------
-    TactophoneError
-        If matplotlib is not installed.
+    Raises `TactophoneError` if matplotlib is not installed.
     """
     pyplot = load_pyplot()
     rows = np.atleast_2d(levelled(heights))

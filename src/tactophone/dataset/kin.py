@@ -28,10 +28,7 @@ def kin_of(recording: Recording) -> str:
 def with_kin(dataset: Dataset, file: Path) -> Dataset:
     """Return a data set whose recordings have the kin that a CSV file of ``surface,kin`` gives.
 
-    Raises
-    ------
-    DatasetError
-        If the file cannot be read, or names none of the surfaces.
+    Raises `DatasetError` if the file cannot be read, or names none of the surfaces.
     """
     try:
         kin = {row["surface"]: row["kin"] for _, row in rows(file, required=("surface", "kin"))}

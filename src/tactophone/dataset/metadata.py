@@ -31,12 +31,7 @@ def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = No
     """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
 
     ``surface_of`` names the surface of a file, by its path from the folder, where the manifest has no column
-    ``surface``, which is required without it.
-
-    Raises
-    ------
-    DatasetError
-        If a required column is missing.
+    ``surface``, which is required without it. Raises `DatasetError` if a required column is missing.
     """
     recordings: list[Recording] = []
     problems: list[Problem] = []
@@ -62,10 +57,7 @@ def names_surfaces(folder: Path) -> list[bool]:
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
     """Write ``metadata.csv`` for recordings in the folder; a kill leaves the old file or the new file, never half.
 
-    Raises
-    ------
-    ValueError
-        If a recording is not in the folder.
+    Raises `ValueError` if a recording is not in the folder.
     """
     lines = [_line(folder, recording) for recording in recordings]
     extra = sorted({name for line in lines for name in line} - set(_COLUMNS))
@@ -86,10 +78,7 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
 def rows(manifest: Path, *, required: Iterable[str]) -> Iterable[tuple[int, Mapping[str, str]]]:
     """Yield each line of a CSV file with its number, cells stripped; commas, semicolons or tabs part the cells.
 
-    Raises
-    ------
-    DatasetError
-        If a required column is missing, or the file is not text.
+    Raises `DatasetError` if a required column is missing, or the file is not text.
     """
     try:
         with manifest.open(newline="", encoding="utf-8-sig") as file:

@@ -25,10 +25,7 @@ COLOURS = {Touch.ROUGH: VERMILION, Touch.SMOOTH: BLUE}
 def draw_dataset(path: Path, dataset: Dataset) -> None:
     """Draw the level of each take, and spectrograms of up to 12 recordings spread evenly over the set, as PNG.
 
-    Raises
-    ------
-    TactophoneError
-        If matplotlib is not installed.
+    Raises `TactophoneError` if matplotlib is not installed.
     """
     pyplot = load_pyplot()
     readable = [

@@ -37,10 +37,7 @@ class Fold:
 def split(dataset: Dataset, name: str) -> tuple[Fold, ...]:
     """Split recordings labelled smooth or rough by one of `SPLITS`; the same data give the same folds on any machine.
 
-    Raises
-    ------
-    DatasetError
-        If the name is unknown, or the data cannot be split that way.
+    Raises `DatasetError` if the name is unknown, or the data cannot be split that way.
     """
     labelled = dataset.labelled()
     if name == "predefined":

@@ -149,10 +149,7 @@ class Dataset:
     def labelled(self) -> "Dataset":
         """Return the data set with only the recordings labelled smooth or rough.
 
-        Raises
-        ------
-        DatasetError
-            If there are none.
+        Raises `DatasetError` if there are none.
         """
         kept = self.where(lambda recording: recording.label in (Touch.SMOOTH, Touch.ROUGH))
         if not kept.recordings:

@@ -94,10 +94,7 @@ class JackClient:
     def open(self) -> None:
         """Join the graph and connect the ports.
 
-        Raises
-        ------
-        DeviceError
-            When there is no server, or a port to connect to does not exist.
+        Raises `DeviceError` when there is no server, or a port to connect to does not exist.
         """
         jack = _jack()
         try:

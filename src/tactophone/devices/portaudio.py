@@ -66,13 +66,7 @@ class PortAudioStream:
         return ""
 
     def open(self) -> None:
-        """Start the stream.
-
-        Raises
-        ------
-        DeviceError
-            When no device matches; the message lists the candidates.
-        """
+        """Start the stream; raises `DeviceError` when no device matches; the message lists the candidates."""
         sound = _sounddevice()
         chosen = self._choose(sound)
         try:

@@ -60,12 +60,7 @@ def fit(recorded: FloatArray, *, duration: float = DURATION) -> MeasuredResponse
     """Fit resonance and band to the recording of a `sweep`, shape ``(samples,)``.
 
     At each frequency the recording is correlated with a sine of it while the sweep passes, so neither noise of other
-    frequencies nor the delay of the way back matters.
-
-    Raises
-    ------
-    DeviceError
-        If nothing stands out of the noise.
+    frequencies nor the delay of the way back matters. Raises `DeviceError` if nothing stands out of the noise.
     """
     noise = recorded[: round(0.8 * _PAUSE * LIVE_SAMPLE_RATE)]
     frequencies = np.geomspace(LOWEST * 1.1, HIGHEST / 1.1, POINTS)

@@ -96,10 +96,7 @@ def candidate_rules(*, abstain_from: float = NEVER_ABSTAIN) -> tuple[DecisionRul
 def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRule]) -> RuleOutcomes:
     """Run every rule over the predictions for labelled recordings.
 
-    Raises
-    ------
-    DatasetError
-        If there is no contact on smooth or on rough surfaces.
+    Raises `DatasetError` if there is no contact on smooth or on rough surfaces.
     """
     takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH) and take.contact.any()]
     for touch in (Touch.SMOOTH, Touch.ROUGH):
@@ -113,10 +110,7 @@ def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRu
 def choose_rule(outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float) -> int:
     """Return the index of the rule with the highest rough recall within the limit; of equal ones, the quickest.
 
-    Raises
-    ------
-    DatasetError
-        If no rule keeps the limit.
+    Raises `DatasetError` if no rule keeps the limit.
     """
     table = rates(outcomes)
     allowed = np.flatnonzero(table[goal] <= limit)

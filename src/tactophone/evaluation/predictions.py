@@ -124,10 +124,7 @@ def as_arrays(recording: Recording, predictions: Sequence[Prediction]) -> TakePr
 def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
     """Score the updates in contact of all labelled recordings.
 
-    Raises
-    ------
-    DatasetError
-        If the contact gate never opened.
+    Raises `DatasetError` if the contact gate never opened.
     """
     takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH) and take.contact.any()]
     if not takes:

@@ -46,10 +46,7 @@ def rendered_scores(
 ) -> Rendered:
     """Score what is rendered by a decision rule; recordings without the label smooth or rough are left out.
 
-    Raises
-    ------
-    DatasetError
-        If there is no labelled contact.
+    Raises `DatasetError` if there is no labelled contact.
     """
     takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
     names = sorted({take.recording.surface for take in takes})

@@ -58,10 +58,7 @@ def make_report(
 ) -> Report:
     """Score the predictions of one model, or of the folds of one recipe, for labelled recordings.
 
-    Raises
-    ------
-    DatasetError
-        If no recording has labelled contact.
+    Raises `DatasetError` if no recording has labelled contact.
     """
     labelled = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
     rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}

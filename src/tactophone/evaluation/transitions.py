@@ -35,12 +35,8 @@ def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40,
     """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
     The recordings are held out, of one sample rate, with segments or in contact throughout. The files are named by
-    content and written once; ``most`` limits the number of edges.
-
-    Raises
-    ------
-    ValueError
-        If the two recordings of a pair differ in sample rate.
+    content and written once; ``most`` limits the number of edges. Raises `ValueError` if the two recordings of a pair
+    differ in sample rate.
     """
     pools = {label: list(_touches(recordings, label)) for label in _WORDS}
     if not all(pools.values()):

@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 def serve_game(game: GameSettings, address: str | None = None, **place: Any) -> Page:
     """Serve the stone box's page in a process of its own; ``place`` as in `tactophone.dashboard.Page`.
 
-    Raises
-    ------
-    TactophoneError
-        If the address is not available, or the web server is not installed.
+    Raises `TactophoneError` if the address is not available, or the web server is not installed.
     """
     return Page(partial(_application, game), address, **place)
 

@@ -133,10 +133,7 @@ class Round:
     def finish(self, choices: Sequence[int], now: Point, *, finished: str) -> RoundResult:
         """Score the player's choice of the two rough stones.
 
-        Raises
-        ------
-        ValueError
-            If the choice is not two different stones.
+        Raises `ValueError` if the choice is not two different stones.
         """
         chosen = tuple(sorted(set(choices)))
         if len(chosen) != 2 or not all(0 <= stone < len(self.order) for stone in chosen):

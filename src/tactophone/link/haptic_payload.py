@@ -89,10 +89,7 @@ def write_haptics(prediction: Prediction) -> bytes:
 def read_vibration(content: bytes) -> Vibration | None:
     """Decode a payload; ``None`` is silence.
 
-    Raises
-    ------
-    PacketError
-        When it is no temporal or silent unit, or holds anything but one vibration.
+    Raises `PacketError` when it is no temporal or silent unit, or holds anything but one vibration.
     """
     header = _read(_PAYLOAD, content[:1])
     unit = _read(_UNIT, content[1 : 1 + _size(_UNIT)])

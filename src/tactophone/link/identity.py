@@ -60,10 +60,7 @@ class Identity:
     def load(cls, folder: Path) -> Self:
         """Read an identity written by `save`.
 
-        Raises
-        ------
-        ConfigError
-            When it is missing or damaged, or when others may read its key.
+        Raises `ConfigError` when it is missing or damaged, or when others may read its key.
         """
         key_path = folder / KEY_FILE
         _check_permissions(key_path, forbidden=0o077)
@@ -96,10 +93,7 @@ class Identity:
     def save(self, folder: Path) -> None:
         """Write key (mode 0600) and certificate.
 
-        Raises
-        ------
-        ConfigError
-            When a key exists: peers may have pinned its certificate.
+        Raises `ConfigError` when a key exists: peers may have pinned its certificate.
         """
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         pem = self.key.private_bytes(
@@ -124,10 +118,7 @@ class Peers:
     def load(cls, folder: Path) -> Self:
         """Read the peers of ``folder``; none when there is no such file.
 
-        Raises
-        ------
-        ConfigError
-            When a line is malformed, or when others may write to the file.
+        Raises `ConfigError` when a line is malformed, or when others may write to the file.
         """
         path = folder / PEERS_FILE
         if not path.exists():

@@ -133,13 +133,7 @@ class Packet:
 
 
 def parse_packet(datagram: bytes) -> Packet:
-    """Parse an RTP packet.
-
-    Raises
-    ------
-    PacketError
-        When the bytes are not RTP, or the payload type is unknown.
-    """
+    """Parse an RTP packet; raises `PacketError` when the bytes are not RTP, or the payload type is unknown."""
     if len(datagram) < _HEADER.size:
         raise PacketError(f"{len(datagram)} bytes, but an RTP header has {_HEADER.size}; the datagram was cut")
     first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(datagram)

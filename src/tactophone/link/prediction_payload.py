@@ -44,10 +44,7 @@ def write_prediction(prediction: Prediction) -> bytes:
 def read_prediction(content: bytes, *, end: float) -> Prediction:
     """Decode a prediction whose window ended at ``end`` seconds.
 
-    Raises
-    ------
-    PacketError
-        When the bytes are not a prediction.
+    Raises `PacketError` when the bytes are not a prediction.
     """
     if len(content) != _LAYOUT.size:
         raise PacketError(f"a prediction of {len(content)} bytes, but it has {_LAYOUT.size}")
@@ -81,10 +78,7 @@ def write_hand(predictions: Mapping[int, Prediction], *, fingers: int) -> bytes:
 def read_hand(content: bytes, *, end: float) -> tuple[dict[int, Prediction], int]:
     """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
 
-    Raises
-    ------
-    PacketError
-        When the bytes are not predictions of one hand, each of another finger.
+    Raises `PacketError` when the bytes are not predictions of one hand, each of another finger.
     """
     size = 1 + _LAYOUT.size
     records = [content[start : start + size] for start in range(0, len(content), size)]

@@ -113,13 +113,7 @@ Report: TypeAlias = ReceiverReport | SenderReport | Goodbye | ReceiverRequest
 
 
 def parse_report(packet: bytes) -> Report:
-    """Parse a report.
-
-    Raises
-    ------
-    PacketError
-        When the bytes are not one of the four reports above.
-    """
+    """Parse a report; raises `PacketError` when the bytes are not one of the four reports above."""
     if len(packet) < _HEAD.size:
         raise PacketError(f"{len(packet)} bytes, but a report has at least {_HEAD.size}")
     first, kind, words, ssrc = _HEAD.unpack_from(packet)

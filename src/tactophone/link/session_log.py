@@ -33,13 +33,7 @@ def write_event(event: Event) -> bytes:
 
 
 def read_event(content: bytes) -> Event:
-    """Decode what `write_event` encoded.
-
-    Raises
-    ------
-    PacketError
-        When the bytes are not an event.
-    """
+    """Decode what `write_event` encoded; raises `PacketError` when the bytes are not an event."""
     try:
         kind, rest = content[0], content[1:]
         if kind in (_PACKET, _REPORT):

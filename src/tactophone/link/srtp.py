@@ -51,10 +51,7 @@ class SrtpCrypto:
     def unprotect(self, datagram: bytes) -> bytes:
         """Authenticate and decrypt a datagram.
 
-        Raises
-        ------
-        PacketError
-            When it was forged, changed, cut or replayed, or is too old.
+        Raises `PacketError` when it was forged, changed, cut or replayed, or is too old.
         """
         try:
             if is_report(datagram):

@@ -70,12 +70,8 @@ class UdpSocket:
     connected to its address, and everybody else's to the first one, of which each `receive` takes only a few: so
     strangers can fill their own queue and not the peer's. A filter in both drops what belongs to no stream of the peer.
     Everything is sent through the first one, whose source address follows the route. An empty ``host`` is all addresses
-    of both families; port 0 lets the system choose.
-
-    Raises
-    ------
-    DeviceError
-        When the address is not of this machine, or is in use.
+    of both families; port 0 lets the system choose. Raises `DeviceError` when the address is not of this machine, or is
+    in use.
     """
 
     def __init__(self, host: str = "", port: int = 0) -> None:

@@ -110,10 +110,7 @@ def freeze_operator(sides: Sides) -> None:
 def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Sides], None]) -> float:
     """Start a stroke, stop something, and return the seconds until silence.
 
-    Raises
-    ------
-    TactophoneError
-        When there is no vibration to begin with.
+    Raises `TactophoneError` when there is no vibration to begin with.
     """
     recorder = PeakRecorder()
     settings = change(settings, ENDLESS_TONE)

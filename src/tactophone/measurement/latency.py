@@ -68,10 +68,7 @@ def measure(
 ) -> ImpulseLatency:
     """Run both sides on this machine, play impulses, and measure.
 
-    Raises
-    ------
-    TactophoneError
-        When a side does not start, or the two do not connect.
+    Raises `TactophoneError` when a side does not start, or the two do not connect.
     """
     with running_sides(settings, graph) as sides:
         player = ImpulsePlayer(impulses, seed=seed)

@@ -102,10 +102,7 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
 def check_entries(entries: Any) -> dict[str, Any]:
     """Return the entries of a card with every number in its bounds and every text printable.
 
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        For anything else.
+    Raises `ValueError`, `KeyError` or `TypeError` for anything else.
     """
     if not isinstance(entries, dict):
         raise ValueError(f"a card of type {type(entries).__name__}, but it is an object with entries")

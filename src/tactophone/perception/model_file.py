@@ -35,10 +35,7 @@ _ZIP = b"PK\x03\x04"
 class Gate:
     """The level of the contact microphone from which there is contact.
 
-    Raises
-    ------
-    ValueError
-        If the rule is unknown or the threshold out of range.
+    Raises `ValueError` if the rule is unknown or the threshold out of range.
     """
 
     threshold_dbfs: float
@@ -98,13 +95,7 @@ class ModelCard:
 
     @classmethod
     def from_json(cls, text: str) -> "ModelCard":
-        """Read a card.
-
-        Raises
-        ------
-        ValueError, KeyError, TypeError
-            If the text is not a card of this format.
-        """
+        """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is not a card of this format."""
         try:
             entries = check_entries(json.loads(text))
         except (RecursionError, OverflowError) as error:

@@ -31,10 +31,7 @@ def shipped_models() -> list[str]:
 def model_path(name: str) -> Path:
     """Return the path of a model: the name of a shipped one, or a path already.
 
-    Raises
-    ------
-    ModelError
-        If it is neither.
+    Raises `ModelError` if it is neither.
     """
     if name in shipped_models():
         return _FOLDER / f"{name}.onnx"

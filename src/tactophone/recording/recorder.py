@@ -102,10 +102,7 @@ class Recorder:
     def press(self, key: Key) -> None:
         """Apply a key; quitting keeps an unfinished take, retaking discards it.
 
-        Raises
-        ------
-        DatasetError
-            If the disk is full; no recorded sound is lost.
+        Raises `DatasetError` if the disk is full; no recorded sound is lost.
         """
         before = self.protocol.stage
         self.protocol.press(key)
@@ -120,10 +117,7 @@ class Recorder:
     def push(self, block: AudioBlock) -> None:
         """Advance time by a block, and record the part that belongs to the take.
 
-        Raises
-        ------
-        DatasetError
-            If the disk is full; no recorded sound is lost.
+        Raises `DatasetError` if the disk is full; no recorded sound is lost.
         """
         sound = self.protocol.push(block)
         if not sound.size:

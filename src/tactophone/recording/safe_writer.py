@@ -43,10 +43,7 @@ class TakeWriter:
     def begin(cls, root: Path, recording: Recording, *, sample_rate: int) -> Self:
         """Open the part file, and write the manifest entry beside it.
 
-        Raises
-        ------
-        DatasetError
-            If the folder cannot be written to.
+        Raises `DatasetError` if the folder cannot be written to.
         """
         path = recording.path
         try:
@@ -60,13 +57,7 @@ class TakeWriter:
         return cls(root, recording, file)
 
     def write(self, block: AudioBlock) -> None:
-        """Add sound.
-
-        Raises
-        ------
-        DatasetError
-            If the disk is full; what was written is kept.
-        """
+        """Add sound; raises `DatasetError` if the disk is full, with what was written kept."""
         try:
             self._file.write(block.samples)
             self._unsynced += block.size
@@ -80,10 +71,7 @@ class TakeWriter:
     def finish(self, **properties: str) -> Recording:
         """Write the FLAC and its line in the manifest, with further properties.
 
-        Raises
-        ------
-        DatasetError
-            If the disk is full; the sound stays in the part file.
+        Raises `DatasetError` if the disk is full; the sound stays in the part file.
         """
         self._file.close()
         merged = MappingProxyType({**self.recording.properties, **properties})
@@ -109,12 +97,8 @@ class TakeWriter:
 def recording_in(root: Path) -> Iterator[None]:
     """Hold a folder for one recorder at a time: another one would take its running take for one that was cut off.
 
-    The lock is the system's, on the folder itself: it leaves no file, and ends with the process that holds it.
-
-    Raises
-    ------
-    DatasetError
-        If another recorder holds it, or the folder cannot be made.
+    The lock is the system's, on the folder itself: it leaves no file, and ends with the process that holds it. Raises
+    `DatasetError` if another recorder holds it, or the folder cannot be made.
     """
     made = not root.exists()
     try:
@@ -146,10 +130,7 @@ def _lock(descriptor: int, root: Path) -> None:
 def recover(root: Path) -> Iterator[Recording]:
     """Finish every take in a folder that was cut off, and yield it.
 
-    Raises
-    ------
-    DatasetError
-        If the disk is too full to finish a take.
+    Raises `DatasetError` if the disk is too full to finish a take.
     """
     for draft in root.rglob(f"*{DRAFT}"):
         draft.unlink(missing_ok=True)

@@ -109,10 +109,7 @@ class Supervisor:
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
 
-        Raises
-        ------
-        TactophoneError
-            When it does not start; the process has ended then.
+        Raises `TactophoneError` when it does not start; the process has ended then.
         """
         try:
             self._await_start()

@@ -230,10 +230,7 @@ def _calibration(path: str, channels: int) -> Calibration | None:
 def open_session(settings: Settings, *, call: Sequence[Endpoint] = ()) -> Session:
     """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
 
-    Raises
-    ------
-    ConfigError
-        If no peer is trusted yet.
+    Raises `ConfigError` if no peer is trusted yet.
     """
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     peers = Peers.load(folder)

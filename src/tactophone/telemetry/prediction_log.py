@@ -182,11 +182,7 @@ def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     """Read a CSV timeline (of a hand: one finger's) as one array for each column; ``touch`` as numbers of `Touch`.
 
     ``event`` is text, empty where there is none, and then ``event_time`` is NaN; older timelines have neither column.
-
-    Raises
-    ------
-    DatasetError
-        If a column is missing or contains no numbers.
+    Raises `DatasetError` if a column is missing or contains no numbers.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:

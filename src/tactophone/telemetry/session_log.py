@@ -100,13 +100,7 @@ def write_record(record: Record) -> list[bytes]:
 
 
 def read_records(log: bytes) -> Iterator[Record]:
-    """Decode records.
-
-    Raises
-    ------
-    DatasetError
-        When the bytes are not whole records.
-    """
+    """Decode records; raises `DatasetError` when the bytes are not whole records."""
     position = 0
     try:
         while position < len(log):

@@ -58,10 +58,7 @@ class FinetuningData:
 def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     """Split the takes of each object: two thirds to train on, one third, evenly drawn, to test with.
 
-    Raises
-    ------
-    DatasetError
-        If there are fewer than two objects, or an object has one take only.
+    Raises `DatasetError` if there are fewer than two objects, or an object has one take only.
     """
     takes_of: dict[str, list[Recording]] = {}
     for recording in dataset.recordings:
@@ -128,10 +125,7 @@ def train_on_both(
 ) -> dict[str, FloatArray]:
     """Train on new and replayed recordings; return the parameters.
 
-    Raises
-    ------
-    DatasetError
-        If the recordings do not hold both smooth and rough.
+    Raises `DatasetError` if the recordings do not hold both smooth and rough.
     """
     recordings = [*data.new, *data.replay]
     if {recording.label for recording in recordings} != {Touch.SMOOTH, Touch.ROUGH}:

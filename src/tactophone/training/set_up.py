@@ -117,10 +117,7 @@ def collect(
 ) -> ObjectSound:
     """Return the windows in contact of one object, whose sound has the shape ``(samples, channels)``.
 
-    Raises
-    ------
-    ModelError
-        If there is no contact.
+    Raises `ModelError` if there is no contact.
     """
     detector = WindowDetector(model, sample_rate=sample_rate)
     detector.threshold_dbfs = threshold_dbfs
@@ -149,12 +146,7 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     """Fit the boundary to the objects of a set-up, by the tip's own score unless another is clearly better.
 
     That of a hard tip is impulses, that of a soft one the model's logit. With one object of a class there is nothing to
-    choose by.
-
-    Raises
-    ------
-    ValueError
-        If there is no smooth or no rough object.
+    choose by. Raises `ValueError` if there is no smooth or no rough object.
     """
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
@@ -202,10 +194,7 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
     >>> impulse_columns(40, 1).tolist()
     [17, 18]
 
-    Raises
-    ------
-    ModelError
-        If the features are not those of the kind texture.
+    Raises `ModelError` if the features are not those of the kind texture.
     """
     if features != 2 * BAND_VALUES * channels:
         raise ModelError("only models of kind texture can be fitted to a set-up; choose one with --model")

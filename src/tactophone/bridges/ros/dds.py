@@ -37,13 +37,7 @@ class Transport(Protocol):
 
 
 class DdsTransport:
-    """A participant of a domain.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be joined.
-    """
+    """A participant of a domain; raises `ConfigError` if it cannot be joined."""
 
     def __init__(self, domain: int) -> None:
         try:

@@ -35,10 +35,7 @@ class Sink:
 def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for each finger.
 
-    Raises
-    ------
-    ConfigError
-        If there is none of that kind, or a finger has no name that the glove knows.
+    Raises `ConfigError` if there is none of that kind, or a finger has no name that the glove knows.
     """
     kind, _, topic = text.partition(":")
     if kind not in _SINKS:

@@ -31,10 +31,7 @@ _ATTACHMENT = struct.Struct("<qqB16s")
 class ZenohTransport:
     """A session of Zenoh: of ZENOH_SESSION_CONFIG_URI, or at the router of this machine.
 
-    Raises
-    ------
-    ConfigError
-        If the session cannot be opened.
+    Raises `ConfigError` if the session cannot be opened.
     """
 
     def __init__(self, domain: int) -> None:

@@ -66,10 +66,7 @@ def shown(
 def place(args: argparse.Namespace) -> dict[str, Any]:
     """Return where and how the page is served, as arguments of `tactophone.dashboard.Page`.
 
-    Raises
-    ------
-    TactophoneError
-        If there is no network, or no certificate.
+    Raises `TactophoneError` if there is no network, or no certificate.
     """
     if not args.lan:
         return {"address": args.dashboard_address, "certificate": _certificate(args)}

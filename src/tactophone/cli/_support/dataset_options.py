@@ -29,12 +29,7 @@ def add_kin(parser: argparse.ArgumentParser) -> None:
 def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
-    Recordings with fewer ``channels`` are dropped where others have as many.
-
-    Raises
-    ------
-    DatasetError
-        If nothing is left.
+    Recordings with fewer ``channels`` are dropped where others have as many. Raises `DatasetError` if nothing is left.
     """
     dataset = open_dataset(folder)
     for text in filters or ():

@@ -55,10 +55,7 @@ EXTRAS_OF_VERB = {
 def require(verb: str) -> None:
     """Check that everything a verb always needs is installed.
 
-    Raises
-    ------
-    ConfigError
-        If an extra is missing; names the command that installs it.
+    Raises `ConfigError` if an extra is missing; names the command that installs it.
     """
     needed = [module for module, extra in EXTRA_OF_MODULE.items() if extra in EXTRAS_OF_VERB.get(verb, ())]
     if missing := [module for module in needed if importlib.util.find_spec(module) is None]:
@@ -68,10 +65,7 @@ def require(verb: str) -> None:
 def require_modules(*modules: str) -> None:
     """Check that the modules that an option needs are installed.
 
-    Raises
-    ------
-    ConfigError
-        If one is missing; names the command that installs it.
+    Raises `ConfigError` if one is missing; names the command that installs it.
     """
     if missing := [module for module in modules if importlib.util.find_spec(module) is None]:
         raise ConfigError(_advice(missing))

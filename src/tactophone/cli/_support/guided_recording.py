@@ -17,10 +17,7 @@ def record_step(
 ) -> FloatArray:  # fmt: skip
     """Give an instruction, wait for an answer if ``wait``, and return the sound, ``(samples, channels)``.
 
-    Raises
-    ------
-    DatasetError
-        If the sound ends too early.
+    Raises `DatasetError` if the sound ends too early.
     """
     if wait:
         _await_key(blocks, meters, screen, instruction)

@@ -30,10 +30,7 @@ class PageSource:
 def source_of(settings: Settings, *, page: bool = True) -> PageSource:
     """Return how the source of the settings is opened.
 
-    Raises
-    ------
-    ConfigError
-        If it is the microphone of a page, and there is none.
+    Raises `ConfigError` if it is the microphone of a page, and there is none.
     """
     from tactophone.cli._support.sources import open_source  # needs the extra `link`
 

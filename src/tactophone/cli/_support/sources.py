@@ -16,12 +16,8 @@ from tactophone.types import LIVE_SAMPLE_RATE, Source
 def open_source(settings: Settings) -> Source:
     """Open the source of ``settings.capture``; it delivers sound at the live sample rate.
 
-    Raises
-    ------
-    ConfigError
-        If the setting ``capture.device`` does not fit the source.
-    DatasetError
-        If a recording is missing or damaged.
+    Raises `ConfigError` if the setting ``capture.device`` does not fit the source, and `DatasetError` if a recording is
+    missing or damaged.
     """
     capture = settings.capture
     if settings.fingers and capture.source in ("finger", "file"):

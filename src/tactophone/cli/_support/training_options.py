@@ -77,13 +77,7 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
 
 
 def job_of(args: argparse.Namespace) -> Job:
-    """Return the training job that the options describe.
-
-    Raises
-    ------
-    ConfigError
-        If an option is out of range.
-    """
+    """Return the training job that the options describe; raises `ConfigError` if an option is out of range."""
     # argparse has checked the options of a command line, but not what `sweep --vary` puts in their place.
     for name, choices in {"recipe": RECIPES, "variant": VARIANTS, "precision": PRECISIONS}.items():
         if (value := getattr(args, name)) not in choices:

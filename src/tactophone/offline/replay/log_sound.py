@@ -67,10 +67,8 @@ class SessionSound:
 def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
     """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
 
-    Raises
-    ------
-    DatasetError
-        If the log holds no sound, as one of a link that carries predictions only, or has no such finger.
+    Raises `DatasetError` if the log holds no sound, as one of a link that carries predictions only, or has no such
+    finger.
     """
     start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
     settings = settings_of(start)

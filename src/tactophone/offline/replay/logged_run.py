@@ -121,10 +121,7 @@ class LoggedEndpoint:
     def apply(self, controls: Controls) -> None:
         """Set what somebody changed during the run; what was chosen for the replay stays.
 
-        Raises
-        ------
-        DatasetError
-            If they are of a finger that the run does not have.
+        Raises `DatasetError` if they are of a finger that the run does not have.
         """
         if not 0 <= controls.finger < len(self.fingers):
             raise DatasetError(
@@ -183,13 +180,7 @@ class _LoggedFinger:
 
 
 def settings_of(run: RunStart) -> Settings:
-    """Return the settings of a logged process.
-
-    Raises
-    ------
-    ConfigError
-        If they name what this version does not know.
-    """
+    """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
     settings = Settings()
     for section, table in run.settings.items():
         for name, value in table.items():

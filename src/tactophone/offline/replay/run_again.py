@@ -98,10 +98,7 @@ class Replay:
     def steps(self) -> Iterator[PipelineStep]:
         """Compute the run again; returns its steps on one time axis, through all its sessions.
 
-        Raises
-        ------
-        DatasetError
-            If the log holds no beginning of a run.
+        Raises `DatasetError` if the log holds no beginning of a run.
         """
         axis = _TimeAxis()
         for item in wake_ups(self.entries):
@@ -162,10 +159,7 @@ class RenderedFinger:
 def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> list[RenderedFinger]:
     """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
 
-    Raises
-    ------
-    DatasetError
-        If nothing in the log can be rendered.
+    Raises `DatasetError` if nothing in the log can be rendered.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = replay.steps()

@@ -197,10 +197,7 @@ def fading_of(memory: float, hop: float) -> float:
     >>> fading_of(0.25, 0.01)
     25.0
 
-    Raises
-    ------
-    ValueError
-        If the memory is shorter than a hop.
+    Raises `ValueError` if the memory is shorter than a hop.
     """
     if not memory >= hop:
         raise ValueError(f"memory {memory:g} s, but it must be at least a hop, {hop:g} s")

@@ -60,13 +60,7 @@ class Calibration:
         return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db)
 
     def write(self, path: Path) -> None:
-        """Write the file.
-
-        Raises
-        ------
-        ConfigError
-            If it cannot be written.
-        """
+        """Write the file; raises `ConfigError` if it cannot be written."""
         lines = [f"{name} = {_toml(value)}" for name, value in dataclasses.asdict(self).items()]
         try:
             path.write_text("\n".join((f"[{_TABLE}]", *lines, "")), encoding="utf-8")
@@ -75,13 +69,7 @@ class Calibration:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read a file.
-
-        Raises
-        ------
-        ConfigError
-            If it is missing, or not a file of :meth:`write`.
-        """
+        """Read a file; raises `ConfigError` if it is missing, or not a file of :meth:`write`."""
         again = "make one with `tactophone calibrate`"
         try:
             entries = tomllib.loads(path.read_text(encoding="utf-8"))[_TABLE]

@@ -68,10 +68,7 @@ class VirtualLink(Generic[T]):
     def connect(self, now: float) -> float:
         """Let both ends connect; return the time at which they have.
 
-        Raises
-        ------
-        TimeoutError
-            When they have not connected within ten seconds.
+        Raises `TimeoutError` when they have not connected within ten seconds.
         """
         begun = now
         while self.operator.peer is None or self.robot.peer is None:

@@ -42,10 +42,7 @@ def save(path: Path, checkpoint: Checkpoint) -> None:
 def load(path: Path, *, identity: str) -> Checkpoint | None:
     """Read the checkpoint of the run with this identity; ``None`` if there is none yet.
 
-    Raises
-    ------
-    ModelError
-        If the file cannot be read, or belongs to another run.
+    Raises `ModelError` if the file cannot be read, or belongs to another run.
     """
     if not path.exists():
         return None

@@ -42,10 +42,7 @@ def write_model(path: Path, card: ModelCard, weights: Weights, *, storage: Stora
 def read_weights(path: Path) -> dict[str, FloatArray]:
     """Read the parameters of the paper's network from a model file, to continue training.
 
-    Raises
-    ------
-    ModelError
-        If the file holds no such network.
+    Raises `ModelError` if the file holds no such network.
     """
     card = read_model(path).card
     if card.kind != "paper":

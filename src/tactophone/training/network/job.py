@@ -78,10 +78,7 @@ class NetworkJob:
     ) -> dict[str, FloatArray]:
         """Train on windows; see :func:`tactophone.training.network.trainer.train`.
 
-        Raises
-        ------
-        ModelError
-            If the model to continue from has another number of channels.
+        Raises `ModelError` if the model to continue from has another number of channels.
         """
         initial = read_weights(self.start) if self.start else None
         if initial and channels_of(initial) != self.channels:

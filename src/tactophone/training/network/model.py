@@ -69,10 +69,7 @@ def weights_of(network: nn.Module) -> dict[str, FloatArray]:
 def with_weights(weights: Weights) -> PaperNetwork:
     """Build the network with these parameters, for as many channels as they were trained on.
 
-    Raises
-    ------
-    RuntimeError
-        If a layer is missing, unknown or of another shape; torch names it.
+    Raises `RuntimeError` if a layer is missing, unknown or of another shape; torch names it.
     """
     network = PaperNetwork(channels=channels_of(weights))
     network.load_state_dict({name: torch.from_numpy(np.array(value, np.float32)) for name, value in weights.items()})

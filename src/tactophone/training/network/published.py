@@ -14,13 +14,9 @@ _LICENCE = "see github.com/AIS-Bonn/Roughness_Sensing (code BSD-3-Clause); cite 
 def import_published(source: Path, target: Path) -> None:
     """Write the ONNX file of a TorchScript model or of the notebook's ``model.pt``, weights unrounded.
 
-    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds.
-
-    Raises
-    ------
-    ModelError
-        If the file is not one of theirs; see :func:`tactophone.training.network.torchscript.read_torchscript` and
-        :func:`tactophone.training.network.saved_state.read_saved_state`.
+    The gate is that of its authors' scoring, or the threshold that ``model.pt`` holds. Raises `ModelError` if the file
+    is not one of theirs; see :func:`tactophone.training.network.torchscript.read_torchscript` and
+    :func:`tactophone.training.network.saved_state.read_saved_state`.
     """
     if is_saved_state(source):
         state = read_saved_state(source)

@@ -52,10 +52,8 @@ def is_saved_state(path: Path) -> bool:
 def read_saved_state(path: Path) -> SavedState:
     """Read a state that the notebook saved, or a bare state dictionary.
 
-    Raises
-    ------
-    ModelError
-        If the file holds anything but numbers and text, another network, or windows of another length or rate.
+    Raises `ModelError` if the file holds anything but numbers and text, another network, or windows of another length
+    or rate.
     """
     try:
         with warnings.catch_warnings():

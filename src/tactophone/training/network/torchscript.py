@@ -25,10 +25,7 @@ _EXPECTED = (
 def read_torchscript(path: Path) -> dict[str, FloatArray]:
     """Read the parameters of one of the authors' published models.
 
-    Raises
-    ------
-    ModelError
-        If the file is missing, truncated, a plain pickle, or holds another network.
+    Raises `ModelError` if the file is missing, truncated, a plain pickle, or holds another network.
     """
     _require_torchscript(path)
     try:

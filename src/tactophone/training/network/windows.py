@@ -45,10 +45,7 @@ class Windows:
 def find_windows(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
     """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that a labelling keeps.
 
-    Raises
-    ------
-    DatasetError
-        If no window of a label is loud enough to count as contact.
+    Raises `DatasetError` if no window of a label is loud enough to count as contact.
     """
     loudness = [_loudness(signal[:, 0], rule.loudness) for signal in signals]
     thresholds = {touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)}
