@@ -67,11 +67,11 @@ def wait(browser: webdriver.Chrome, true: Callable[[], object], seconds: float =
     WebDriverWait(browser, seconds, poll_frequency=0.02).until(lambda _: true())
 
 
-def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True) -> None:
-    """Press on a stone and move back and forth over it."""
+def stroke(browser: webdriver.Chrome, stone: int, *, lift: bool = True, step: int = 20) -> None:
+    """Press on a stone and move back and forth over it, 16 times for ``step`` ms."""
     stage = browser.find_element(By.ID, "stage")
     width, height = stage.rect["width"], stage.rect["height"]
-    actions = ActionBuilder(browser, duration=80)
+    actions = ActionBuilder(browser, duration=step)
     for k in range(16):
         along = (0.0575 + 0.11 * stone + 0.03 * math.sin(0.5 * k)) / 0.555 - 0.5
         place = (0, int(height * along)) if height > width else (int(width * along), 0)

@@ -21,9 +21,9 @@ pytestmark = pytest.mark.realtime
 NAME = "test-page-loopback"
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A running ``tactophone loopback --dashboard``; its page's address."""
+    """A running ``tactophone loopback --dashboard``, the same for all tests; its page's address."""
     command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
     # No watchdog: on a busy machine it would end the operator's side in the middle of the test.
     command += ["--dashboard", "--name", NAME, "--set", "process.watchdog=false"]

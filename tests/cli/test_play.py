@@ -50,7 +50,7 @@ def test_a_round_is_played_through_the_live_system(browser: webdriver.Chrome, ad
     watcher, rough_share = Watcher("test-play"), {Touch.SMOOTH: 0.0, Touch.ROUGH: 0.0}
     for stone, label in enumerate(shuffled(SEED)):
         before = watcher.snapshot()
-        stroke(browser, stone)
+        stroke(browser, stone, step=80)
         steps = watcher.snapshot(before).steps
         rough_share[label] += float(np.mean(steps["touch"] == Touch.ROUGH)) / (2 if label is Touch.ROUGH else 3)
         time.sleep(0.5)
