@@ -131,10 +131,7 @@ def predict_held_out(
 def training_takes(recordings: Sequence[Recording], name: str) -> tuple[tuple[Recording, ...], bool]:
     """Return what a method trains on: the training objects; for the paper's fine-tuned model, as the paper says.
 
-    Returns
-    -------
-    tuple
-        The recordings, and whether a sample of the competition's stones is among them.
+    Returns them, and whether a sample of the competition's stones is among them.
     """
     train = tuple(take for take in recordings if take.known("split") == "train")
     if name != FINE_TUNED:

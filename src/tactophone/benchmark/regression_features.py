@@ -51,10 +51,7 @@ FULL_DRIVE = Limits(ceiling=1.0)
 def high_band_features(recording: Recording) -> tuple[Floats, Floats]:
     """Log power in eight bands from 8 to 20 kHz; for recordings at 40 kHz or more.
 
-    Returns
-    -------
-    time, features
-        End of each window in s, and shape ``(windows, 8)``.
+    Returns the end of each window in s, and features of shape ``(windows, 8)``.
     """
     sound, rate = soundfile.read(recording.path, dtype="float32", always_2d=True)
     ends = np.arange(WINDOW_SIZE, len(sound) + 1, round(HIGH_BAND_HOP * rate))
@@ -71,10 +68,7 @@ def high_band_features(recording: Recording) -> tuple[Floats, Floats]:
 def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Floats]:
     """Log of eight band powers, level and crest of the vibration that a renderer makes of a recording.
 
-    Returns
-    -------
-    time, features
-        End of each window in s, and shape ``(windows, 10)``.
+    Returns the end of each window in s, and features of shape ``(windows, 10)``.
     """
     vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(_contact(recording))[STEP_SIZE - 1 :: STEP_SIZE]
     count = max(0, int((len(vibration) - WINDOW_SIZE) / VIBRATION_HOP) + 1)

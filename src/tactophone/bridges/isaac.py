@@ -31,17 +31,9 @@ PULSE_DURATION = 0.03
 class TactophoneDevice(IHapticDevice):
     """Renders Isaac's pulses.
 
-    Parameters
-    ----------
-    submit
-        Takes each command: ``Oscillator(Limits()).submit``, whose limits bound it again and which fades by itself when
-        no command follows.
-    endpoint
-        Name of the actuator in Isaac.
-    ceiling
-        Greatest amplitude, 0-1 of full drive.
-    clock
-        Seconds, monotonic.
+    ``submit`` takes each command: ``Oscillator(Limits()).submit``, whose limits bound it again and which fades by
+    itself when no command follows. ``endpoint`` names the actuator in Isaac, ``ceiling`` is the greatest amplitude, 0-1
+    of full drive, and ``clock`` returns seconds.
 
     Attributes
     ----------

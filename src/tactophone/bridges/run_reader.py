@@ -56,13 +56,8 @@ class Message:
 class RunReader:
     """Reads a run, and the processes that replace it, as messages.
 
-    Parameters
-    ----------
-    name
-        Of a run that exists already.
-    in_columns
-        Whether all predictions are returned by `flush`, in columns, and at once each that changes the touch, and one in
-        `SHOWN_INTERVALS`.
+    With ``in_columns`` all predictions are returned by `flush`, in columns, and at once each that changes the touch,
+    and one in `SHOWN_INTERVALS`.
 
     Attributes
     ----------

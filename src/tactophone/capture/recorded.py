@@ -10,14 +10,8 @@ from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 class RecordedSource:
     """A `tactophone.types.Source` that resamples a file to `LIVE_SAMPLE_RATE`.
 
-    Parameters
-    ----------
-    source
-        The recording.
-    resample
-        Streaming resampler from the recording's rate; it takes and returns arrays of shape ``(samples, channels)``.
-    label_at
-        Returns the touch at a time in s of the recording, or -1 where it is unknown.
+    ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
+    s of the recording, or -1 where it is unknown.
     """
 
     sample_rate = LIVE_SAMPLE_RATE

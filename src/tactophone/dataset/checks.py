@@ -63,13 +63,8 @@ def usable(dataset: Dataset) -> tuple[Dataset, tuple[Problem, ...]]:
 def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem, ...]]:
     """Return the data set without recordings that lack a microphone, and a warning for each of these.
 
-    Parameters
-    ----------
-    dataset
-        Usable recordings.
-    count
-        Microphones that are needed, 1 or 2. If no recording has as many, all stay, so that whoever reads them can say
-        which option to change.
+    ``count`` is 1 or 2. If no recording has as many microphones, all stay, so that whoever reads them can say which
+    option to change.
     """
     lacking = [recording for recording in dataset.recordings if not _holds(recording, count)]
     if count == 1 or not lacking or len(lacking) == len(dataset.recordings):

@@ -32,14 +32,8 @@ def check_consistency(
 ) -> tuple[Problem, ...]:
     """Read every readable recording, and report what is wrong with the set as a whole.
 
-    Parameters
-    ----------
-    dataset
-        Faults of single files are reported by :func:`tactophone.dataset.check` instead.
-    threshold_dbfs
-        Level of contact over a quarter second, in dBFS.
-    progress
-        Called with the number of recordings done.
+    Faults of single files are reported by :func:`tactophone.dataset.check` instead. ``threshold_dbfs`` is the level of
+    contact over a quarter second; ``progress`` is called with the number of recordings done.
     """
     problems = [*_leaks(dataset), *_imbalance(dataset)]
     seen: dict[str, Recording] = {}

@@ -65,10 +65,7 @@ def read_lab_folder(folder: Path) -> LabFolder:
 
     The folder is searched to any depth. Without a label in any name ``dataset.recordings`` is empty.
 
-    Returns
-    -------
-    LabFolder
-        Recordings with labels only; a file without one is named in the problems.
+    A file without a label is named in the problems.
     """
     problems: list[Problem] = []
     groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)

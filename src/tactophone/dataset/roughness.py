@@ -109,12 +109,7 @@ def roughness_profile(heights: Profile, *, step: float, cutoff: float = CUTOFF, 
 def gaussian_line(heights: Profile, *, step: float, cutoff: float) -> Profile:
     """Return the Gaussian mean line of profiles along the last axis (ISO 16610-21); near the ends it is pulled to 0.
 
-    Parameters
-    ----------
-    heights
-        In m, shape ``(..., heights)``, of mean zero.
-    step, cutoff
-        Between heights, and of the filter, in m.
+    ``heights`` has the shape ``(..., heights)`` and mean zero; all are in m.
     """
     half = max(1, round(cutoff / 2 / step))
     place = np.arange(-2 * half, 2 * half + 1) * step / (ALPHA * cutoff)
@@ -137,10 +132,7 @@ def standard_cutoff(ra: float) -> float:
 def choose_cutoff(heights: Profile, *, step: float) -> tuple[float, bool]:
     """Choose the cut-off of a profile by its own Ra.
 
-    Returns
-    -------
-    tuple
-        The cut-off in m, and whether the profile was long enough for the one that the standard names.
+    Returns it in m, and whether the profile was long enough for the one that the standard names.
     """
     fitting = [cutoff for _, cutoff in STANDARD_CUTOFFS if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step]
     if not fitting:

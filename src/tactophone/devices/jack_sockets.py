@@ -23,12 +23,8 @@ def disconnect_from_jack(pid: int, *, client: str = "") -> bool:
     """Shut down the JACK sockets of a process; returns whether there were any that could be shut down.
 
     The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
-    callback, it may later write the rest of one period into memory that is another client's by then.
-
-    Parameters
-    ----------
-    client
-        Shut down only the sockets on which the server notifies the client of this name; by default all.
+    callback, it may later write the rest of one period into memory that is another client's by then. With ``client`` it
+    shuts down only the sockets on which the server notifies the client of this name.
     """
     if sys.platform != "linux":
         return False

@@ -30,14 +30,8 @@ class GateProfile:
 class PassthroughRenderer(Renderer):
     """Renders sound, gated by the amplitude of commands.
 
-    Parameters
-    ----------
-    passthrough
-        Makes vibration from sound; give it a ceiling of 1, as the gate applies the ceiling.
-    pull
-        Returns the next so many samples of sound at 48 kHz, shape ``(samples, channels)``; silence where there is none.
-    limits
-        See `Renderer`.
+    ``passthrough`` makes vibration from sound, with a ceiling of 1, as the gate applies the ceiling; ``pull`` returns
+    the next so many samples of sound at 48 kHz, shape ``(samples, channels)``, silence where there is none.
     """
 
     def __init__(

@@ -57,9 +57,7 @@ def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
     ``stimuli`` are amplitude and frequency, from one end of the path to the other, densely.
 
-    Returns
-    -------
-    Steps of frequency, and of both together, as independent sensations add up (root of the sum of squares).
+    Both together add up as independent sensations do (root of the sum of squares).
 
     Examples
     --------

@@ -51,12 +51,7 @@ class _Waiting:
 class Depacketizer:
     """Decodes one stream of packets.
 
-    Parameters
-    ----------
-    reorder
-        Packets that may wait for a missing one: 0 or 1.
-    start
-        Position of the first sample, in samples.
+    ``reorder`` is how many packets may wait for a missing one, 0 or 1; ``start`` is the position of the first sample.
     """
 
     def __init__(self, *, reorder: int = 1, start: int = 0) -> None:

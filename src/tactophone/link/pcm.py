@@ -70,12 +70,8 @@ def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
     """Fill a gap of ``size`` samples with the mirrored sound of both sides, cross-faded.
 
     Touch sounds like noise, so the cross-fade keeps power, not amplitude, constant: the level at the contact gate does
-    not drop. The sound is continuous at both sides, so a gap makes no click that the detector would classify.
-
-    Parameters
-    ----------
-    before, after
-        Sound on both sides, shape ``(samples, channels)``; repeated back and forth where it is shorter than the gap.
+    not drop. The sound is continuous at both sides, so a gap makes no click that the detector would classify. Both
+    sides have the shape ``(samples, channels)``, and are repeated back and forth where they are shorter than the gap.
 
     Examples
     --------

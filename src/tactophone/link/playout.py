@@ -45,14 +45,8 @@ class _Waiting:
 class Playout:
     """Decodes one stream of packets by the listener's clock.
 
-    ``push`` only queues, so that a network thread may call it while an actuator's thread calls ``pull``.
-
-    Parameters
-    ----------
-    block_size
-        Samples of each pull.
-    channels
-        Of the output, 1 or 2; a mono stream fills both, of a stereo stream the first is contact.
+    ``push`` only queues, so that a network thread may call it while an actuator's thread calls ``pull``. ``channels``
+    is of the output: a mono stream fills both, of a stereo stream the first is contact.
 
     Attributes
     ----------

@@ -48,10 +48,7 @@ ReceiveEvent: TypeAlias = DecodedAudio | PredictionReceived | Connected | Discon
 class ReceiveSession:
     """Receives sound or predictions, oldest first, and reports on the stream.
 
-    Parameters
-    ----------
-    reorder
-        Packets that may wait for a missing one: 0 or 1.
+    ``reorder`` is how many packets may wait for a missing one, 0 or 1.
 
     Attributes
     ----------

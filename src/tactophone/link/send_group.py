@@ -21,18 +21,9 @@ class SendGroup:
 
     The sound is encoded once. Everything else is each operator's own: handshake, keys, packet numbers, redundancy,
     reports, faults. So what one operator sends, loses or leaves out changes nothing for the others, with one exception:
-    the first request for a larger bandwidth than before restarts the encoder.
-
-    Parameters
-    ----------
-    sessions
-        One for each operator, each calling another address.
-    rule, haptics
-        As of `SendSession`, for each.
-    follow
-        Whether the bandwidth follows the operators' requests.
-    prompt
-        As of `BlockEncoder`.
+    the first request for a larger bandwidth than before restarts the encoder. Each session calls another address;
+    ``rule`` and ``haptics`` are as of `SendSession`, ``prompt`` as of `BlockEncoder`. With ``follow`` the bandwidth
+    follows the operators' requests.
 
     Attributes
     ----------

@@ -26,14 +26,8 @@ Datagrams: TypeAlias = Iterable[tuple[bytes, Address]]
 class SendSession:
     """Sends sound or predictions, and evaluates the operator's reports.
 
-    Parameters
-    ----------
-    encoder
-        Of this session's sound; where others carry the same, their one encoder, which a `SendGroup` feeds.
-    rule
-        Of redundancy.
-    haptics
-        Whether predictions are sent in the payload of RFC 9993 instead of this project's own.
+    The encoder is of this session's sound; where others carry the same, their one encoder, which a `SendGroup` feeds.
+    With ``haptics`` predictions are sent in the payload of RFC 9993 instead of this project's own.
 
     Attributes
     ----------

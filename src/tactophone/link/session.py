@@ -44,14 +44,8 @@ BUSY_PAUSE = 3.0
 class Session:
     """One end of the link.
 
-    Parameters
-    ----------
-    identity, peers
-        The local identity, and the identities accepted.
-    call
-        The addresses to call, in turn; without one, the session waits for a call.
-    renew_after
-        Seconds after which a caller renews the keys.
+    It calls the addresses of ``call`` in turn; without one it waits for a call. ``renew_after`` is when a caller renews
+    the keys, in s.
 
     Attributes
     ----------

@@ -68,16 +68,8 @@ class RunSummary:
 class OfflineRenderer:
     """Runs the pipeline over a recording and writes its output step by step; a context manager.
 
-    Parameters
-    ----------
-    outputs
-        Files to write; existing files are overwritten.
-    pipeline
-        Opened for this sound; its limits bound the waveform too.
-    channels, sample_rate
-        Of the sound; the rate in Hz.
-    passthrough
-        Renders the sound itself, in place of the pipeline's commands.
+    Existing files are overwritten. The pipeline is opened for this sound, and its limits bound the waveform too;
+    ``passthrough`` renders the sound itself, in place of its commands.
 
     Attributes
     ----------
@@ -180,9 +172,7 @@ def process_recording(
     The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
     renders the sound itself, in place of the pipeline's commands.
 
-    Returns
-    -------
-    The totals, and the renderer with the peak envelopes of sound and vibration.
+    Returns the totals, and the renderer with the peak envelopes of sound and vibration.
     """
     pipeline.reset()
     renderer = OfflineRenderer(

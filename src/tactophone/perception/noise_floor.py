@@ -96,14 +96,9 @@ WINDOW = 0.032
 class NoiseFloor:
     """Follows the noise floor of a stream of levels, about `RATE` a second.
 
-    Parameters
-    ----------
-    start_dbfs
-        Threshold until the floor is known.
-    spread_db
-        Greatest standard deviation of noise within a cell; see `SPREAD_DB`.
-    false_alarms
-        Wanted share of the time without contact that counts as contact.
+    ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of noise
+    within a cell, see `SPREAD_DB`; ``false_alarms`` the wanted share of the time without contact that counts as
+    contact.
 
     Attributes
     ----------

@@ -45,15 +45,9 @@ class TouchDetector:
     With a contact gate, the gate decides on contact, by a threshold that is given or follows the noise. The start of a
     touch is reported at once, as smooth (a false bump is worse than a missed one), until the window is full enough of
     contact to be classified. Where a window within a touch is too quiet to be classified, the last decision stands. The
-    end of a touch is reported at once, though the window still contains it. Without a
-    gate, contact is that of the window, as in the paper.
-
-    Parameters
-    ----------
-    detector, gate
-        For sound of the same rate; both are fed by this object alone.
-    window
-        Length of the detector's windows in s.
+    end of a touch is reported at once, though the window still contains it. Without a gate, contact is that of the
+    window, as in the paper. Detector and gate are for sound of the same rate, and fed by this object alone; ``window``
+    is the length of the detector's windows in s.
 
     Notes
     -----

@@ -18,13 +18,7 @@ LONGEST_DEFERRAL = 0.02
 
 
 class DeferredTelemetry:
-    """Collects marks and steps of one thread, and writes them with the session log.
-
-    Parameters
-    ----------
-    telemetry, recorder
-        Where they are written; nobody else publishes steps.
-    """
+    """Collects marks and steps of one thread, and writes them with the session log; nobody else publishes steps."""
 
     def __init__(self, telemetry: Telemetry, recorder: SessionRecorder) -> None:
         self._telemetry, self._recorder = telemetry, recorder
@@ -54,13 +48,7 @@ class DeferredTelemetry:
         return self._changed or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
 
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
-        """Write everything collected.
-
-        Parameters
-        ----------
-        truth_of
-            Returns the known `Touch` of a finger now, instead of that of each step.
-        """
+        """Write everything collected; with ``truth_of``, the `Touch` that it returns replaces that of each step."""
         self._since, self._changed = None, False
         self._recorder.write()
         marks, self._marks = self._marks, []

@@ -16,18 +16,9 @@ from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 class FingerOutput:
     """From a pipeline's commands to what one actuator renders.
 
-    Parameters
-    ----------
-    settings
-        Of this finger (`tactophone.hand_file.of_finger`).
-    index, name
-        Its place in the hand, and its name; empty for a single finger.
-    renderer
-        Drives its actuator, from another thread.
-    endpoint
-        Holds its pipeline.
-    muted_because
-        Why it starts muted; empty to start armed.
+    ``settings`` are of this finger (`tactophone.hand_file.of_finger`); ``name`` is empty for a single finger.
+    ``renderer`` drives the actuator, from another thread. ``muted_because`` is why it starts muted; empty to start
+    armed.
 
     Attributes
     ----------

@@ -25,13 +25,7 @@ Marks = dict[str, NDArray[np.void]]
 
 
 class LocalPeer:
-    """The robot's run, watched from the operator's process, where both are on one machine.
-
-    Parameters
-    ----------
-    name
-        Of the robot's run; empty where it is on another machine.
-    """
+    """The robot's run, watched from the operator's process, where both are on one machine; else ``name`` is empty."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -70,14 +64,8 @@ def operator_stages(
 ) -> dict[str, float]:
     """Seconds in all stages from *network* on, and ``total`` where the robot's stages are known too.
 
-    Parameters
-    ----------
-    operator, robot
-        Whose marks are used; the robot's where it runs on this machine.
-    device_latency
-        Of the actuator's device.
-    sound_delay
-        For profiles that render the sound itself: its delay in the clocked buffer and in the renderer.
+    ``robot`` is known where it runs on this machine. ``device_latency`` is of the actuator's device; ``sound_delay`` is
+    the delay in the clocked buffer and in the renderer, for profiles that render the sound itself.
     """
     # Only blocks that led to a command are followed: the others have no effect on the vibration.
     names = ("rendered", "received", "released", "decoded", "detected")

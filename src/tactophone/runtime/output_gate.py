@@ -18,14 +18,8 @@ RESTARTED = "restarted after a fault: find the cause, then arm"
 class OutputGate:
     """What the local machine allows.
 
-    Parameters
-    ----------
-    ceiling
-        The machine's own, 0-1 of full drive.
-    output_level
-        Volume below the ceiling, 0-1.
-    muted_because
-        Why it starts muted; empty to start armed.
+    ``ceiling`` is the machine's own, 0-1 of full drive, ``output_level`` a volume below it, 0-1. ``muted_because`` is
+    why it starts muted; empty to start armed.
 
     Examples
     --------

@@ -25,15 +25,9 @@ _PACKAGES = ("numpy", "onnxruntime", "opuslib-next")
 
 
 class SessionRecorder:
-    """Logs what an end receives and what steers it; its calls belong to one thread, or stand under one lock.
+    """Logs what an end receives and what steers it, after how the process was started.
 
-    Parameters
-    ----------
-    telemetry
-        Gets the records; the first says how the process was started.
-    role
-        ``operator`` or ``robot``.
-    """
+    Its calls belong to one thread, or stand under one lock."""
 
     def __init__(self, telemetry: Telemetry, settings: Settings, *, role: str) -> None:
         self._telemetry = telemetry

@@ -65,12 +65,8 @@ Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
 class Supervisor:
     """Runs one side in its own process; a context manager.
 
-    Parameters
-    ----------
-    name
-        Of the run.
-    report
-        Called with a line for people: why a process is restarted, or what a slow start is at. From another thread.
+    ``report`` is called with a line for people: why a process is restarted, or what a slow start is at; from another
+    thread.
 
     Attributes
     ----------

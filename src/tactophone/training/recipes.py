@@ -109,10 +109,7 @@ class Job(Protocol):
 
         ``checkpoint`` keeps unfinished state, so that a killed training can continue; recipes of seconds keep none.
 
-        Returns
-        -------
-        bool
-            Whether this process wrote the file: under ``torchrun`` only one does.
+        Returns whether this process wrote the file: under ``torchrun`` only one does.
         """
 
 

@@ -80,8 +80,6 @@ class BandFeatures:
     def describe(self, spectrum: WindowSpectrum) -> FloatArray:
         """Describe each channel.
 
-        Returns
-        -------
         Shape ``(..., channels, BAND_VALUES)``: log10 of the power in each band, then the four shapes.
         """
         sound, powers = spectrum

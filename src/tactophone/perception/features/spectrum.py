@@ -13,8 +13,6 @@ from tactophone.types import FloatArray
 def magnitudes(window: FloatArray) -> FloatArray:
     """Return the magnitude of each channel's real FFT, concatenated; of windows ``(..., samples, channels)``.
 
-    Returns
-    -------
     Shape ``(..., (samples // 2 + 1) * channels)``, float32: all of channel 0, then all of channel 1.
 
     Examples

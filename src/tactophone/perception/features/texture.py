@@ -151,11 +151,8 @@ class Description(NamedTuple):
 class TextureExtractor:
     """Returns the features of kind ``texture``: channel after channel, means then deviations, ``2 * BAND_VALUES`` each.
 
-    Parameters
-    ----------
-    card
-        Its settings hold ``prior``, the moments of the average touch, ``change_metric``, see :data:`ChangeMetric`, and
-        ``memory`` in s.
+    The card's settings hold ``prior``, the moments of the average touch, ``change_metric``, see :data:`ChangeMetric`,
+    and ``memory`` in s.
     """
 
     def __init__(self, card: ModelCard) -> None:

@@ -15,14 +15,7 @@ from tactophone.types import FloatArray
 class Windower:
     """Keeps the newest sound and returns each window as soon as it is complete.
 
-    Parameters
-    ----------
-    size
-        Samples a window.
-    hop
-        Samples from one window to the next; may be a fraction, but at least 1.
-    channels
-        Of the sound to come.
+    ``size`` is in samples; ``hop`` too, and may be a fraction, but is at least 1.
 
     Examples
     --------

@@ -92,15 +92,8 @@ def with_fallback(
 class FallbackDetector:
     """A detector that never relies on a faulty microphone; has the interface of :class:`TouchDetector`.
 
-    Parameters
-    ----------
-    main
-        For microphones without faults.
-    spare
-        Uses the contact microphone alone, for when the air microphone is faulty; ``None`` if there is none, or only
-        one microphone.
-    fault_detector
-        Finds the faults.
+    ``main`` is for microphones without faults; ``spare`` uses the contact microphone alone, for when the air microphone
+    is faulty; ``None`` if there is none, or only one microphone.
     """
 
     def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:

@@ -104,15 +104,7 @@ def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) 
 
 
 class Operator:
-    """An ideal observer, trained on the percepts of rough and smooth through a method.
-
-    Parameters
-    ----------
-    practice
-        Visits to stones with known labels.
-    seed
-        Of its internal noise.
-    """
+    """An ideal observer, trained on the percepts of rough and smooth through a method."""
 
     def __init__(self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0) -> None:
         rng = np.random.default_rng([0x0B5E, seed])

@@ -32,16 +32,8 @@ TAP = 2.0
 class SimulatedParticipant(AlwaysOpen):
     """A simulated finger on an object, moved on request; a :class:`~tactophone.types.Source`.
 
-    Parameters
-    ----------
-    obj, mounting
-        The touched object, and its mounting (default: the catalogue's).
-    gain_db, air_gain_db
-        Extra gain of the contact and of the air microphone's preamplifier; negative attenuates.
-    seed
-        Of set-up, movement and noise.
-    tip
-        What touches: one of `~tactophone.simulation.physics.tip.TIPS`.
+    ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers. ``mounting`` is the catalogue's by
+    default; ``seed`` is of set-up, movement and noise.
 
     Examples
     --------

@@ -18,15 +18,8 @@ AHEAD = 1.0
 class StrokingFinger(AlwaysOpen):
     """The simulated finger, stroking one of five stones after another; a :class:`~tactophone.types.Source`.
 
-    Parameters
-    ----------
-    block_size
-        Samples per block.
-    seed
-        Of the order of the stones, the strokes and the noise.
-    tip
-        What touches: one of `~tactophone.simulation.physics.tip.TIPS`; other than the default, its radius, mass and
-        microphone are drawn by the seed.
+    The seed is of the order of the stones, the strokes and the noise; with a tip other than the default one, its
+    radius, mass and microphone are drawn by it too.
     """
 
     channels = 2

@@ -205,10 +205,7 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
         Of recordings of one surface each, ``(windows, channels, values)``: see
         :func:`tactophone.training.features.feature_tracks.mean_shifts`.
 
-    Returns
-    -------
-    ndarray
-        Shape ``(channels, values, values)``; zeros, so that no change is detected, where there are no shifts.
+    The metric has the shape ``(channels, values, values)``; zeros, so that no change is detected, without shifts.
     """
     moved = np.concatenate(shifts).astype(np.float64)
     if not len(moved):
