@@ -5,8 +5,9 @@
 SET is split into five folds, kin together; the recipe ``texture`` is trained on four of them, and on the sets of
 ``--also``, and edges are joined from the touches of the fifth (`tactophone.evaluation.join_edges`). p50 and p95 are
 over *all* edges on which the finger slides; one that is never reported counts as infinite. *Model*: contact is a
-window over the threshold of the model's card. *Touching*: all sound is contact, as the finger does not lift and a live
-threshold follows the noise. With ``lmt`` every run is a look at real scores: enter it in docs/research/looks.md.
+window over the threshold of the model's card, which is the noise of all sessions. *Floor*: over the noise floor of the
+two takes that are joined, the louder one, as a live threshold and that of `feel` are. *Touching*: all sound is contact,
+as the finger does not lift. With ``lmt`` every run is a look at real scores: enter it in docs/research/looks.md.
 """
 
 import argparse
@@ -17,11 +18,12 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.benchmark.entries import FEATURE_LATENCY
+from tactophone.capture import FileSource
 from tactophone.dataset import Dataset, Recording, open_dataset, split, with_kin
 from tactophone.dataset.motion_intervals import slides_over
-from tactophone.evaluation import TakePredictions, edge_delays, join_edges, model_predictor
+from tactophone.evaluation import SOURCES, TakePredictions, edge_delays, join_edges, model_predictor
 from tactophone.evaluation.metrics import rough_score
-from tactophone.perception import read_model
+from tactophone.perception import Model, measure_floor, read_model
 from tactophone.training import RECIPES, TrainingOptions, tip_of
 from tactophone.types import Touch
 
@@ -32,9 +34,10 @@ SILENCE_DBFS = -120.0
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """An edge and its predictions, by the model's threshold and with all sound as contact."""
+    """The predictions of an edge, by each threshold of contact."""
 
     model: TakePredictions
+    floor: TakePredictions
     touching: TakePredictions
 
 
@@ -46,11 +49,26 @@ def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOpti
         recordings = (*fold.train, *also)
         RECIPES["texture"].open_job(options).train(path, replace(dataset, recordings=recordings))
         model = read_model(path)
-        open_gate = replace(model, card=replace(model.card, gate=replace(model.card.gate, threshold_dbfs=SILENCE_DBFS)))
-        plain, touching = model_predictor(model), model_predictor(open_gate)
-        joined = [take for take in join_edges(fold.test, folder) if slides_over(take, take.segments[2].start)]
-        edges += [Edge(plain(take), touching(take)) for take in joined]
+        for take in join_edges(fold.test, folder):
+            if slides_over(take, take.segments[2].start):
+                thresholds = model.card.gate.threshold_dbfs, floor_of(take, model), SILENCE_DBFS
+                edges.append(Edge(*(model_predictor(_with_threshold(model, each))(take) for each in thresholds)))
     return edges
+
+
+def floor_of(edge: Recording, model: Model) -> float:
+    """Return the contact threshold over the noise of the two takes of an edge, in dBFS; of either channel 0."""
+    thresholds = []
+    for path in edge.properties[SOURCES].split("\n"):
+        with FileSource(Path(path)) as source:
+            rate, blocks = source.sample_rate, list(source)
+        floor = measure_floor(blocks, sample_rate=rate, rule=model.card.gate.rule)
+        thresholds.append(floor.threshold_dbfs if floor.known else SILENCE_DBFS)
+    return max(thresholds)
+
+
+def _with_threshold(model: Model, threshold_dbfs: float) -> Model:
+    return replace(model, card=replace(model.card, gate=replace(model.card.gate, threshold_dbfs=threshold_dbfs)))
 
 
 def describe(take: TakePredictions) -> str:
@@ -78,7 +96,7 @@ def main() -> None:
     rule = RECIPES["texture"].response_for(args.tip or tip_of(dataset.recordings)).decision
     with tempfile.TemporaryDirectory() as folder:
         edges = predict_edges(dataset, also, options, Path(folder))
-        for name in ("model", "touching"):
+        for name in ("model", "floor", "touching"):
             takes = [getattr(edge, name) for edge in edges]
             delays = edge_delays(takes, rule, latency=FEATURE_LATENCY)
             print(

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.evaluation.transitions import FADE, HALF, LEAD, join_edges
+from tactophone.evaluation.transitions import FADE, HALF, LEAD, SOURCES, join_edges
 from tactophone.types import Touch
 from tests.surfaces import RATE, surfaces
 
 
 def test_edges_join_a_smooth_and_a_rough_touch_in_either_order(tmp_path: Path) -> None:
     edges = join_edges(surfaces(tmp_path).recordings, tmp_path / "edges")
+    paths = {str(recording.path) for recording in surfaces(tmp_path).recordings}
+    assert all(set(edge.properties[SOURCES].split("\n")) <= paths for edge in edges)
     orders = {tuple(segment.label for segment in edge.segments) for edge in edges}
     assert orders == {(Touch.NONE, Touch.SMOOTH, Touch.ROUGH), (Touch.NONE, Touch.ROUGH, Touch.SMOOTH)}
     sound, rate = soundfile.read(edges[0].path)

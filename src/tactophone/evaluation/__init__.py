@@ -30,11 +30,12 @@ from tactophone.evaluation.predictions import (
 )
 from tactophone.evaluation.rendered import RENDERED, Rendered, rendered_scores
 from tactophone.evaluation.report import Report, make_report
-from tactophone.evaluation.transitions import join_edges
+from tactophone.evaluation.transitions import SOURCES, join_edges
 
 __all__ = [
     "RENDERED",
     "RULES",
+    "SOURCES",
     "Change",
     "Delays",
     "Difference",

@@ -31,6 +31,10 @@ VERSION = 2
 _WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
 
+SOURCES = "sources"
+"""Property of an edge: the paths of the two recordings that it is joined from, by line."""
+
+
 def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
     """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
@@ -79,8 +83,9 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
         Segment(LEAD, middle, _WORDS[order[0]]),
         Segment(middle, end, _WORDS[order[1]]),
     )
+    sources = {SOURCES: "\n".join(str(take.path) for take, _ in pair)}
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
-                     segments=segments, properties=MappingProxyType(_motion(pair)))  # fmt: skip
+                     segments=segments, properties=MappingProxyType(_motion(pair) | sources))  # fmt: skip
 
 
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
