@@ -23,9 +23,9 @@ from tactophone.perception import (
     measure_floor,
     model_path,
     read_model,
-    rough_share,
     with_gate,
-)  # fmt: skip
+)
+from tactophone.perception.decision import rough_share
 from tactophone.simulation import SimulatedParticipant, catalogue
 from tactophone.training.set_up import ObjectSound, collect, fit_set_up
 from tactophone.training.set_up_model import write_set_up

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.perception import Contact, ContactGate, TouchDetector
+from tactophone.perception import ContactGate, TouchDetector
+from tactophone.perception.contact import Contact
 from tactophone.perception.touch_detector import FADED_DB, FADED_PAUSE, PAUSE
 from tactophone.types import AudioBlock, Prediction, Touch
 
