@@ -120,9 +120,8 @@ def _simulated(folder: Path, workers: int) -> Path:
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
     objects = [obj for obj in catalogue() if obj.number >= 0]
     jobs = plan_dataset(objects, RenderOptions(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
-    with terminal.progress("simulating") as bar:
-        task = bar.add_task("", note="")
-        for _ in bar.track(render_dataset(folder, jobs, processes=workers), total=len(jobs), task_id=task):
+    with terminal.tracked(render_dataset(folder, jobs, processes=workers), "simulating", len(jobs)) as rendered:
+        for _ in rendered:
             pass
     write_manifest(folder, jobs)
     return folder
@@ -134,13 +133,11 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
     plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits, fast=args.fast)
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
-    with terminal.progress(dataset.name) as bar:
-        task = bar.add_task("", total=None, note="")
-
-        def show(done: int, of: int, name: str) -> None:
-            bar.update(task, completed=done, total=of, note=name)
-
-        return run_plan(plan, cache, place=place, workers=args.workers, report=show)  # type: ignore[arg-type]
+    with terminal.progress(dataset.name) as update:
+        return run_plan(
+            plan, cache, place=place, workers=args.workers,  # type: ignore[arg-type]  # one of its words
+            report=lambda done, of, name: update(completed=done, total=of, note=name),
+        )  # fmt: skip
 
 
 def _write(

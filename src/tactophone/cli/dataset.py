@@ -95,10 +95,9 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def _check(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     threshold_dbfs = Calibration.read(args.calibration).window_dbfs if args.calibration else DEFAULT_CONTACT_DBFS
-    with terminal.progress("checking") as bar:
-        task = bar.add_task("", total=2 * len(dataset.recordings), note="")
-        single = check(dataset, progress=lambda done: bar.update(task, completed=done))
-        across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: bar.advance(task))
+    with terminal.progress("checking", 2 * len(dataset.recordings)) as update:
+        single = check(dataset, progress=lambda done: update(completed=done))
+        across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: update(advance=1))
     problems = (*single, *across)
     bad = {problem.path for problem in problems if problem.fatal}
     if args.json:
@@ -195,11 +194,10 @@ def _import(args: argparse.Namespace) -> int:
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
         terminal.log().print(f"{'left out' if problem.fatal else 'warning'}: {problem}", soft_wrap=True)
-    with terminal.progress("converting") as bar:
-        task = bar.add_task("", total=len(found.dataset.recordings), note="")
+    with terminal.progress("converting", len(found.dataset.recordings)) as update:
         converted = convert(
             found.dataset, args.out, air_of=found.air_of, targets=found.targets,
-            progress=lambda done: bar.update(task, completed=done),
+            progress=lambda done: update(completed=done),
         )  # fmt: skip
     pairs = f", {len(found.air_of)} of them joined from two mono files" if found.air_of else ""
     print(f"{len(converted.recordings)} recordings{pairs} in {args.out}")
@@ -215,11 +213,8 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _import_published(args: argparse.Namespace) -> int:
-    with terminal.progress("converting") as bar:
-        task = bar.add_task("", total=None, note="")
-        made, problems = FORMATS[args.format](
-            Path(args.folder), args.out, progress=lambda done: bar.update(task, completed=done)
-        )
+    with terminal.progress("converting") as update:
+        made, problems = FORMATS[args.format](Path(args.folder), args.out, progress=lambda done: update(completed=done))
     for problem in problems:
         terminal.log().print(f"left out: {problem}", soft_wrap=True)
     _print_count(len(made.recordings), args.out)

@@ -83,8 +83,7 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
     if model.card.training.get("sha256") == dataset.fingerprint:
         terminal.log().print("beware: the model was trained on these very recordings")
     predict = model_predictor(model, own_floor=True)
-    with terminal.progress("predicting") as bar:
-        takes = bar.track(dataset.recordings, task_id=bar.add_task("", note=""))
+    with terminal.tracked(dataset.recordings, "predicting") as takes:
         return make_report([predict(take) for take in takes], decision=model.card.decision)
 
 
@@ -111,11 +110,8 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Re
 def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
     from tactophone.benchmark import cross_validate
 
-    with terminal.progress(method.name) as bar:
-        task = bar.add_task("", total=len(folds), note="")
-        return cross_validate(
-            method, folds, cache=cache, report=lambda done, name: bar.update(task, completed=done, note=name)
-        )
+    with terminal.progress(method.name, len(folds)) as update:
+        return cross_validate(method, folds, cache=cache, report=lambda done, name: update(completed=done, note=name))
 
 
 def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:

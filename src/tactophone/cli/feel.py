@@ -161,10 +161,9 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
 
     def follow(step: PipelineStep) -> None:
         events.extend(event for prediction in step.predictions for event in prediction.events)
-        bar.update(task, completed=step.block.end)
+        update(completed=step.block.end)
 
-    with terminal.progress("processing") as bar:
-        task = bar.add_task("", total=source.size, note=escape(path.name))
+    with terminal.progress("processing", source.size, note=escape(path.name)) as update:
         summary, renderer = process_recording(sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if args.events or args.profile == "events":

@@ -60,12 +60,11 @@ def run(args: argparse.Namespace) -> int:
     data = _data(args)
     calibration = Calibration.read(args.calibration) if args.calibration else None
     job = finetuning.finetuning_job(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
-    with terminal.progress("training") as bar:
-        task = bar.add_task("", total=None, note="")
+    with terminal.progress("training") as update:
         trained = finetuning.train_on_both(
             job, data,
-            reading=lambda done, count: bar.update(task, completed=done, total=count, note="reading"),
-            report=lambda at: bar.update(task, completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
+            reading=lambda done, count: update(completed=done, total=count, note="reading"),
+            report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
         )  # fmt: skip
     share = _choose(args, job, trained, data)
     changes = _measure(args, data, calibration)
@@ -159,8 +158,8 @@ def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_d
         return detector
 
     predict = streaming_predictor(open_detector, channels=model.card.channels)
-    with terminal.progress(note) as bar:
-        return [predict(take) for take in bar.track(recordings, task_id=bar.add_task("", note=""))]
+    with terminal.tracked(recordings, note) as takes:
+        return [predict(take) for take in takes]
 
 
 def _print(args: argparse.Namespace, changes: dict[str, dict[str, "Change"]], *, share: float, seconds: float) -> None:

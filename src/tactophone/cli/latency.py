@@ -50,11 +50,8 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(args.period)).name if args.dummy else settings.process.jack_server
         graph = Graph(server, args.impulse_port, args.vibration_port)
-        bar = stack.enter_context(terminal.progress("impulses"))
-        task = bar.add_task("", total=1.0, note="")
-        measured = measure(
-            settings, graph, impulses=args.impulses, progress=lambda share: bar.update(task, completed=share)
-        )
+        update = stack.enter_context(terminal.progress("impulses", 1.0))
+        measured = measure(settings, graph, impulses=args.impulses, progress=lambda share: update(completed=share))
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
     if args.json:

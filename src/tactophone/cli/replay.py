@@ -71,8 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _with_progress(path: Path, entries: "Iterator[LogEntry]") -> "Iterator[LogEntry]":
-    with terminal.progress("replaying") as bar:
-        bar.add_task("", total=None, note=path.name)
+    with terminal.progress("replaying", note=path.name):
         yield from entries
 
 

@@ -83,8 +83,8 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
     if model.card.training.get("sha256") == dataset.fingerprint:
         terminal.log().print("beware: the model was trained on these recordings, so the rates are too good")
     predict = model_predictor(model)
-    with terminal.progress("predicting") as bar:
-        return [predict(take) for take in bar.track(dataset.recordings, task_id=bar.add_task("", note=""))]
+    with terminal.tracked(dataset.recordings, "predicting") as takes:
+        return [predict(take) for take in takes]
 
 
 def _print(args: argparse.Namespace, points: "dict[str, OperatingPoint]", files: Sequence[Path]) -> None:

@@ -221,10 +221,10 @@ def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) 
     from tactophone.training.set_up import collect, fit_set_up
 
     rate = recorded.sample_rate
-    with terminal.progress("fitting") as bar:
+    with terminal.tracked(recorded.objects, "fitting") as objects:
         sounds = [
             collect(model, samples, sample_rate=rate, threshold_dbfs=threshold_dbfs, name=name, rough=rough)
-            for name, rough, samples in bar.track(recorded.objects, task_id=bar.add_task("", note=""))
+            for name, rough, samples in objects
         ]
     return fit_set_up(sounds, channels=model.card.channels, tip=tip)
 

@@ -138,10 +138,9 @@ def _dataset(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
     try:
-        with terminal.progress("simulating") as bar:
-            task = bar.add_task("", total=len(jobs), note="")
+        with terminal.progress("simulating", len(jobs)) as update:
             for job in render_dataset(args.out, jobs, processes=args.jobs):
-                bar.update(task, advance=1, note=job.name)
+                update(advance=1, note=job.name)
     finally:
         done = write_manifest(args.out, jobs)
         terminal.log().print(f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s")
@@ -166,11 +165,10 @@ def _competition(args: argparse.Namespace) -> int:
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
         return 0
-    with terminal.progress("simulating") as bar:
-        task = bar.add_task("", total=len(runs), note="")
+    with terminal.progress("simulating", len(runs)) as update:
         for each in runs:
             write_run(args.out, each, bits=args.bits)
-            bar.update(task, advance=1, note=each.name)
+            update(advance=1, note=each.name)
     write_metadata(args.out, [run_recording(args.out, each) for each in runs])
     print(args.out)
     return 0

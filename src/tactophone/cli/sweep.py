@@ -91,11 +91,10 @@ def _run(trials: "list[tuple[str, Method]]", folds: Any, cache: "Cache", args: a
 
     jobs = [Job(method, fold) for _, method in trials for fold in folds]
     place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
-    with terminal.progress("sweeping") as bar:
-        task = bar.add_task("", total=len(jobs), note="")
+    with terminal.progress("sweeping", len(jobs)) as update:
         run_jobs(
             jobs, cache, place=place, workers=args.workers,  # type: ignore[arg-type]  # one of its words
-            report=lambda done, name: bar.update(task, completed=done, note=name),
+            report=lambda done, name: update(completed=done, note=name),
         )  # fmt: skip
 
 

@@ -40,13 +40,11 @@ def run(args: argparse.Namespace) -> int:
     checkpoint = args.out.with_name(args.out.name + ".unfinished.npz")
     if args.restart:
         checkpoint.unlink(missing_ok=True)
-    with terminal.progress("training") as bar:
-        task = bar.add_task("", total=None, note="")
-
-        def show(done: int, total: int | None, note: str) -> None:
-            bar.update(task, completed=done, total=total, note=note)
-
-        written = job.train(args.out, dataset, checkpoint=checkpoint, report=show, log=terminal.log().print)
+    with terminal.progress("training") as update:
+        written = job.train(
+            args.out, dataset, checkpoint=checkpoint, log=terminal.log().print,
+            report=lambda done, total, note: update(completed=done, total=total, note=note),
+        )  # fmt: skip
     checkpoint.unlink(missing_ok=True)
     if written:
         print(args.out)

@@ -35,9 +35,8 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "
 def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[str, list[TakePredictions]]":
     from tactophone.benchmark import predict_held_out
 
-    with terminal.progress("Tables I and II") as bar:
-        task = bar.add_task("", total=None, note="")
-        return predict_held_out(dataset, names, cache, report=lambda name: bar.update(task, note=name))
+    with terminal.progress("Tables I and II") as update:
+        return predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
 
 
 def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
@@ -72,10 +71,9 @@ def _cell(score: "Estimate") -> str:
 def _print_task(args: argparse.Namespace) -> None:
     from tactophone.benchmark import PAPER_THREE, play_task, task_methods
 
-    with terminal.progress("simulated operator") as bar:
-        names = args.methods.split(",") if args.methods else task_methods()
-        task = bar.add_task("", total=len(names) + 1, note="")
-        outcomes = play_task(names, rounds=args.rounds, report=lambda name: bar.update(task, advance=1, note=name))
+    names = args.methods.split(",") if args.methods else task_methods()
+    with terminal.progress("simulated operator", len(names) + 1) as update:
+        outcomes = play_task(names, rounds=args.rounds, report=lambda name: update(advance=1, note=name))
     if args.json:
         own = [{"name": f"paper's own: {name}", "task": time} for name, time in PAPER_THREE.items()]
         played = [{**outcome.as_json(), "task": outcome.median_duration + args.retrieval} for outcome in outcomes]

@@ -4,14 +4,17 @@ import argparse
 import functools
 import json
 import sys
-from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sized
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tactophone.errors import did_you_mean
+
+Entry = TypeVar("Entry")
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -68,18 +71,35 @@ def print_json(value: Any) -> None:
     print(json.dumps(finite(value), indent=2, ensure_ascii=False))
 
 
-def progress(description: str) -> Progress:
-    """Return a progress bar on stderr; it prints nothing where that is not a terminal."""
-    return Progress(
-        TextColumn(description),
+@contextmanager
+def progress(description: str, total: float | None = None, *, note: str = "") -> Iterator[Callable[..., None]]:
+    """Show a progress bar on stderr, where that is a terminal.
+
+    Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
+    """
+    columns = (
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
-        console=log(),
-        transient=True,
-        disable=not log().is_terminal,
     )
+    with Progress(
+        TextColumn(description), *columns, console=log(), transient=True, disable=not log().is_terminal
+    ) as bar:
+        yield functools.partial(bar.update, bar.add_task("", total=total, note=note))
+
+
+@contextmanager
+def tracked(entries: Iterable[Entry], description: str, total: float | None = None) -> Iterator[Iterator[Entry]]:
+    """Yield an iterator over entries that a progress bar counts; ``total`` is by default their length."""
+
+    def counted() -> Iterator[Entry]:
+        for entry in entries:
+            yield entry
+            update(advance=1)
+
+    with progress(description, len(entries) if isinstance(entries, Sized) else total) as update:
+        yield counted()
 
 
 def finite(value: Any) -> Any:
