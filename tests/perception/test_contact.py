@@ -71,6 +71,13 @@ def test_steps_that_wait_change_nothing(rate: int, rule: LoudnessRule) -> None:
     assert {(contact.touching, contact.held) for contact, _ in found} == {(0, 0), (1, 0), (1, 1)}
 
 
+@pytest.mark.parametrize("rule", ["banded", "rms", "mean_absolute"])
+def test_a_long_block_at_a_low_rate_fits_the_steps(rule: LoudnessRule) -> None:
+    samples = noise(level_dbfs=THRESHOLD_DBFS + 20, duration=1.0, channels=1)
+    gate = ContactGate(THRESHOLD_DBFS, sample_rate=2_000, rule=rule)
+    assert any(change.touching for change in gate.push(AudioBlock(samples, 2_000)))
+
+
 def test_a_clear_touch_is_known_in_a_millisecond_and_its_end_in_35() -> None:
     times = touches(changes_in(stroke(0.3, 0.6)))
     assert 0.3 < times[0] <= 0.301

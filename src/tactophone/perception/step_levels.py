@@ -120,6 +120,10 @@ class StepLevels:
     def _make_views(self, count: int) -> tuple[FloatArray, FloatArray]:
         """Return so many steps, and what the filter covers for each of their differences."""
         steps = self._sound[self._before : self._before + count * self.step_size].reshape(count, self.step_size)
+        if self._rule != "banded":
+            # The filter's view would reach over the end of the sound.
+            self._views[count] = steps, steps
+            return self._views[count]
         shape = count, self.step_size // self._decimation, len(self._filter)
         strides = 4 * self.step_size, 4 * self._decimation, 4
         self._views[count] = steps, np.ndarray(shape, np.float32, self._sound, strides=strides)
