@@ -1,10 +1,7 @@
 """``tactophone roughness``: Ra, Rq, Rz, RSm, Rdq, Sa, Sq and Sz of a measured profile or height map."""
 
 import argparse
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from rich.table import Table
@@ -91,18 +88,13 @@ def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
         hint = did_you_mean(args.surface, dataset.surfaces) or "; `tactophone dataset show` lists all"
         raise DatasetError(f"{dataset.root}: no surface {args.surface!r}{hint}")
     found = report.profile
-    columns = {"ra_um": found.ra * 1e6, "rz_um": found.rz * 1e6, "rsm_um": found.rsm * 1e6}
+    heights = {"ra_um": found.ra, "rz_um": found.rz, "rsm_um": found.rsm}
+    columns = {name: f"{height * 1e6:.4g}" for name, height in heights.items()}
     recordings = [
-        replace(recording, properties=_with(recording.properties, columns))
-        if recording.surface == args.surface
-        else recording
+        recording.with_properties(**columns) if recording.surface == args.surface else recording
         for recording in dataset.recordings
     ]
     return write_metadata(dataset.root, recordings)
-
-
-def _with(properties: Mapping[str, str], columns: Mapping[str, float]) -> Mapping[str, str]:
-    return MappingProxyType({**properties, **{name: f"{value:.4g}" for name, value in columns.items()}})
 
 
 def _print(args: argparse.Namespace, report: "HeightReport") -> None:

@@ -76,8 +76,7 @@ def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
     recordings = []
     for recording in dataset.recordings:
         side = sides.get(recording.surface, recording.known("split"))
-        properties = MappingProxyType({**recording.properties, "split": side})
-        recordings.append(dataclasses.replace(recording, properties=properties))
+        recordings.append(recording.with_properties(split=side))
     return write_metadata(dataset.root, recordings)
 
 

@@ -7,7 +7,6 @@ set, or of a separate file; without either, a surface is kin to its other versio
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 from tactophone.dataset.metadata import rows
 from tactophone.dataset.values import Dataset, Recording
@@ -36,11 +35,8 @@ def with_kin(dataset: Dataset, file: Path) -> Dataset:
         raise DatasetError(f"{file}: cannot be read ({error.strerror}); give a CSV file of surface,kin") from None
     if not kin.keys() & set(dataset.surfaces):
         raise DatasetError(f"{file}: names none of the surfaces of {dataset.root}, such as {dataset.surfaces[0]}")
-    return replace(
-        dataset, recordings=tuple(_with(recording, kin.get(recording.surface, "")) for recording in dataset.recordings)
+    recordings = (
+        recording.with_properties(kin=found) if (found := kin.get(recording.surface)) else recording
+        for recording in dataset.recordings
     )
-
-
-def _with(recording: Recording, kin: str) -> Recording:
-    properties = MappingProxyType({**recording.properties, "kin": kin})
-    return replace(recording, properties=properties) if kin else recording
+    return replace(dataset, recordings=tuple(recordings))

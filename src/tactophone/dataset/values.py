@@ -94,6 +94,10 @@ class Recording:
         *values, properties = (getattr(self, entry.name) for entry in fields(self))
         return _unpickle, (*values, dict(properties))
 
+    def with_properties(self, **properties: str) -> "Recording":
+        """Return the recording with further properties, or other values of those that it has."""
+        return replace(self, properties=MappingProxyType({**self.properties, **properties}))
+
     def known(self, name: str) -> str:
         """Return a field or a property as text, empty if unknown; splits group by it.
 

@@ -6,7 +6,6 @@ into a FLAC when the take ends, and the part is deleted when the FLAC is complet
 any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds its entry for the manifest.
 """
 
-import dataclasses
 import fcntl
 import json
 import os
@@ -74,8 +73,7 @@ class TakeWriter:
         Raises `DatasetError` if the disk is full; the sound stays in the part file.
         """
         self._file.close()
-        merged = MappingProxyType({**self.recording.properties, **properties})
-        recording = dataclasses.replace(self.recording, properties=merged)
+        recording = self.recording.with_properties(**properties)
         try:
             _write_entry(recording)
             return _finish(self._root, recording)
@@ -151,9 +149,7 @@ def _cut_off(recording: Recording) -> Recording:
     part = recording.path.with_suffix(PART)
     if "quality" in recording.properties or not part.is_file():
         return recording
-    quality = f"cut off after {soundfile.info(part).duration:.1f} s"
-    properties = MappingProxyType({**recording.properties, "quality": quality})
-    return dataclasses.replace(recording, properties=properties)
+    return recording.with_properties(quality=f"cut off after {soundfile.info(part).duration:.1f} s")
 
 
 def _finish(root: Path, recording: Recording) -> Recording:
