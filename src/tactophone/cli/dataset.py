@@ -193,7 +193,7 @@ def _import(args: argparse.Namespace) -> int:
         return _import_published(args)
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
-        terminal.log().print(f"{'left out' if problem.fatal else 'warning'}: {problem}", soft_wrap=True)
+        terminal.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
     with terminal.progress("converting", len(found.dataset.recordings)) as update:
         converted = convert(
             found.dataset, args.out, air_of=found.air_of, targets=found.targets,
@@ -204,10 +204,9 @@ def _import(args: argparse.Namespace) -> int:
     if found.guessed:
         surfaces = converted.surfaces
         shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")
-        terminal.log().print(
+        terminal.note(
             f"beware: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
-            f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side",
-            soft_wrap=True,
+            f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
         )
     return 0
 
@@ -216,7 +215,7 @@ def _import_published(args: argparse.Namespace) -> int:
     with terminal.progress("converting") as update:
         made, problems = FORMATS[args.format](Path(args.folder), args.out, progress=lambda done: update(completed=done))
     for problem in problems:
-        terminal.log().print(f"left out: {problem}", soft_wrap=True)
+        terminal.note(f"left out: {problem}")
     _print_count(len(made.recordings), args.out)
     if not any(recording.label is not None for recording in made.recordings):
         terminal.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")

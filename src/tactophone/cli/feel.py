@@ -154,7 +154,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
     sound = PreparedSource(source, preparation)
     pipeline = _open_pipeline(sound, model, floor, args)
     if warning := tip_mismatch(card, args.tip):
-        terminal.log().print(f"{path}: {warning}", soft_wrap=True)
+        terminal.note(f"{path}: {warning}")
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
     events: list[TouchEvent] = []

@@ -114,4 +114,4 @@ def _print(args: argparse.Namespace, report: "HeightReport") -> None:
     table.add_row("of", f"{size}, {1e6 * report.step:.4g} um apart; Gaussian cut-off {1e3 * report.cutoff:g} mm")
     terminal.out().print(table)
     for note in report.notes:
-        terminal.log().print(f"beware: {note}", soft_wrap=True)
+        terminal.note(f"beware: {note}")

@@ -82,21 +82,19 @@ def place(args: argparse.Namespace) -> dict[str, Any]:
 def announce(page: "Page", path: str = "") -> None:
     """Print the page's address; if other machines can reach it, also a QR code and who can see it."""
     address = f"{page.url}{path}"
-    terminal.log().print(f"page: {address}", soft_wrap=True)
+    terminal.note(f"page: {address}")
     if page.private:
         return
     # Black on white in any terminal: not every camera reads an inverted code.
     terminal.log().print(qr_code(address), style="black on white", end="", soft_wrap=True)
-    terminal.log().print(
+    terminal.note(
         "A phone in the same network scans the code, or opens the address above. Whoever has the address sees this "
-        "run, feels it, and can stop, mute and weaken it; only a page on this machine arms it.",
-        soft_wrap=True,
+        "run, feels it, and can stop, mute and weaken it; only a page on this machine arms it."
     )
     if not page.secure:
-        terminal.log().print(
+        terminal.note(
             "The page's traffic, its token too, can be read on the network: use a trusted one, or --https. "
-            "Without --https a phone has neither sound nor microphone there, only vibration.",
-            soft_wrap=True,
+            "Without --https a phone has neither sound nor microphone there, only vibration."
         )
 
 
@@ -121,9 +119,6 @@ def _certificate(args: argparse.Namespace) -> tuple[Path, Path] | None:
 
     folder = Path(vars(args).get("link.identity") or IDENTITY_FOLDER).expanduser()
     fingerprint = Identity.load(folder).fingerprint
-    terminal.log().print(f"certificate (SHA-256): {fingerprint}", soft_wrap=True)
-    terminal.log().print(
-        "The browser warns that nobody vouches for this certificate: compare its fingerprint, then go on.",
-        soft_wrap=True,
-    )
+    terminal.note(f"certificate (SHA-256): {fingerprint}")
+    terminal.note("The browser warns that nobody vouches for this certificate: compare its fingerprint, then go on.")
     return folder / CERTIFICATE_FILE, folder / KEY_FILE

@@ -37,10 +37,10 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1,
     kept, problems = usable(dataset)
     for problem in problems:
         if problem.fatal:
-            terminal.log().print(f"left out: {problem}", soft_wrap=True)
+            terminal.note(f"left out: {problem}")
     kept, lacking = with_channels(kept.labelled(), channels)
     for problem in lacking:
-        terminal.log().print(f"left out: {problem}", soft_wrap=True)
+        terminal.note(f"left out: {problem}")
     return with_kin(kept, kin) if kin else kept
 
 

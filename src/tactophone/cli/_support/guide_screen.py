@@ -34,7 +34,7 @@ class GuidePage:
         self._page = guide(page_end)
 
     def __enter__(self) -> Self:
-        terminal.log().print(f"page: {self._page.url}", soft_wrap=True)
+        terminal.note(f"page: {self._page.url}")
         return self
 
     def __exit__(

@@ -78,7 +78,7 @@ def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Brid
 
         token = secrets.token_urlsafe(24)
         yield partial(FoxgloveBridge, name, args.foxglove, token=token)
-        terminal.log().print(f"Foxglove: ws://{args.foxglove}/{token}/", soft_wrap=True)
+        terminal.note(f"Foxglove: ws://{args.foxglove}/{token}/")
         terminal.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
     if args.osc:
         extras.require_modules("pythonosc")
