@@ -55,13 +55,12 @@ unit: $(READY)
 package: $(READY)
 	$(PYTEST) -m package tests/test_package.py
 
-# Real servers and processes, three at once, as they mostly wait, by file name, so that no file of few long tests is last;
-# those that measure the time of sound one after another. A shared machine may stall in the middle of a test, so each may
-# be repeated; the summary names those that were.
+# Real servers and processes, three at once (four are no faster on two cores), by file name, so that no file of few long
+# tests is last; those that measure the time of sound one after another. A shared machine may stall in the middle of a
+# test, so each may be repeated; the summary names those that were.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 -rR -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
-TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement/test_latency.py \
-         tests/cli/test_latency.py tests/cli/test_demo.py
+TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement/test_latency.py
 REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' tests)))
 realtime: $(READY)
 	$(PYTEST) -n 3 --dist loadfile --no-loadscope-reorder -m realtime $(RERUNS) $(REALTIME)
