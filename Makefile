@@ -59,7 +59,7 @@ package: $(READY)
 # tests is last; those that measure the time of sound one after another. A shared machine may stall in the middle of a
 # test, so each may be repeated; the summary names those that were.
 # One that stands still for 5 minutes ends with the traceback of every thread.
-RERUNS = --reruns 2 --reruns-delay 1 -rR -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
+RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement/test_latency.py
 REALTIME = $(filter-out $(TIMED),$(sort $(shell grep -rl --include='test_*.py' 'mark\.realtime' tests)))
 realtime: $(READY)
