@@ -57,7 +57,7 @@ package: $(READY)
 
 # Real servers and processes, three at once (four are no faster on two cores), by file name, so that no file of few long
 # tests is last; those that measure the time of sound one after another. A shared machine may stall in the middle of a
-# test, so each may be repeated; the summary names those that were.
+# test, so each may be repeated; the summary shows why.
 # One that stands still for 5 minutes ends with the traceback of every thread.
 RERUNS = --reruns 2 --reruns-delay 1 --rerun-show-tracebacks -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 TIMED  = tests/runtime/test_safety.py tests/runtime/test_stalls.py tests/measurement/test_latency.py

@@ -59,3 +59,5 @@ def test_keys_alone_begin_and_end_to_feel(browser: webdriver.Chrome, page: Page,
     for key, pressed in ((Keys.ENTER, "true"), (Keys.SPACE, "false")):
         ActionChains(browser).send_keys(key).perform()
         assert button.get_attribute("aria-pressed") == pressed
+        # What the button starts is loaded then: a page left in the middle of it would complain.
+        wait(browser, lambda: (text(browser, "feel-way") != "") is (button.get_attribute("aria-pressed") == "true"))
