@@ -16,9 +16,9 @@ LOOKAHEAD = 2.5
 """ms of Opus at low delay."""
 
 ROWS = {
-    (32, "Tactophone, PCM"): "32 samples, PCM †",
-    (64, "Tactophone, PCM"): "64 samples, PCM †",
-    (64, "Tactophone, Opus 2.5 ms"): "64 samples, Opus 2.5 ms †",
+    (32, "Tactophone, PCM"): "32 samples, PCM",
+    (64, "Tactophone, PCM"): "64 samples, PCM",
+    (64, "Tactophone, Opus 2.5 ms"): "64 samples, Opus 2.5 ms",
     (64, "JackTrip, queue 2"): "JackTrip, 64 samples, queue 2",
     (64, "JackTrip, queue 4"): "JackTrip, 64 samples, queue 4, its default",
     (128, "Tactophone, PCM"): "the same, PCM",
