@@ -23,8 +23,9 @@ TONE = 300.0
 PEAK = 0.8
 """Amplitude of an impulse; its first sample is the highest."""
 
-INTERVALS = (0.2, 0.25)
-"""Range of seconds between impulses, uniform: the vibration has faded by then, and every phase of the period occurs."""
+INTERVALS = (0.22, 0.27)
+"""Range of seconds between impulses, uniform: the vibration has faded 10 ms before, as it ends 197 ms after an impulse
+at the latest (512 samples, Opus 10 ms), and every phase of the period occurs."""
 
 FIRST = 1e-4
 """Amplitude above which a sample vibrates, 80 dB below full drive; at rest, every sample is exactly zero."""
