@@ -17,14 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.perception import (
-    Model,
-    WindowDetector,
-    measure_floor,
-    model_path,
-    read_model,
-    with_gate,
-)
+from tactophone.evaluation import interval
+from tactophone.perception import Model, WindowDetector, measure_floor, model_path, read_model, with_gate
 from tactophone.perception.decision import rough_share
 from tactophone.simulation import SimulatedParticipant, catalogue
 from tactophone.training.set_up import ObjectSound, collect, fit_set_up
@@ -110,9 +104,9 @@ def main() -> None:
     for name, rows in zip(("before", "setup"), scores.swapaxes(0, 1), strict=True):
         for kind, at in (("rendered", 0), ("windows", 2)):
             right = (rows[:, at] + 1 - rows[:, at + 1]) / 2
-            low, high = np.quantile(right[draws].mean(axis=1), [0.05, 0.95])
+            balanced = interval(right.mean(), right[draws].mean(axis=1))
             print(
-                f"{name}, {kind}: balanced {right.mean():.3f} ({low:.2f}-{high:.2f}), worst {right.min():.2f}; "
+                f"{name}, {kind}: balanced {balanced}, worst {right.min():.2f}; "
                 f"rough as rough {rows[:, at].mean():.3f}, smooth as rough {rows[:, at + 1].mean():.3f}; "
                 f"silent {rows[:, 4].mean():.3f}"
             )
