@@ -117,7 +117,7 @@ def print_packets(settings: Settings) -> None:
         robot = context.Process(target=send, args=(robot_settings,), daemon=True)
         with Operator(operator_settings, ProcessInfo(operator_settings.process.name)) as side:
             windows: list[int] = []
-            side._pipelines[2].detector.detector.trace = lambda *_: windows.append(len(reads))  # type: ignore
+            side._endpoint.pipeline.detector.detector.trace = lambda *_: windows.append(len(reads))  # type: ignore
             robot.start()
             while sum(count > 0 for _, count in reads[:]) < PACKETS and robot.is_alive():
                 side.housekeep(time.monotonic())

@@ -14,7 +14,7 @@ from tactophone.cli._support import flags
 from tactophone.config import Link
 from tactophone.errors import ConfigError
 from tactophone.runtime import Operator, ProcessInfo, with_operator
-from tactophone.runtime.wiring import open_send_group, operators_of
+from tactophone.runtime.link_wiring import open_send_group, operators_of
 from tactophone.telemetry import Watcher
 
 from ..models import write_tiny_model

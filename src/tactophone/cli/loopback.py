@@ -11,8 +11,7 @@ from tactophone.cli._support import console, dashboard_options, flags, log_optio
 from tactophone.config import Settings
 
 if TYPE_CHECKING:
-    from tactophone.runtime import Supervisor
-    from tactophone.runtime.wiring import OpenSource
+    from tactophone.runtime import OpenSource, Supervisor
 
 FLAGS = {
     "--source": "capture.source",

@@ -6,9 +6,9 @@ from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Renderer
 from tactophone.pipeline import Hand, Pipeline
+from tactophone.runtime.device_wiring import actuator_response
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.requests import RequestHandler
-from tactophone.runtime.wiring import actuator_response
 from tactophone.telemetry import FingerState
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 

@@ -5,47 +5,33 @@ command. They share one slot, and neither ever waits for the other. The main thr
 requests in telemetry's mailbox as far as the output gate allows.
 """
 
-import dataclasses
 import itertools
 import signal
 import threading
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from typing import Self
 
 import numpy as np
 
 from tactophone.config import Settings
-from tactophone.endpoints import OperatorEndpoint
-from tactophone.errors import ModelError
-from tactophone.hand_file import channels_of, each_finger, names_of
-from tactophone.link import Codec, DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
-from tactophone.pipeline import Hand, Pipeline
+from tactophone.hand_file import each_finger, names_of
+from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
+from tactophone.runtime.device_wiring import open_actuator, open_renderer
 from tactophone.runtime.finger_output import FingerOutput
-from tactophone.runtime.latency_budget import LocalPeer, operator_stages
+from tactophone.runtime.latency_budget import LocalPeer
+from tactophone.runtime.link_wiring import open_session, send_outgoing
 from tactophone.runtime.main_thread import run_housekeeping
+from tactophone.runtime.operator_status import OperatorStatus
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
+from tactophone.runtime.pipeline_wiring import tip_warning
 from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.rehearsal import (
-    open_rehearsed_pipeline,
-    rehearse_decoders,
-    rehearse_renderer,
-    rehearse_statistics,
-)
+from tactophone.runtime.rehearsal import open_endpoint, rehearse_renderer, rehearse_statistics
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
-from tactophone.runtime.wiring import (
-    microphone_faults,
-    open_actuator,
-    open_renderer,
-    open_session,
-    send_outgoing,
-    tip_warning,
-)
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02
@@ -63,18 +49,6 @@ POLL_INTERVAL = 0.005
 
 SESSION_INTERVAL = 0.025
 """Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
-
-BUDGET_INTERVAL = 1.0
-"""Seconds between two updates of the latency budget."""
-
-LONGEST_CALL = 2.0
-"""Seconds that a robot may take to connect before its absence is reported as a fault."""
-
-SILENT_LINK = 0.5
-"""Seconds without sound or predictions after which the connected link is reported as silent."""
-
-SENT_AWAY_SHOWN = 10.0
-"""Seconds for which a second robot is reported after its call; it calls every few seconds."""
 
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
@@ -103,8 +77,7 @@ class Operator:
         )
         self._session = ReceiveSession(open_session(settings))
         info.progress("opening the models")
-        self._pipelines: dict[int, Pipeline] = {}
-        self._endpoint = self._open_hand(settings) if settings.fingers else self._open_finger(settings)
+        self._endpoint = open_endpoint(settings, self._session)
         muted_because = _muted_because(settings, info)
         self._fingers = [
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
@@ -113,17 +86,15 @@ class Operator:
         warnings = [tip_warning(own, finger.pipeline) for own, finger in zip(fingers, self._fingers, strict=True)]
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
-        self._rehearse()
+        for finger in self._fingers:
+            rehearse_renderer(finger.renderer, period=settings.output.period)
+        rehearse_statistics()
         info.progress("opening the actuator and the port")
         self._session.bandwidth = round(max(finger.pipeline.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = self._losses = self._period = 0
-        self._received_at = time.monotonic()
-        self._budgeted_at = self._counted_at = 0.0
-        self._counters: dict[str, int] = {}
-        self._gauges: dict[str, float] = {}
-        self._warnings: tuple[Fault, ...] = ()
+        self._counted_at = 0.0
         self._muted: tuple[str, ...] = ()
         self._thread = threading.Thread(target=self._run, args=(self._follow_network,), daemon=True)
 
@@ -132,8 +103,11 @@ class Operator:
             self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
             self._telemetry = self._resources.enter_context(Telemetry(self._info.name, fingers=len(self._fingers)))
             self._telemetry.count("process_restarts", self._info.restarts)
-            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
-            self._watcher = Watcher(self._info.name)
+            self._status = OperatorStatus(
+                self._settings, self._endpoint, self._fingers, self._actuator, self._telemetry,
+                # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+                own=Watcher(self._info.name), robot=self._local_robot, port=self._socket.address[1],
+            )  # fmt: skip
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="operator")
             self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
             self._session.tap = self._recorder.arrival
@@ -168,9 +142,7 @@ class Operator:
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
             return
         self._counted_at = now
-        self._update_counts()
-        self._update_budget(now)
-        self._telemetry.update(self._state(now), now=now)
+        self._status.update(now)
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
@@ -184,109 +156,6 @@ class Operator:
             self._telemetry.gauge("output_amplitude", 0.0)
         device.revive()
         return lost
-
-    def _update_counts(self) -> None:
-        """Copy the counts of session, device, renderers and pipelines into telemetry."""
-        device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
-        for finger in self._fingers:
-            faults.update(finger.renderer.faults)
-            invalid.update(finger.pipeline.faults)
-        counts = {
-            **self._counters,
-            "xruns": device.xruns,
-            "callback_faults": device.process_faults,
-            "device_losses": device.losses,
-            "command_faults": faults["command"],
-            "stale_fades": faults["stale"],
-            "emergency_stops": max(finger.gate.stops for finger in self._fingers),
-            "sound_faults": invalid["sound"],
-            "model_faults": invalid["model"],
-        }
-        for name, total in counts.items():
-            self._telemetry.count(name, total - self._telemetry.counter(name))
-        for name, value in {**self._gauges, "device_latency": device.latency}.items():
-            self._telemetry.gauge(name, value)
-
-    def _update_budget(self, now: float) -> None:
-        if now - self._budgeted_at < BUDGET_INTERVAL:
-            return
-        self._budgeted_at = now
-        self._local_robot.refresh()
-        playout = self._session.playout
-        stages = operator_stages(
-            self._watcher, self._local_robot.watcher, self._actuator.device.latency,
-            sound_delay=(
-                playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
-            ),
-        )  # fmt: skip
-        for stage, duration in stages.items():
-            self._telemetry.gauge(f"latency_{stage}", duration)
-
-    def _state(self, now: float) -> State:
-        peer, states = self._session.peer, tuple(finger.state() for finger in self._fingers)
-        state = State(
-            role="operator",
-            profiles=self._fingers[0].requests.profiles,
-            link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
-            output=self._settings.output.actuator,
-            faults=tuple(self._faults(now)),
-            fingers=states,
-        )
-        first = state.of_finger(0)
-        if not self._settings.fingers:
-            return dataclasses.replace(first, fingers=())
-        armed = any(finger.armed for finger in states)
-        return dataclasses.replace(first, armed=armed, muted_because="" if armed else first.muted_because)
-
-    def _faults(self, now: float) -> Iterator[Fault]:
-        yield from self._warnings
-        if self._actuator.device.fault:
-            yield Fault("actuator", self._actuator.device.fault)
-        for finger in self._fingers:
-            yield from microphone_faults(finger.pipeline.detector, finger=finger.name)
-        silent = now - self._received_at
-        if self._endpoint.refusal:
-            yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
-        if self._session.peer is None and silent > LONGEST_CALL:
-            failure = self._session.session.failure
-            yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
-        elif self._session.peer and silent > SILENT_LINK:
-            yield Fault("silence", "connected, but the robot sends no sound: check its microphones and the network")
-
-        sent_away = self._session.session.sent_away
-        if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
-            yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
-
-    def _rehearse(self) -> None:
-        """Run each stage once, so that nothing is loaded while the side runs."""
-        rehearse_decoders(Codec(channels=channels) for channels in self._pipelines)
-        for finger in self._fingers:
-            rehearse_renderer(finger.renderer, period=self._settings.output.period)
-        rehearse_statistics()
-
-    def _open_finger(self, settings: Settings) -> OperatorEndpoint:
-        """Open the only finger, for one microphone and for two: the network thread must not load a model later."""
-        self._pipelines = {2: open_rehearsed_pipeline(settings, channels=2)}
-        self._without_pipeline = ""
-        try:
-            self._pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
-        except ModelError as error:
-            self._without_pipeline = str(error)
-        return OperatorEndpoint(self._session, self._pipelines[2], reopen=self._pipeline_for)
-
-    def _open_hand(self, settings: Settings) -> OperatorEndpoint:
-        """Open the pipelines of a hand: of a finger without an air microphone, that of one channel."""
-        fingers, channels = each_finger(settings), channels_of(settings, alone=2)
-        pipelines = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
-        rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])
-        return OperatorEndpoint(self._session, Hand(pipelines, channels=channels))
-
-    def _pipeline_for(self, channels: int) -> Pipeline:
-        if channels not in self._pipelines:
-            raise ModelError(self._without_pipeline)
-        pipeline = self._pipelines[channels]
-        pipeline.reset()
-        return pipeline
 
     def _run(self, work: Callable[[], None]) -> None:
         """Run the thread's work; its end, whatever the reason, ends the whole side in silence."""
@@ -307,7 +176,7 @@ class Operator:
         warnings = {"priority": prioritize_thread(process.priority), "other_tip": self._tip_warning}
         if process.lock_memory:
             warnings["memory"] = lock_memory()
-        self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
+        self._status.warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
             datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
@@ -332,7 +201,7 @@ class Operator:
                     finger = self._fingers[step.finger]
                     if finger.changed():
                         self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
-                self._received_at, decoded = received, time.monotonic()
+                self._status.received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
@@ -344,7 +213,7 @@ class Operator:
             if received - checked_at >= COUNTING_INTERVAL:
                 # Copied by the one thread that changes them, for the main thread to publish.
                 checked_at = received
-                self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
+                self._status.counters, self._status.gauges = dict(self._session.counters), dict(self._session.gauges)
 
     def _mark_arrival(self, event: ReceiveEvent, origin: int, *, received: float, decoded: float) -> None:
         if isinstance(event, DecodedAudio):

@@ -10,12 +10,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from tactophone.config import Settings
-from tactophone.errors import PacketError
+from tactophone.endpoints import OperatorEndpoint
+from tactophone.errors import ModelError, PacketError
+from tactophone.hand_file import channels_of, each_finger
 from tactophone.haptics import Renderer
-from tactophone.link import Codec, open_decoder, open_encoder
+from tactophone.link import Codec, ReceiveSession, open_decoder, open_encoder
 from tactophone.perception import AnyTouchDetector, FaultDetector
-from tactophone.pipeline import Pipeline
-from tactophone.runtime.wiring import open_pipeline_for
+from tactophone.pipeline import Hand, Pipeline
+from tactophone.runtime.pipeline_wiring import open_pipeline_for
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 DURATION = 0.6
@@ -36,6 +38,33 @@ def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
     pipeline = open_pipeline_for(settings, channels=channels)
     rehearse_detector(pipeline.detector, channels=channels)
     return pipeline
+
+
+def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoint:
+    """Open the operator's side with all pipelines that it may need: the network thread must not load a model later.
+
+    A single finger has one for one microphone and one for two; of a hand, a finger without an air microphone has that
+    for one.
+    """
+    if settings.fingers:
+        fingers, channels = each_finger(settings), channels_of(settings, alone=2)
+        hand = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
+        rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])
+        return OperatorEndpoint(session, Hand(hand, channels=channels))
+    pipelines, refusal = {2: open_rehearsed_pipeline(settings, channels=2)}, ""
+    try:
+        pipelines[1] = open_rehearsed_pipeline(settings, channels=1)
+    except ModelError as error:
+        refusal = str(error)
+    rehearse_decoders(Codec(channels=channels) for channels in pipelines)
+
+    def reopen(channels: int) -> Pipeline:
+        if channels not in pipelines:
+            raise ModelError(refusal)
+        pipelines[channels].reset()
+        return pipelines[channels]
+
+    return OperatorEndpoint(session, pipelines[2], reopen=reopen)
 
 
 def rehearse_detector(detector: AnyTouchDetector, *, channels: int) -> None:

@@ -8,43 +8,31 @@ import dataclasses
 import signal
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from functools import partial
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 from tactophone.capture import LiveSource
 from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
-from tactophone.hand_file import channels_of, each_finger, names_of
+from tactophone.hand_file import channels_of, each_finger
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
+from tactophone.runtime.device_wiring import OpenSource, open_device
 from tactophone.runtime.latency_budget import robot_stages
+from tactophone.runtime.link_wiring import open_send_group, operators_of, send_outgoing
 from tactophone.runtime.main_thread import run_housekeeping
+from tactophone.runtime.microphone_check import MicrophoneCheck
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.rehearsal import (
-    rehearse_detector,
-    rehearse_encoder,
-    rehearse_microphone_check,
-    rehearse_statistics,
-)
+from tactophone.runtime.rehearsal import open_rehearsed_pipeline, rehearse_encoder, rehearse_statistics
 from tactophone.runtime.session_recorder import SessionRecorder
+from tactophone.runtime.source_abilities import RehearsableSource, truth_of
 from tactophone.runtime.supervisor import ProcessInfo
-from tactophone.runtime.wiring import (
-    OpenSource,
-    finger_fault,
-    open_device,
-    open_microphone_check,
-    open_pipeline_for,
-    open_send_group,
-    operators_of,
-    send_outgoing,
-)
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Source
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -58,34 +46,7 @@ LONGEST_RECEIVE = 0.05
 MOST_AT_ONCE = 8
 """Datagrams of one operator that are processed before the sound may be sent: about half a millisecond."""
 
-MOST_UNCHECKED = 1 << 14
-"""Blocks that may wait to be checked for microphone faults: seconds of them, where the main thread is late."""
-
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
-
-
-@runtime_checkable
-class LabelledSource(Protocol):
-    """A source whose true touch is known, because it is simulated or labelled."""
-
-    def truth_now(self) -> int:
-        """Return the `Touch` at the end of the newest block; -1 when it is not known."""
-
-
-@runtime_checkable
-class LabelledHand(Protocol):
-    """A hand of which the true touch of each finger is known."""
-
-    def truth_of(self, finger: int) -> int:
-        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
-
-
-@runtime_checkable
-class RehearsableSource(Protocol):
-    """A source that compiles itself at first use."""
-
-    def rehearse(self) -> None:
-        """Compile now; the sound to come stays the same."""
 
 
 class Robot:
@@ -104,7 +65,7 @@ class Robot:
         self._resources = ExitStack()
         info.progress("opening the source")
         self._source = open_source(settings)
-        self._truth_of = _truth_of(self._source)
+        self._truth_of = truth_of(self._source)
         if isinstance(self._source, RehearsableSource):
             info.progress("compiling the simulation")
             self._source.rehearse()
@@ -113,19 +74,13 @@ class Robot:
         self._operators = operators_of(settings.link)
         fingers = self._check_fingers()
         channels = channels_of(settings, alone=self._source.channels)
-        detectors = []
-        self._checks = []
-        for own, count in zip(fingers, channels, strict=True):
-            if settings.link.send_predictions:
-                detectors.append(open_pipeline_for(own, channels=count).detector)
-                rehearse_detector(detectors[-1], channels=count)
-            self._checks.append(open_microphone_check(own, channels=count))
-            rehearse_microphone_check(self._checks[-1], channels=count)
+        self._microphones = MicrophoneCheck(settings, channels=channels)
+        predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
+        detectors = [open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels if settings.fingers else ())
         rehearse_encoder(self._group.codec)
         rehearse_statistics()
         self._lock = threading.Lock()
-        self._unchecked: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
         self._info = info
         self._budgeted_at = 0.0
         self._warnings: tuple[Fault, ...] = ()
@@ -182,14 +137,10 @@ class Robot:
             period = self._source.period if isinstance(self._source, LiveSource) else 0
             for stage, duration in robot_stages(self._watcher, self._group.codec, period=period).items():
                 self._telemetry.gauge(f"latency_{stage}", duration)
-        faults = [*self._warnings, *self._device_faults(), *link_faults]
-        self._check_microphones()
-        for name, check in zip(names_of(self._settings), self._checks, strict=True):
-            if check:
-                faults += [finger_fault(name, fault.code, str(fault)) for fault in check.faults]
+        faults = (*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults())
         of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
         link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
-        self._telemetry.update(dataclasses.replace(self._state(), link=link, faults=tuple(faults)), now=now)
+        self._telemetry.update(dataclasses.replace(self._state(), link=link, faults=faults), now=now)
 
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why."""
@@ -219,13 +170,6 @@ class Robot:
                 "of each in turn: give --fingers as many, or another source"
             )
         return fingers
-
-    def _check_microphones(self) -> None:
-        """Measure the sound since the last call: eight times a second that takes as long as several packets."""
-        while self._unchecked:
-            step = self._unchecked.popleft()
-            if check := self._checks[step.finger]:
-                check.push(step.block)
 
     def _device_faults(self) -> Iterator[Fault]:
         if isinstance(self._source, LiveSource):
@@ -284,8 +228,7 @@ class Robot:
             self._deferred.mark(position, (_CAPTURED, captured), (_SENT, now))
         for step in steps:
             self._deferred.publish(step, now=now, truth=self._truth_of(step.finger))
-            if self._checks[step.finger]:
-                self._unchecked.append(step)
+            self._microphones.collect(step)
         if self._deferred.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:
@@ -317,16 +260,6 @@ class Robot:
     def _warn(self, code: str, warning: str) -> None:
         if warning:
             self._warnings = (*self._warnings, Fault(code, warning))
-
-
-def _truth_of(source: Source) -> Callable[[int], int]:
-    """Return a function of a finger: its true touch now; -1 where that is not known."""
-    # Asked once: whether an object fits a protocol takes 25 us.
-    if isinstance(source, LabelledHand):
-        return source.truth_of
-    if isinstance(source, LabelledSource):
-        return lambda _: source.truth_now()
-    return lambda _: -1
 
 
 def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:

@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _record(amplitude: float, settings: Settings) -> FloatArray:
-    from tactophone.runtime.wiring import open_actuator
+    from tactophone.runtime import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
 

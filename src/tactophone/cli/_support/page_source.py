@@ -13,7 +13,7 @@ from tactophone.errors import ConfigError
 from tactophone.types import Source
 
 if TYPE_CHECKING:
-    from tactophone.runtime.wiring import OpenSource
+    from tactophone.runtime import OpenSource
 
 MODEL = "stylus"
 """The shipped model for one air microphone; `paper-mono` was trained on a contact microphone."""

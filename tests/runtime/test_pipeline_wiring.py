@@ -3,7 +3,8 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.config import Settings, change
-from tactophone.runtime.wiring import microphone_faults, open_microphone_check, open_pipeline_for
+from tactophone.runtime import open_pipeline_for
+from tactophone.runtime.microphone_check import microphone_faults, open_microphone_check
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
 from tests.perception.sensor_health.test_calibration_file import CALIBRATION
 
