@@ -21,6 +21,7 @@ from tactophone.telemetry import (
     TimelineWriter,
     Watcher,
     follower,
+    layout,
     memory,
     prediction_of,
     read_timeline,
@@ -138,7 +139,7 @@ def test_predictions_without_a_command_have_no_amplitude(tmp_path: Path, name: s
 def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactophone.telemetry.follower.READ_INTERVAL", 1e3)
     messages: list[str] = []
-    total = memory.PREDICTION_CAPACITY + 100
+    total = layout.PREDICTION_CAPACITY + 100
     with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv", report=messages.append) as log:
         telemetry.publish(step(total), now=time.monotonic())
     written = len(read_timeline(tmp_path / "a.csv")["time"])

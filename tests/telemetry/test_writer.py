@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactophone.telemetry import COUNTERS, Fault, State, Telemetry, Watcher
-from tactophone.telemetry.memory import SOUND_CAPACITY
+from tactophone.telemetry.layout import SOUND_CAPACITY
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 PREDICTION = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)

@@ -6,15 +6,8 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 """
 
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.memory import (
-    LARGEST_RECORD,
-    MARK,
-    PREDICTION,
-    STEP,
-    is_alive,
-    remove_leftovers,
-    remove_memory,
-)
+from tactophone.telemetry.layout import LARGEST_RECORD, MARK, PREDICTION, STEP
+from tactophone.telemetry.memory import is_alive, remove_leftovers, remove_memory
 from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, prediction_of, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, FingerState, Request, State
 from tactophone.telemetry.session_log import (

@@ -1,28 +1,15 @@
-"""The layout of telemetry in shared memory.
+"""The shared memory of a run: a mapped file in the memory file system, laid out as `tactophone.telemetry.layout` says.
 
-One writer, many readers, no lock. Three kinds of fields make that safe:
-
-- *counters and gauges* are single aligned 8-byte words, which are written and read atomically;
-- *ring buffers* (sound, vibration, steps, predictions) are written first and counted after. A reader copies the rows,
-  reads the count again and drops the rows that the writer may have overwritten meanwhile;
-- *texts* (the state) have two slots: the writer fills the slot that is not current and then increments the count. A
-  writer that dies half way leaves the older text intact.
-
-The memory is a mapped file in the memory file system. `multiprocessing.shared_memory` is not used because its resource
-tracker (before Python 3.13) unlinks the memory of a running process when a process that only read it exits.
-
-Beware: readers rely on stores becoming visible in program order, which x86 guarantees. On other processors a reader may
-rarely see a torn row of a ring buffer; nothing that controls vibration is read from here.
+`multiprocessing.shared_memory` is not used because its resource tracker (before Python 3.13) unlinks the memory of a
+running process when a process that only read it exits.
 """
 
 import contextlib
-import functools
 import os
 import struct
 import sys
 import tempfile
 import time
-import zlib
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -30,124 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS
+from tactophone.telemetry.layout import HEAD_SIZE, fingerprint_of, layout_of
 from tactophone.types import MOST_FINGERS
 
 PREFIX = "tactophone-"
 """Prefix of the file names."""
 
-SOUND_CAPACITY = 1 << 17
-"""Samples of sound and of vibration kept: 2.7 s at 48 kHz."""
-
-STEP_CAPACITY = 1 << 13
-"""Steps kept: 20 s at 400 a second, one for each packet of 2.5 ms."""
-
-PREDICTION_CAPACITY = 1 << 13
-"""Predictions kept: 80 s at a hundred a second."""
-
-MARK_CAPACITY = 1 << 12
-"""Marks kept of each kind: 10 s of packets of 2.5 ms."""
-
-LOG_CAPACITY = 1 << 21
-"""Bytes of the session log kept: 10 s of two microphones as PCM with all headers, and over a minute as Opus."""
-
-LARGEST_RECORD = 1 << 16
-"""Bytes of the largest record of the session log; longer ones are split."""
-
-LARGEST_WRITE = 1 << 14
-"""Samples written to a ring buffer before its count is updated: a reader must drop as many at the old end."""
-
-STATE_SIZE = 1 << 14
-"""Bytes for the state as JSON: some forty faults of 300 letters."""
-
-STEP = np.dtype(
-    [
-        ("time", "f8"),
-        ("sound_end", "u8"),
-        ("vibration_end", "u8"),
-        ("probabilities", "f4", 3),
-        ("roughness", "f4"),
-        ("level_dbfs", "f4"),
-        ("amplitude", "f4"),
-        ("frequency", "f4"),
-        ("touch", "i1"),
-        ("event", "i1"),
-        ("truth", "i1"),
-        ("concealed", "?"),
-    ],
-    align=True,
-)
-"""One pipeline step: stream time (s), the counts of sound and vibration at that time, the newest prediction and
-command. ``event`` is this step's newest touch event, counted from 1 in `EVENT_KINDS`, or 0. ``truth`` is the known
-`Touch`, or -1; ``probabilities`` are NaN before the first prediction."""
-
-PREDICTION = np.dtype(
-    [
-        ("time", "f8"),
-        ("start", "f8"),
-        ("end", "f8"),
-        ("probabilities", "f8", 3),
-        ("roughness", "f8"),
-        ("level_dbfs", "f8"),
-        ("amplitude", "f8"),
-        ("frequency", "f8"),
-        ("event_time", "f8"),
-        ("touch", "i1"),
-        ("event", "i1"),
-    ],
-    align=True,
-)
-"""One prediction and the command computed from it; ``amplitude`` and ``frequency`` are NaN where there was none.
-``event`` is its touch event, counted from 1 in `EVENT_KINDS`, or 0."""
-
-MARK = np.dtype([("position", "i8"), ("time", "f8")])
-"""The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""
-
 LEFT_AFTER = 60.0
 """Seconds after the last heartbeat of a killed process from which its memory is a leftover: time to look at it."""
-
-_TEXT = np.dtype([("size", "u8"), ("text", "u1", STATE_SIZE)])
-_REQUEST = np.dtype([("count", "u8"), ("time", "f8"), ("value", "f8"), ("size", "u8"), ("text", "u1", 64)])
-
-_HEAD_SIZE = 32
-"""Bytes of the first four fields, which lie at the same place in every layout."""
-
-
-@functools.cache
-def _layout(fingers: int) -> np.dtype[np.void]:
-    """Return the layout for so many fingers: rings and their counts are for each, requests for all and for each."""
-    return np.dtype(
-        [
-            ("fingerprint", "u8"),
-            ("pid", "u8"),
-            ("beat", "f8"),
-            ("fingers", "u8"),
-            ("step_count", "u8", fingers),
-            ("prediction_count", "u8", fingers),
-            ("sound_count", "u8", fingers),
-            ("vibration_count", "u8", fingers),
-            ("log_count", "u8"),
-            ("state_count", "u8"),
-            ("mark_counts", "u8", len(MARKS)),
-            ("counters", "u8", len(COUNTERS)),
-            ("gauges", "f8", len(GAUGES)),
-            ("requests", _REQUEST, (len(ACTIONS), 1 + fingers)),
-            ("states", _TEXT, 2),
-            ("steps", STEP, (fingers, STEP_CAPACITY)),
-            ("predictions", PREDICTION, (fingers, PREDICTION_CAPACITY)),
-            ("sound", "f4", (fingers, SOUND_CAPACITY, 2)),
-            ("vibration", "f4", (fingers, SOUND_CAPACITY)),
-            ("log", "u1", LOG_CAPACITY),
-            ("marks", MARK, (len(MARKS), MARK_CAPACITY)),
-        ],
-        align=True,
-    )
-
-
-@functools.cache
-def _fingerprint(fingers: int) -> int:
-    names = (tuple(COUNTERS), tuple(GAUGES), MARKS, ACTIONS)
-    return zlib.crc32(repr((_layout(fingers), *names)).encode())
 
 
 class Memory:
@@ -166,7 +43,7 @@ class Memory:
         with _created(draft, self._path, fingers) if create else _opened(self._path) as file:
             self._inode = os.fstat(file.fileno()).st_ino
             self.fingers = fingers if create else _fingers_of(file)
-            layout = _layout(self.fingers)
+            layout = layout_of(self.fingers)
             whole: NDArray[np.void] = np.memmap(file, layout, mode="r+", shape=(1,))
         # The views are made once: making one costs as much as a write through it.
         self._views = {name: np.asarray(whole[name]).reshape(layout[name].shape) for name in layout.names or ()}
@@ -182,7 +59,7 @@ class Memory:
         """Write by what readers know the memory; also again, as somebody may have overwritten it."""
         self["pid"][...] = os.getpid()
         self["fingers"][...] = self.fingers
-        self["fingerprint"][...] = _fingerprint(self.fingers)
+        self["fingerprint"][...] = fingerprint_of(self.fingers)
 
     @property
     def writer_alive(self) -> bool:
@@ -246,11 +123,11 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
-        _allocate(file, _layout(fingers).itemsize)
+        _allocate(file, layout_of(fingers).itemsize)
     except OSError as error:
         file.close()
         draft.unlink()
-        needed = _layout(fingers).itemsize / 1e6
+        needed = layout_of(fingers).itemsize / 1e6
         raise TactophoneError(
             f"no room for {needed:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
         ) from None
@@ -295,8 +172,8 @@ def _opened(path: Path) -> BinaryIO:
         ) from None
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
-    fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == _layout(fingers).itemsize
-    if not fits or int.from_bytes(file.read(8), sys.byteorder) != _fingerprint(fingers):
+    fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
+    if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(fingers):
         file.close()
         raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
     if whole.st_uid not in (0, os.getuid()):
@@ -307,7 +184,7 @@ def _opened(path: Path) -> BinaryIO:
 
 def _fingers_of(file: BinaryIO) -> int:
     """Return the number of fingers that a file states, without moving its position."""
-    return int.from_bytes(os.pread(file.fileno(), _HEAD_SIZE, 0)[24:], sys.byteorder)
+    return int.from_bytes(os.pread(file.fileno(), HEAD_SIZE, 0)[24:], sys.byteorder)
 
 
 def _run(path: Path) -> str:

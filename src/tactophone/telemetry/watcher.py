@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry import memory as layout
+from tactophone.telemetry import layout
 from tactophone.telemetry.memory import PREFIX, Memory, folder
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, State
 from tactophone.telemetry.session_log import RunStart, read_records

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.telemetry import memory as layout
+from tactophone.telemetry import layout
 from tactophone.telemetry.memory import Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction
