@@ -78,4 +78,4 @@ def _forget(args: argparse.Namespace) -> None:
 def _print_trust_command(identity: "Identity") -> None:
     """Print the line to run on the other machine: a fingerprint is no secret, but its channel must be trusted."""
     terminal.log().print("On the other machine, run:")
-    print(f"tactophone pair trust {identity.name} {identity.fingerprint}")
+    print(identity.trust_command)

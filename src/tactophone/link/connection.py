@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from tactophone.link.events import Renewed
 from tactophone.link.handshake import Address, Agreement, Handshake
 from tactophone.link.srtp import SrtpCrypto, is_report
 
@@ -68,6 +69,11 @@ class Connection:
             self._sequence = int.from_bytes(packet[2:4])
         return self._crypto.protect(packet)
 
+    @property
+    def renewed(self) -> Renewed:
+        """The event that the session goes on with this connection."""
+        return Renewed(self.agreement.secrets.local_ssrc, self.stream)
+
     def needs_renewal(self, now: float, *, after: float) -> bool:
         """Whether the keys are to be renewed, and may be now."""
         used_up = now - self.begun > after or self._sent > RENEW_PACKETS
@@ -83,11 +89,12 @@ class KeyRing:
         The connection that packets are sent through; ``None`` without a session.
     beside
         The next connection until the caller uses it, then for a while the one before; else ``None``.
+    remote
+        The peer's address and the SSRCs of its packets; ``None`` without a session. A new object only when it changes.
     """
 
     def __init__(self) -> None:
-        self.current: Connection | None = None
-        self.beside: Connection | None = None
+        self._use(None, None)
 
     def of_stream(self, stream: int) -> Connection | None:
         """Return the connection of a peer's SSRC; ``None`` if there is none."""
@@ -101,22 +108,29 @@ class KeyRing:
 
     def replace(self, connection: Connection | None) -> None:
         """Use this connection alone."""
-        self.current, self.beside = connection, None
+        self._use(connection, None)
 
     def add(self, connection: Connection, now: float) -> None:
         """Accept packets of renewed keys too, until the caller has used them or was given time enough to."""
-        self.beside, connection.until = connection, now + CONFIRM_TIMEOUT
+        connection.until = now + CONFIRM_TIMEOUT
+        self._use(self.current, connection)
 
     def confirm(self, connection: Connection, now: float) -> bool:
         """Change to renewed keys now that the caller has used them; return whether ``connection`` is of such keys."""
         before = self.current
         if before is None or connection.begun <= before.begun:
             return False
-        self.current, self.beside = connection, before
+        self._use(connection, before)
         connection.until, before.until = connection.begun + MAX_KEY_AGE, now + OVERLAP
         return True
 
     def expire(self, now: float) -> None:
         """Forget the connection beside the current one when its time is over."""
         if self.beside and now > self.beside.until:
-            self.beside = None
+            self._use(self.current, None)
+
+    def _use(self, current: Connection | None, beside: Connection | None) -> None:
+        self.current, self.beside = current, beside
+        # Asked for with every packet, so it is computed here.
+        streams = frozenset(connection.stream for connection in self)
+        self.remote = (current.address, streams) if current else None

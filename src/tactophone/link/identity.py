@@ -90,6 +90,11 @@ class Identity:
         """SHA-256 of the certificate, as two-digit groups, for two people to compare."""
         return fingerprint_of(self.certificate)
 
+    @property
+    def trust_command(self) -> str:
+        """The line to run on another machine, so that it trusts this one."""
+        return f"tactophone pair trust {self.name} {self.fingerprint}"
+
     def save(self, folder: Path) -> None:
         """Write key (mode 0600) and certificate.
 

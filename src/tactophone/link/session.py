@@ -22,7 +22,7 @@ from tactophone.errors import PacketError
 from tactophone.link.admission import Admission
 from tactophone.link.connection import CONFIRM_TIMEOUT, RENEW_AFTER, Connection, KeyRing
 from tactophone.link.dtls_record import hello_random, is_hello
-from tactophone.link.events import Connected, DatagramKind, Disconnected, Event, PacketReceived, Renewed
+from tactophone.link.events import Connected, DatagramKind, Disconnected, Event, PacketReceived
 from tactophone.link.handshake import REFUSED, Address, Agreement, Handshake, Handshakes
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.rtcp import Goodbye, goodbye_reason
@@ -78,8 +78,6 @@ class Session:
         self._pending: dict[tuple[Address, bytes], Handshake] = {}
         self._keys = KeyRing()
         self._outgoing: list[tuple[bytes, Address]] = []
-        self._remote: tuple[Address, frozenset[int]] | None = None
-        self._remote_of: tuple[Connection | None, Connection | None] = None, None
 
     @property
     def peer(self) -> str | None:
@@ -104,12 +102,7 @@ class Session:
     @property
     def remote(self) -> tuple[Address, frozenset[int]] | None:
         """The peer's address and the SSRCs of its packets, for a socket to filter by; ``None`` without a session."""
-        # Asked for with every packet, so the answer is kept while the connections are the same.
-        keys, self._remote_of = self._remote_of, (self._keys.current, self._keys.beside)
-        if keys[0] is not self._keys.current or keys[1] is not self._keys.beside:
-            streams = frozenset(connection.stream for connection in self._keys)
-            self._remote = (self._keys.current.address, streams) if self._keys.current else None
-        return self._remote
+        return self._keys.remote
 
     @property
     def refused(self) -> int:
@@ -162,8 +155,6 @@ class Session:
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send, each with its address."""
-        if not self._outgoing:
-            return []
         ready, self._outgoing = self._outgoing, []
         return ready
 
@@ -194,10 +185,7 @@ class Session:
         except PacketError:
             self.faults["rejected"] += 1
             return []
-        # A packet of the connection in use, nearly always, confirms nothing.
-        current = self._keys.current
-        confirmed = connection is not current and self._keys.confirm(connection, now)
-        events: list[Event] = [_renewed(connection)] if confirmed else []
+        events: list[Event] = [connection.renewed] if self._keys.confirm(connection, now) else []
         if current := self._keys.current:
             current.last_received = now  # also under the keys before: it is the same peer, and it lives
         if report and (reason := goodbye_reason(packet)) is not None:
@@ -273,7 +261,7 @@ class Session:
         if current and handshake.continues == current.agreement.continuation:
             # The caller cannot decrypt yet: it is sent packets under the new keys once it has sent one.
             self._keys.add(connection, now)
-            return [_renewed(connection)] if self._callees and self._keys.confirm(connection, now) else []
+            return [connection.renewed] if self._callees and self._keys.confirm(connection, now) else []
         self._keys.replace(connection)
         return [Connected(agreement.peer, agreement.secrets.local_ssrc, agreement.secrets.remote_ssrc)]
 
@@ -284,8 +272,7 @@ class Session:
         self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
 
     def _refusal(self) -> str:
-        command = f"tactophone pair trust {self._identity.name} {self._identity.fingerprint}"
-        return f"{REFUSED}; if that is the right machine, run there: {command}"
+        return f"{REFUSED}; if that is the right machine, run there: {self._identity.trust_command}"
 
     def _end(self, reason: str) -> list[Event]:
         self._keys.replace(None)
@@ -306,11 +293,6 @@ class Session:
 
     def _collect(self, handshake: Handshake, address: Address) -> None:
         self._outgoing += [(datagram, address) for datagram in handshake.outgoing()]
-
-
-def _renewed(connection: Connection) -> Renewed:
-    secrets = connection.agreement.secrets
-    return Renewed(secrets.local_ssrc, secrets.remote_ssrc)
 
 
 _log = logging.getLogger(__name__)
