@@ -23,7 +23,7 @@ from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, memory, prediction_of
+from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, layout, prediction_of
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
@@ -230,8 +230,8 @@ def test_a_part_that_was_not_read_in_time_is_reported_and_the_rest_is_read(
     path = tmp_path / "a.mcap"
     name = f"test-{tmp_path.name}"
     with Telemetry(name) as telemetry, McapLog(name, path) as log:
-        for _ in range(memory.LOG_CAPACITY // memory.LARGEST_RECORD + 2):
-            telemetry.log(bytes(memory.LARGEST_RECORD))
+        for _ in range(layout.LOG_CAPACITY // layout.LARGEST_RECORD + 2):
+            telemetry.log(bytes(layout.LARGEST_RECORD))
         log.read()
     end = list(read_log(path))[-1]
     assert isinstance(end, LogEnd)

@@ -1,3 +1,4 @@
+import argparse
 import socket
 import time
 from collections.abc import Iterator
@@ -6,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactophone.bridges.newest import SILENCE, NewestReader
 from tactophone.bridges.osc import OscBridge
+from tactophone.cli._support import record_option
 from tactophone.errors import ConfigError
 from tactophone.telemetry import FingerState, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
@@ -65,6 +68,36 @@ def test_each_finger_of_a_hand_has_its_name() -> None:
     assert found_next["/tactophone/thumb/vibration"] == pytest.approx([0.5, 60.0])
 
 
+@pytest.mark.parametrize("ending", ["the predictions end", "the bridge ends"])
+def test_what_was_vibrating_is_sent_a_0_when(
+    ending: str, telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        with OscBridge(telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}", avatar=True) as bridge:
+            telemetry.publish(STEP, now=time.monotonic())
+            bridge.read()
+            receive(listening, 7)
+            monkeypatch.setattr(time, "time", lambda: 0.0)  # the clock on the wall may be set at any time
+            if ending == "the predictions end":
+                time.sleep(1.1 * SILENCE)
+                bridge.read()
+        found = receive(listening, 7)
+        listening.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            listening.recv(1)  # once is enough
+    assert found["/tactophone/index/vibration"] == pytest.approx([0.0, 60.0])
+    assert found["/avatar/parameters/TactophoneVibration"] == found["/avatar/parameters/TactophoneContact"] == [0]
+
+
+def test_what_a_run_did_before_is_not_passed_on(telemetry: Telemetry) -> None:
+    telemetry.publish(STEP, now=time.monotonic())
+    reader = NewestReader(telemetry.name)
+    assert reader.read() == {}
+    telemetry.publish(STEP, now=time.monotonic())
+    assert reader.read()["index"].command.amplitude == 0.5
+
+
 def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -97,3 +130,31 @@ def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> Non
 def test_a_wrong_address_is_one_line(telemetry: Telemetry, target: str) -> None:
     with pytest.raises(ConfigError, match="HOST:PORT"):
         OscBridge(telemetry.name, target)
+
+
+@pytest.mark.parametrize("port", [-1, 65_536])
+def test_a_port_to_listen_at_that_is_none_is_one_line(telemetry: Telemetry, port: int) -> None:
+    with pytest.raises(ConfigError, match="1 to 65535"):
+        OscBridge(telemetry.name, "127.0.0.1:9", listen=port)
+
+
+@pytest.mark.parametrize(
+    ("verb", "options"),
+    [
+        ("receive", ["--osc-listen", "9001"]),
+        ("receive", ["--osc-avatar"]),
+        ("receive", ["--ros-over", "zenoh", "--osc", "127.0.0.1:9"]),
+        ("receive", ["--finger", "index"]),
+        ("send", ["--osc", "127.0.0.1:9", "--osc-listen", "9001"]),
+    ],
+)
+def test_an_option_that_would_be_ignored_is_refused(telemetry: Telemetry, verb: str, options: list[str]) -> None:
+    parser = argparse.ArgumentParser()
+    record_option.add_arguments(parser)
+    args = parser.parse_args(options)
+    args.verb, args.fingers = verb, None
+    with (
+        pytest.raises(ConfigError, match=r"does nothing without|stops the operator"),
+        record_option.recorded(args, telemetry.name),
+    ):
+        pass

@@ -1,4 +1,7 @@
 import json
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +37,24 @@ def test_a_recording_crosses_the_network_and_is_rendered(
     vibration, rate = soundfile.read(tmp_path / "vibration.wav")
     assert rate == 48_000
     assert 0.2 < np.abs(vibration).max() <= 0.25
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
+def test_a_signal_ends_a_run_in_order_with_its_figures(arguments: list[str], number: int, code: int) -> None:
+    command = [sys.executable, "-m", "tactophone", *arguments, "--set", "capture.loop=true"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr
+        next(line for line in process.stderr if line.startswith("connected"))
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=20)
+    assert process.returncode == code
+    assert json.loads(output)["restarts"] == 0
+
+
+@pytest.mark.parametrize("duration", ["nan", "-3", "inf", "long"])
+def test_a_duration_that_is_none_is_a_usage_error(arguments: list[str], duration: str) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main([*arguments, f"--duration={duration}"])
 
 
 def test_an_unknown_port_or_file_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,9 @@ def test_version_and_help_exit_with_zero(capsys: pytest.CaptureFixture[str]) -> 
         with pytest.raises(SystemExit) as stop:
             main([flag])
         assert stop.value.code == 0
-    assert "tactophone" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "tactophone" in printed
+    assert "open_pipeline" not in printed  # the example of the package is for Python
 
 
 def test_an_unknown_verb_is_a_usage_error() -> None:

@@ -167,6 +167,17 @@ def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatc
     assert read_timeline(tmp_path / "a.csv")["touch"].tolist() == [0, 1, 2, 0, 0, 1, 2]
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_full_disk_ends_the_log_with_one_line_and_not_the_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.telemetry.follower.READ_INTERVAL", 1e3)
+    messages: list[str] = []
+    with Telemetry(name) as telemetry, PredictionLog(name, Path("/dev/full"), report=messages.append) as log:
+        for _ in range(3):
+            telemetry.publish(step(3), now=time.monotonic())
+            log.read()
+    assert messages == ["/dev/full: the log ends here (No space left on device); the run goes on"]
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> None:
     with Telemetry(name), pytest.raises(ConfigError, match="--log"), PredictionLog(name, tmp_path / "no" / "a.csv"):
         pass

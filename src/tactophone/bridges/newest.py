@@ -1,10 +1,14 @@
 """The newest prediction and command of a run, for bridges that pass on the present and no past."""
 
 import math
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 
 from tactophone.telemetry import State, Watcher, prediction_of
 from tactophone.types import HapticCommand, Prediction, Touch
+
+SILENCE = 0.1
+"""Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +28,11 @@ class Newest:
         """Of what it touches, 0 to 1; 0 without contact."""
         return self.prediction.roughness if self.contact else 0.0
 
+    def ended(self) -> "Newest":
+        """Return the same without contact and vibration: what holds once predictions no longer come."""
+        command = self.command
+        return Newest(replace(self.prediction, touch=Touch.NONE), HapticCommand(0.0, command.frequency, command.time))
+
 
 class NewestReader:
     """Reads a run, and the processes that replace it.
@@ -41,9 +50,31 @@ class NewestReader:
         names = self.watcher.finger_names()
         self.fingers = names if all(names) else [finger]
         self._counts = [0] * len(self.fingers)
+        self._last: dict[str, tuple[float, Newest]] = {}
+        # What a run did before, perhaps long ago, is not the present.
+        self._read()
 
     def read(self) -> dict[str, Newest]:
-        """Return the newest prediction of each finger that has a new one since the last call, by its name."""
+        """Return the newest prediction of each finger that has a new one since the last call, by its name.
+
+        A finger without one for `SILENCE` is returned once more, without contact and with amplitude 0.
+        """
+        now = time.monotonic()
+        found = self._read()
+        self._last |= {finger: (now, newest) for finger, newest in found.items()}
+        return found | self.silenced(before=now - SILENCE)
+
+    def silenced(self, *, before: float = math.inf) -> dict[str, Newest]:
+        """Return each finger that touches or vibrates since its last prediction, read ``before`` a time, as silent."""
+        ended = {
+            finger: newest.ended()
+            for finger, (read_at, newest) in self._last.items()
+            if read_at < before and (newest.contact or newest.command.amplitude)
+        }
+        self._last |= {finger: (before, newest) for finger, newest in ended.items()}
+        return ended
+
+    def _read(self) -> dict[str, Newest]:
         found = {}
         for place, finger in enumerate(self.fingers):
             rows, self._counts[place] = self.watcher.predictions(self._counts[place], finger=place)

@@ -25,6 +25,9 @@ VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "a
 class OscBridge:
     """Sends each newest prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
 
+    Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
+    keeps the value that it has.
+
     Parameters
     ----------
     name
@@ -50,6 +53,8 @@ class OscBridge:
         host, _, port = target.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
             raise ConfigError(f"--osc {target}: wanted HOST:PORT, such as 127.0.0.1:9000")
+        if not 0 <= listen < 1 << 16:
+            raise ConfigError(f"--osc-listen {listen}: wanted a port from 1 to 65535; 0: none")
         self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
         self._reader = NewestReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
@@ -69,13 +74,17 @@ class OscBridge:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._send(self._reader.silenced())
         if self._inbound:
             self._inbound.close()
 
     def read(self) -> None:
         """Send what is new, and obey a stop."""
         self._receive()
-        for finger, newest in self._reader.read().items():
+        self._send(self._reader.read())
+
+    def _send(self, found: dict[str, Newest]) -> None:
+        for finger, newest in found.items():
             for address, values in self._messages(finger, newest):
                 try:
                     self._client.send_message(address, values)

@@ -50,6 +50,7 @@ class BridgeProcess:
 
     def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:
         self._build, self._report = build, report
+        self._asked_to_end = False
         # Spawned, not forked: a fork would carry audio threads' locks and files along.
         context = multiprocessing.get_context("spawn")
         self._lines, child = context.Pipe()
@@ -85,8 +86,15 @@ class BridgeProcess:
     def _follow(self) -> None:
         while (line := self._next_line(None)) is not None:
             self._report(line)
+        self._process.join()
+        code = self._process.exitcode
+        if code and not self._asked_to_end:
+            name = getattr(self._build, "func", self._build).__name__
+            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+            self._report(f"{name} ended ({how}): the run goes on without it, and what it drove may keep its last value")
 
     def _end(self) -> None:
+        self._asked_to_end = True
         with suppress(OSError):  # when it has ended by itself
             self._lines.send(None)  # asks it to end in order
         self._process.join(END_TIMEOUT)

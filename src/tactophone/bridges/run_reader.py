@@ -76,7 +76,7 @@ class RunReader:
     def read(self) -> list[Message]:
         """Return all messages since the last call, oldest first within each topic."""
         successor = self.watcher.successor()
-        now = time.time()
+        now = self._now()
         messages = [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
         if successor is not None:
             messages += self.flush()
@@ -107,12 +107,16 @@ class RunReader:
         self._health_at = 0.0
         self._totals: _Totals = {}
 
+    def _now(self) -> float:
+        """Return the time of the day, in s, by a clock that is never set: the one that stamps the packets."""
+        return self._epoch + time.monotonic()
+
     def _session(self) -> Iterator[Message]:
         log, count = self.watcher.log(self._log_count)
         if len(log) < count - self._log_count:
             self.missed["log"] += count - self._log_count
             log = b""
-            yield self._event(time.time(), "part of the session was not read in time: no replay beyond", _WARNING)
+            yield self._event(self._now(), "part of the session was not read in time: no replay beyond", _WARNING)
         self._log_count = count
         yield from self._records(list(read_records(log)))
 
@@ -142,8 +146,8 @@ class RunReader:
         data = json.dumps(asdict(record)).encode()
         if isinstance(record, RunStart):
             self._epoch = record.epoch
-            return Message(schemas.RUN, time.time(), data)
-        return Message(schemas.CONTROLS, time.time(), data)
+            return Message(schemas.RUN, self._now(), data)
+        return Message(schemas.CONTROLS, self._now(), data)
 
     def _sound_of(self, arrival: EventBatch) -> Iterator[Message]:
         with_sound = []

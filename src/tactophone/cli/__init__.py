@@ -74,7 +74,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parse(words: list[str], verb: str) -> argparse.Namespace:
-    parser = terminal.Parser(prog="tactophone", description=tactophone.__doc__, formatter_class=terminal.HelpFormatter)
+    parser = terminal.Parser(
+        prog="tactophone",
+        description=(tactophone.__doc__ or "").partition("\n\n")[0],
+        formatter_class=terminal.HelpFormatter,
+    )
     parser.add_argument("--version", action="version", version=f"tactophone {tactophone.__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for name, line in VERBS.items():

@@ -84,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
     ):
         recorders = [stack.enter_context(RunRecorder(name, finger=place)) for place in range(len(sources))]
         outcome = console.follow(sides, name, duration=duration + PATIENCE)
+    if outcome.signal:
+        raise KeyboardInterrupt
     scores, files = {}, {}
     for finger, source, recorder in zip(names or [""], sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)

@@ -69,5 +69,5 @@ def run(args: argparse.Namespace) -> int:
         from tactophone.cli.loopback import both_sides
 
         with both_sides(settings, "clean", name=name, seed=0, open_source=partial(open_finger, inbox)) as sides:
-            console.follow(sides, name)
-    return 0
+            outcome = console.follow(sides, name)
+    return outcome.exit_code

@@ -7,7 +7,7 @@ import csv
 import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -112,7 +112,8 @@ class PredictionLog(RunFollower):
     path
         The CSV file, with the columns of `TimelineWriter`.
     report
-        Called with a message when predictions were overwritten before they were read.
+        Called with a message when predictions were overwritten before they were read, and when the file can no longer
+        be written: the log ends then, the run goes on.
 
     Attributes
     ----------
@@ -128,6 +129,7 @@ class PredictionLog(RunFollower):
     def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:
         super().__init__(name)
         self.missed = 0
+        self._full = False
         self._path, self._report = path, report
         self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
         self._counts = [0] * self.watcher.fingers
@@ -141,10 +143,19 @@ class PredictionLog(RunFollower):
 
     def __exit__(self, *error: Any) -> None:
         super().__exit__(*error)
-        self._writer.__exit__(*error)
+        with suppress(OSError):  # reported by `read`
+            self._writer.__exit__(*error)
 
     def read(self) -> None:
         """Write the predictions made since the last read."""
+        try:
+            if not self._full:
+                self._write_new()
+        except OSError as error:
+            self._full = True
+            self._report(f"{self._path}: the log ends here ({error.strerror}); the run goes on")
+
+    def _write_new(self) -> None:
         successor = self.watcher.successor()
         for finger in range(self.watcher.fingers):
             rows, count = self.watcher.predictions(self._counts[finger], finger=finger)

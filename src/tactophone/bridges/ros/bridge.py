@@ -22,9 +22,6 @@ INTERVAL = 0.01
 DIAGNOSTICS_INTERVAL = 1.0
 """Seconds between two diagnostics, as ROS's aggregator expects them."""
 
-SILENCE = 0.1
-"""Seconds without a new command after which a device gets a 0 once: a run that ended leaves nothing vibrating."""
-
 
 class RosBridge:
     """Passes a run on to ROS 2; a context manager whose `read` is called every `INTERVAL`.
@@ -63,8 +60,7 @@ class RosBridge:
         self._snapshots: dict[str, Snapshot] = {}
         self._beat = 0
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
-        self._commanded_at = dict.fromkeys(self._reader.fingers, 0.0)
-        self._diagnosed_at = 0.0
+        self._diagnosed_at = -DIAGNOSTICS_INTERVAL
 
     def __enter__(self) -> Self:
         self._transport = _join(self._over, self._domain)
@@ -100,19 +96,14 @@ class RosBridge:
     def read(self) -> None:
         """Pass on what is new, and obey a stop or a mute."""
         self._obey()
-        now = time.time()
         found = self._reader.read()
-        amplitudes = {
-            finger: 0.0 if now - self._commanded_at[finger] > SILENCE else amplitude
-            for finger, amplitude in self._amplitudes.items()
-        }
         for finger, newest in found.items():
-            self._commanded_at[finger], amplitudes[finger] = now, newest.command.amplitude
             if self._publishes:
                 self._publish(finger, newest)
-        if found or amplitudes != self._amplitudes:
-            self._command(amplitudes)
+        if found:
+            self._command({finger: newest.command.amplitude for finger, newest in found.items()})
         if self._publishes:
+            now = time.time()
             for place, finger in enumerate(self._reader.fingers):
                 self._publish_sound(place, finger, now)
             self._diagnose(now)
@@ -125,7 +116,7 @@ class RosBridge:
 
     def _command(self, amplitudes: dict[str, float]) -> None:
         self._beat += 1
-        self._amplitudes = {finger: min(max(amplitude, 0.0), 1.0) for finger, amplitude in amplitudes.items()}
+        self._amplitudes |= {finger: min(max(amplitude, 0.0), 1.0) for finger, amplitude in amplitudes.items()}
         for sink, writer in self._devices:
             writer.write(sink.make(self._amplitudes, self._beat))
 
@@ -151,9 +142,9 @@ class RosBridge:
         self._writers[finger, "audio"].write(messages.AudioDataStamped(_header(stamp), audio))
 
     def _diagnose(self, now: float) -> None:
-        if now - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
+        if time.monotonic() - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
             return
-        self._diagnosed_at = now
+        self._diagnosed_at = time.monotonic()
         state = self._reader.state()
         counters, _ = self._reader.watcher.totals()
         values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}

@@ -3,8 +3,9 @@
 import contextlib
 import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from types import FrameType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,10 +25,20 @@ INTERVAL = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a run ended: its last snapshot, if it ever started, and how often a side was restarted."""
+    """How a run ended.
+
+    ``last`` is its last snapshot, if it ever started, ``restarts`` how often a side was restarted, and ``signal`` what
+    ended it: SIGINT, SIGTERM, or 0 where it ended by itself, by a key or by its duration.
+    """
 
     last: Snapshot | None
     restarts: int
+    signal: int = 0
+
+    @property
+    def exit_code(self) -> int:
+        """130 after Ctrl-C; 0 after SIGTERM too, by which a service manager ends a run in order."""
+        return 130 if self.signal == signal.SIGINT else 0
 
 
 def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 0.0) -> Outcome:
@@ -37,10 +48,10 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")
-    with _signals(supervisors), keyboard.single_keys() as has_keyboard, terminal.live_display() as live:
+    with _signals(supervisors) as received, keyboard.single_keys() as has_keyboard, terminal.live_display() as live:
         if has_keyboard:
             terminal.log().print(Text(keyboard.HELP, style="dim"))
-        while time.monotonic() < deadline and all(side.running for side in supervisors):
+        while not received and time.monotonic() < deadline and all(side.running for side in supervisors):
             view.update()
             if live is not None:
                 live.update(view.line(), refresh=True)
@@ -48,7 +59,7 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
                 break
             if not has_keyboard and supervisors[0].wait(min(INTERVAL, max(0.0, deadline - time.monotonic()))):
                 break
-    return Outcome(view.last, sum(side.restarts for side in supervisors))
+    return Outcome(view.last, sum(side.restarts for side in supervisors), received[0] if received else 0)
 
 
 class _ConsoleView:
@@ -109,19 +120,23 @@ def _line(snapshot: Snapshot) -> Text:
 
 
 @contextlib.contextmanager
-def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[None]:
-    """Handle SIGTERM as an orderly end of the run, and SIGUSR1 as an emergency stop that keeps it running."""
+def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
+    """Yield the signals received that end a run in order; SIGUSR1 is an emergency stop that keeps it running."""
+    received: list[int] = []
 
-    def end(*_: object) -> None:
-        raise KeyboardInterrupt
+    def end(number: int, _: object) -> None:
+        received.append(number)
 
     def stop(*_: object) -> None:
         for side in supervisors:
             side.stop_emergency()
 
-    before = [signal.signal(signal.SIGTERM, end), signal.signal(signal.SIGUSR1, stop)]
+    handlers: dict[int, Callable[[int, FrameType | None], None]] = {signal.SIGTERM: end, signal.SIGUSR1: stop}
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:  # as a shell starts a script's background jobs
+        handlers[signal.SIGINT] = end
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        yield
+        yield received
     finally:
-        signal.signal(signal.SIGTERM, before[0])
-        signal.signal(signal.SIGUSR1, before[1])
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -54,16 +54,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 @contextmanager
 def recorded(args: argparse.Namespace, name: str) -> Iterator[None]:
     """Record the run of that name meanwhile, and pass it on, as the options say."""
-    if args.finger and args.fingers:
-        raise ConfigError(
-            "--finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
-        )
+    _check(args)
     with ExitStack() as stack:
         for build in _bridges(args, name):
             from tactophone.bridges import BridgeProcess
 
             stack.enter_context(BridgeProcess(build, report=terminal.warn))
         yield
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what would be ignored: above all a stop to which nobody listens."""
+    if args.finger and args.fingers:
+        raise ConfigError(
+            "--finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
+        )
+    ros = args.ros or args.ros_sink
+    for option, value, has_bridge, bridge in (
+        ("--osc-listen", args.osc_listen, args.osc, "--osc HOST:PORT"),
+        ("--osc-avatar", args.osc_avatar, args.osc, "--osc HOST:PORT"),
+        ("--ros-over", args.ros_over == "zenoh", ros, "--ros or --ros-sink"),
+        ("--finger", args.finger, args.osc or ros, "--osc, --ros or --ros-sink"),
+    ):
+        if value and not has_bridge:
+            raise ConfigError(f"{option} does nothing without {bridge}: add that, or leave it out")
+    if args.osc_listen and args.verb == "send":
+        raise ConfigError("--osc-listen stops the operator's vibration: give it to `tactophone receive`")
 
 
 def _bridges(args: argparse.Namespace, name: str) -> "Iterator[Callable[[], Bridge]]":

@@ -13,8 +13,17 @@ from tactophone.telemetry import COUNTERS, STAGES, Snapshot
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--duration`` and ``--json``."""
-    parser.add_argument("--duration", type=float, default=0.0, metavar="S", help="seconds to run; 0: until interrupted")
+    parser.add_argument(
+        "--duration", type=_seconds, default=0.0, metavar="S", help="seconds to run; 0: until interrupted"
+    )
     parser.add_argument("--json", action="store_true", help="at the end, print all counters as JSON")
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0 <= seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r} is no duration: 0 s or more")
+    return seconds
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
@@ -25,11 +34,11 @@ def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
         last = outcome.last
         entries = {"counters": last.counters, "gauges": last.gauges, "state": asdict(last.state)}
         terminal.print_json(entries | {"restarts": outcome.restarts})
-        return 0
+        return outcome.exit_code
     terminal.out().print(_counts(outcome.last))
     if math.isfinite(outcome.last.gauges["latency_total"]):
         terminal.out().print(_budget(outcome.last))
-    return 0
+    return outcome.exit_code
 
 
 def _counts(snapshot: Snapshot) -> Table:
