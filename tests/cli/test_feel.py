@@ -70,8 +70,8 @@ def test_a_known_label_is_shown(model: str, tmp_path: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--ceiling", "2"], "from 0 to 1 of full drive"),
-        (["--threshold", "5"], "from -120 to 0 dBFS"),
+        (["--ceiling", "2"], "--ceiling 2: must be 0 to 1 of full drive"),
+        (["--threshold", "5"], "must be -120 to 0 dBFS"),
     ],
 )
 def test_a_wrong_setting_is_one_line(

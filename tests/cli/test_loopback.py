@@ -52,9 +52,11 @@ def test_a_signal_ends_a_run_in_order_with_its_figures(arguments: list[str], num
 
 
 @pytest.mark.parametrize("duration", ["nan", "-3", "inf", "long"])
-def test_a_duration_that_is_none_is_a_usage_error(arguments: list[str], duration: str) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main([*arguments, f"--duration={duration}"])
+def test_a_duration_that_is_none_is_refused(
+    arguments: list[str], duration: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*arguments, f"--duration={duration}"]) == 1
+    assert f"--duration {duration}: must be " in capsys.readouterr().err
 
 
 def test_an_unknown_port_or_file_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ def test_a_measured_profile_speaks_json(capsys: pytest.CaptureFixture[str]) -> N
     ("options", "message"),
     [
         ([], "give --pixel"),
-        (["--pixel", "-1"], "--pixel -1: over 0"),
+        (["--pixel", "-1"], "--pixel -1: must be over 0 m"),
         (["--pixel", "1e-6"], "measure a longer line"),
         (["--pixel", "1e-5", "--surface", "stone"], "belong together"),
     ],

@@ -46,6 +46,7 @@ def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixtu
         (["--objects", "cheese"], "is not an object"),
         (["--takes", "long"], "is not a take"),
         (["--seconds", "0"], "must be over 0"),
+        (["--seed", "-1"], "--seed -1: must be 0 or more"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),
         (["--authors-layout", "--tip", "stylus"], "of their finger, tip pad"),
     ],

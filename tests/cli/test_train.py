@@ -31,10 +31,10 @@ def test_training_continues_from_a_model(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--epochs", "0"], "--epochs 0: passes over the windows, 1 or more"),
-        (["--noise", "nan"], "--noise nan: standard deviation"),
+        (["--epochs", "0"], "--epochs 0: must be 1 or more"),
+        (["--noise", "nan"], "--noise nan: must be 0 or more"),
         (["--contact-threshold", "loud"], "--contact-threshold loud: must be a level"),
-        (["--opus-bitrate", "5"], "--opus-bitrate 5: from 16 to 512 kbit/s"),
+        (["--opus-bitrate", "5"], "--opus-bitrate 5: must be 16 to 512 kbit/s"),
         (["--filter", "label=soft"], "no recording has it; label is one of rough, smooth"),
     ],
 )

@@ -1,6 +1,5 @@
 """Resonance and band of an actuator, from a sweep through a known resonator."""
 
-import argparse
 import math
 from pathlib import Path
 
@@ -10,10 +9,9 @@ from scipy.signal import lfilter
 
 from tactophone import config
 from tactophone.cli import main
-from tactophone.cli._support.measure_actuator import as_toml, measure
-from tactophone.config import Settings
+from tactophone.cli._support.measure_actuator import as_toml
 from tactophone.devices import DummyServer, JackClient, SweepRecorder, fit, sweep
-from tactophone.errors import ConfigError, DeviceError
+from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
 RATE = 48_000
@@ -70,10 +68,10 @@ def test_the_sweep_stays_below_its_amplitude_and_is_played_to_its_end() -> None:
     assert not sound[len(waveform) :].any()
 
 
-@pytest.mark.parametrize("amplitude", [0.0, 0.6, float("nan")])
-def test_an_amplitude_over_the_default_ceiling_is_refused(amplitude: float, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="at most the default ceiling"):
-        measure(argparse.Namespace(amplitude=amplitude, out=tmp_path / "x.toml"), Settings())
+@pytest.mark.parametrize("amplitude", ["0", "0.6", "nan"])
+def test_an_amplitude_over_the_default_ceiling_is_refused(amplitude: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["devices", "measure", "--amplitude", amplitude]) == 1
+    assert "must be over 0 to 0.5 of full drive" in capsys.readouterr().err
 
 
 @pytest.mark.realtime

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -13,8 +12,8 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
+from tactophone.cli._support.ranges import Within
 from tactophone.dataset import Dataset
-from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from tactophone.benchmark import Cache, Cost, DatasetResults
@@ -58,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.html"
     )
-    parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes, 1 or more")
+    parser.add_argument("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
     parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="for the folds' results (default: the user's cache)")
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
@@ -67,20 +66,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--table3", action="store_true",
         help="print the paper's task with a simulated operator; --methods also takes paths of model files",
     )  # fmt: skip
-    parser.add_argument("--rounds", type=int, default=1000, metavar="N", help="rounds of the task, 1 or more")
+    parser.add_argument("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
     parser.add_argument(
-        "--retrieval", type=float, default=0.0, metavar="S",
-        help="time to fetch the stone, added to the decision time in Table III, in s, 0 or more; the paper states none",
+        "--retrieval", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="time to fetch the stone, added to the decision time in Table III, %(type)s; the paper states none",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run, score and report."""
-    if args.workers < 1 or args.rounds < 1:
-        raise ConfigError(f"--workers {args.workers}, --rounds {args.rounds}: 1 or more of each")
-    if not 0 <= args.retrieval < math.inf:
-        raise ConfigError(f"--retrieval {args.retrieval:g}: 0 s or more")
     from tactophone.benchmark import Cache, default_cache, measure_costs, steps_by_profile
 
     cache = Cache(args.cache) if args.cache else default_cache()

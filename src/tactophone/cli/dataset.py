@@ -13,6 +13,7 @@ from rich.table import Table
 
 from tactophone.bridges import is_mcap
 from tactophone.cli._support import terminal
+from tactophone.cli._support.ranges import Within
 from tactophone.dataset import (
     DEFAULT_CONTACT_DBFS,
     FILE_NAME,
@@ -62,7 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_json(sub)
     sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
     sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
-    sub.add_argument("--fold", type=int, default=1, metavar="N", help="the fold whose test set --write takes, from 1")
+    sub.add_argument(
+        "--fold", type=Within(int, 1), default=1, metavar="N", help="the fold whose test set --write takes, %(type)s"
+    )
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
     _add_json(sub)
     sub = add(
@@ -143,7 +146,7 @@ def _split(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     folds = split(dataset, args.by)
     if args.write:
-        if not 1 <= args.fold <= len(folds):
+        if args.fold > len(folds):
             raise ConfigError(f"--fold {args.fold}: {args.by} has folds 1 to {len(folds)}")
         fold = folds[args.fold - 1]
         sides = {

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from tactophone import config
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support.ranges import SEED
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
 
@@ -43,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path("demo"), metavar="DIR", help="folder for picture and sound")
     add("--recording", type=Path, metavar="FILE", help="WAV or FLAC to send in place of the simulated finger's sound")
     add("--network", default="wifi-busy", metavar="NETWORK", help="simulated network, as in `tactophone loopback`")
-    add("--seed", type=int, default=0, help="random seed of strokes, set-up and network, 0 or more")
+    add("--seed", type=SEED, default=0, help="random seed of strokes, set-up and network, %(type)s")
     add("--json", action="store_true", help="print the scores as JSON")
     flags.add_settings(parser, FLAGS)
     flags.add_fingers(parser)

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
+from tactophone.cli._support.ranges import Within
 from tactophone.cli._support.training_options import add_training_options, job_of
 from tactophone.dataset import KIN_SPLIT, SPLITS, Dataset, Fold, split
 from tactophone.errors import ConfigError
@@ -49,8 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"how to cross-validate a recipe: {', '.join(SPLITS)}",
     )  # fmt: skip
     parser.add_argument(
-        "--baselines", type=int, nargs="?", const=1, metavar="N",
-        help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, 0 or more "
+        "--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
+        help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
         "(without N: 1)",
     )  # fmt: skip
     parser.add_argument("--by-recording", action="store_true", help="list every recording instead of surfaces")

@@ -10,6 +10,7 @@ from rich.markup import escape
 from tactophone.capture import FileSource
 from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
 from tactophone.cli._support.feel_result import Result, as_json, print_result
+from tactophone.cli._support.ranges import CEILING, Within
 from tactophone.dataset import ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
@@ -61,15 +62,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="detect contact within milliseconds, or by the model's whole window as in the paper",
     )  # fmt: skip
     add(
-        "--threshold", type=float, metavar="DBFS",
-        help="contact threshold, -120 to 0 dBFS; default: just over the recording's own noise floor",
+        "--threshold", type=Within(float, -120, 0, unit="dBFS"), metavar="DBFS",
+        help="contact threshold, %(type)s; default: just over the recording's own noise floor",
     )  # fmt: skip
     add(
         "--ceiling",
-        type=float,
+        type=CEILING,
         default=Limits().ceiling,
         metavar="LEVEL",
-        help="greatest amplitude, 0 to 1 of full drive; profiles are scaled down to it",
+        help="greatest amplitude, %(type)s; profiles are scaled down to it",
     )
     add("--events", action="store_true", help="detect taps, strokes and slips, and write them as STEM.events.csv")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
@@ -80,10 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
-    if not 0 <= args.ceiling <= 1:
-        raise ConfigError(f"--ceiling {args.ceiling}: must be from 0 to 1 of full drive")
-    if args.threshold is not None and not -120 <= args.threshold <= 0:
-        raise ConfigError(f"--threshold {args.threshold}: must be from -120 to 0 dBFS")
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

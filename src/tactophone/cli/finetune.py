@@ -12,6 +12,7 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.ranges import SEED
 from tactophone.dataset import Dataset, Recording, split
 from tactophone.errors import DatasetError
 from tactophone.perception import Calibration, WindowDetector, model_path, read_model
@@ -47,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="train on both and mix with the old parameters, or the paper's own fine-tuning",
     )  # fmt: skip
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of everything random")
+    parser.add_argument("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_filter(parser)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from tactophone.cli._support import flags, terminal
+from tactophone.cli._support.ranges import Within
 from tactophone.config import Settings
 from tactophone.telemetry import STAGES
 from tactophone.types import LIVE_SAMPLE_RATE
@@ -31,9 +32,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     flags.add_settings(parser, FLAGS)
     add = parser.add_argument
-    add("--impulses", type=int, default=100, metavar="N", help="impulses to play, 10 to 2000, about 4 a second")
+    add(
+        "--impulses", type=Within(int, 10, 2000), default=100, metavar="N",
+        help="impulses to play, %(type)s, about 4 a second",
+    )  # fmt: skip
     add("--dummy", action="store_true", help="start a JACK server without a sound card for this")
-    add("--period", type=int, default=128, metavar="N", help="period of that server in samples, 32 to 1024")
+    add(
+        "--period", type=Within(int, 32, 1024, unit="samples"), default=128, metavar="N",
+        help="period of that server, %(type)s",
+    )  # fmt: skip
     add("--impulse-port", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
     add("--vibration-port", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
     add("--no-decisions", action="store_true", help="do not measure the decision delay (simulated, 10 s)")

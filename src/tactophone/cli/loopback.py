@@ -8,6 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support.ranges import SEED
 from tactophone.config import Settings
 
 if TYPE_CHECKING:
@@ -45,7 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulated network: clean, lan, wifi, wifi-busy, wifi-roaming, internet, bursty, "
         "or loss=0.05,burst=3,delay=0.01,jitter=0.002 (fractions of 1, seconds); all but clean need the extra sim",
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed of its losses and delays")
+    parser.add_argument(
+        "--seed", type=SEED, default=0, metavar="N", help="random seed of its losses and delays, %(type)s"
+    )
     dashboard_options.add_arguments(parser)
     log_option.add_arguments(parser)
     record_option.add_arguments(parser)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tactophone import config
 from tactophone.cli._support import dashboard_options, flags
+from tactophone.cli._support.ranges import SEED
 
 ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
@@ -34,9 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
         "--seed",
-        type=int,
+        type=SEED,
         metavar="N",
-        help="random seed of the first round's order, 0 or more; each further round adds 1 (default: random)",
+        help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
     )
     parser.add_argument(
         "--results",

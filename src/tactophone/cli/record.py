@@ -12,6 +12,7 @@ from rich.text import Text
 from tactophone.cli._support import audio_input, keyboard, terminal
 from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
 from tactophone.cli._support.meters import Meters
+from tactophone.cli._support.ranges import Within
 from tactophone.dataset import Recording, holds_metadata, open_dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception import Calibration, Reference
@@ -52,8 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")
     parser.add_argument(
-        "--seconds", type=float, default=protocol.DURATION, metavar="S", help="length of a take, 1 to 600 s"
-    )
+        "--seconds", type=Within(float, 1, 600, unit="s"), default=protocol.DURATION, metavar="S",
+        help="length of a take, %(type)s",
+    )  # fmt: skip
     parser.add_argument(
         "--takes", default="all", metavar="LIST",
         help=f"comma-separated takes, of {', '.join(take.name for take in PROTOCOL)}; or 'all'",
@@ -90,8 +92,6 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
     if unknown := sorted(set(selected) - set(names)):
         hint = did_you_mean(unknown[0], names)
         raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}{hint}")
-    if not 1 <= args.seconds <= 600:
-        raise ConfigError(f"--seconds {args.seconds:g}: a take lasts 1 to 600 s")
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
     takes = tuple(take for take in PROTOCOL if take.name in selected)
     return SessionPlan(args.out, reference, takes, duration=args.seconds)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tactophone import config
 from tactophone.cli._support import dashboard_options, extras, haptic_file_option, terminal
+from tactophone.cli._support.ranges import CEILING
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
 
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
     add("--model", metavar="NAME|FILE", help="compute with another model")
     add("--profile", metavar="NAME", help="compute with another rendering profile")
-    add("--ceiling", type=float, metavar="LEVEL", help="compute with another ceiling, 0 to 1 of full drive")
+    add("--ceiling", type=CEILING, metavar="LEVEL", help="compute with another ceiling, %(type)s")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
     haptic_file_option.add_arguments(parser)
     add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from tactophone.cli._support import terminal
+from tactophone.cli._support.ranges import Within
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
 
 if TYPE_CHECKING:
@@ -20,19 +21,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="profile or height map: .npy, .npz (heights, step), .csv (a column, place and height, or a map), .png",
     )  # fmt: skip
     parser.add_argument(
-        "--pixel", type=float, metavar="M", help="distance between heights in m, such as 29.4e-6; where FILE lacks it"
-    )
+        "--pixel", type=Within(float, 0, over=True, unit="m"), metavar="M",
+        help="distance between heights, %(type)s, such as 29.4e-6; where FILE lacks it",
+    )  # fmt: skip
     parser.add_argument(
         "--unit", choices=("m", "mm", "um", "nm"), default="m", help="of the heights (and of places) in FILE"
     )
-    parser.add_argument("--height-range", type=float, metavar="UM", help="height of white over black in a PNG, in um")
     parser.add_argument(
-        "--cutoff", type=float, metavar="MM",
-        help="of the Gaussian filter, in mm, over 0 (default: as ISO 21920-3 names it for the Ra found)",
+        "--height-range", type=Within(float, 0, over=True, unit="um"), metavar="UM",
+        help="height of white over black in a PNG, %(type)s",
     )  # fmt: skip
     parser.add_argument(
-        "--resolution", type=float, default=0.0, metavar="UM",
-        help="height that the sensor just resolves, in um, 0 or more: a smaller Ra is reported with a warning",
+        "--cutoff", type=Within(float, 0, over=True, unit="mm"), metavar="MM",
+        help="of the Gaussian filter, %(type)s (default: as ISO 21920-3 names it for the Ra found)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--resolution", type=Within(float, 0, unit="um"), default=0.0, metavar="UM",
+        help="height that the sensor just resolves, %(type)s: a smaller Ra is reported with a warning",
     )  # fmt: skip
     parser.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
     parser.add_argument(
@@ -46,7 +51,8 @@ def run(args: argparse.Namespace) -> int:
     """Measure, print, and write what was asked for."""
     from tactophone.dataset import draw_heights, measure_heights, read_heights
 
-    _check(args)
+    if bool(args.write_metadata) != bool(args.surface):
+        raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")
     height_range = args.height_range * 1e-6 if args.height_range else None
     heights, stated = read_heights(args.file, unit=args.unit, height_range=height_range)
     step = args.pixel or stated
@@ -64,17 +70,6 @@ def run(args: argparse.Namespace) -> int:
     for path in filter(None, (args.plot, written)):
         terminal.log().print(path, soft_wrap=True)
     return 0
-
-
-def _check(args: argparse.Namespace) -> None:
-    for name in ("pixel", "cutoff", "height_range"):
-        value = getattr(args, name)
-        if value is not None and not 0 < value < float("inf"):
-            raise ConfigError(f"--{name.replace('_', '-')} {value:g}: over 0")
-    if not 0 <= args.resolution < float("inf"):
-        raise ConfigError(f"--resolution {args.resolution:g}: 0 um or more")
-    if bool(args.write_metadata) != bool(args.surface):
-        raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")
 
 
 def _write(args: argparse.Namespace, report: "HeightReport") -> Path:

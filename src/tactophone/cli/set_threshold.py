@@ -9,9 +9,9 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, open_filtered
+from tactophone.cli._support.ranges import Within
 from tactophone.cli.calibrate import per_minute
 from tactophone.dataset import Dataset
-from tactophone.errors import ConfigError
 from tactophone.perception import Model, model_path, read_model, shipped_models
 
 if TYPE_CHECKING:
@@ -30,8 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--false-bumps", metavar="N/min", help="rough predicted on smooth, over 0 to 600 times a minute of contact"
     )
     goal.add_argument(
-        "--false-positives", type=float, metavar="SHARE", help="share of smooth contact predicted rough, over 0 to 1"
-    )
+        "--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
+        help="share of smooth contact predicted rough, %(type)s",
+    )  # fmt: skip
     parser.add_argument(
         "--out",
         type=Path,
@@ -72,8 +73,6 @@ def run(args: argparse.Namespace) -> int:
 def _goal(args: argparse.Namespace) -> "tuple[Goal, float]":
     if args.false_bumps is not None:
         return "false_bumps_per_minute", per_minute(args.false_bumps)
-    if not 0 < args.false_positives <= 1:
-        raise ConfigError(f"--false-positives {args.false_positives:g}: a share over 0 to 1, such as 0.01")
     return "false_positive_rate", args.false_positives
 
 

@@ -17,6 +17,7 @@ from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
 from tactophone.cli._support.guide_screen import GuidePage, GuideScreen
 from tactophone.cli._support.guided_recording import record_step
 from tactophone.cli._support.meters import Meters
+from tactophone.cli._support.ranges import Within
 from tactophone.errors import ConfigError, ModelError
 from tactophone.perception import (
     CalibrationSounds,
@@ -98,7 +99,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             f"--{label}", default=", ".join(names), metavar="NAMES",
             help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have",
         )  # fmt: skip
-    add("--seconds", type=float, default=SLIDE, metavar="S", help="of sliding on each object, 2 to 60 s")
+    add(
+        "--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
+        help="of sliding on each object, %(type)s",
+    )  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
     add("--json", action="store_true", help="print the result as JSON")
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
@@ -107,8 +111,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask for the tip, record, check the microphones, fit, write the model."""
-    if not 2 <= args.seconds <= 60:
-        raise ConfigError(f"--seconds {args.seconds:g}: must be from 2 to 60")
     objects = [(name, label == "rough") for label in ("smooth", "rough") for name in _names(args, label)]
     page = GuidePage(wait=not args.yes) if args.dashboard else None
     with keyboard.single_keys() as has_keyboard, page or nullcontext():

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import terminal
+from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
 from tactophone.types import DEFAULT_TIP, TIP_NAMES
@@ -42,7 +43,7 @@ def _objects_arguments(add: Callable[..., object]) -> None:
 def _dataset_arguments(add: Callable[..., object]) -> None:
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
     _sound_arguments(add)
-    add("--seconds", type=float, default=30.0, help="length of a take, in s, over 0")
+    add("--seconds", type=Within(float, 0, over=True, unit="s"), default=30.0, help="length of a take, %(type)s")
     words = (
         "numbers or names separated by commas, 'paper' for the paper's 23, 'all' for the catalogue, or 'measured' "
         "for ten height profiles of the package tdw"
@@ -54,19 +55,19 @@ def _dataset_arguments(add: Callable[..., object]) -> None:
     add("--opus", action="store_true", help="pass the sound through Opus, as the paper did")
     add("--hall", action="store_true", help="in the competition's noise: a hall full of people, and running motors")
     add("--authors-layout", action="store_true", help="write opus/stereo/NN_variant.wav, as the paper's authors do")
-    add("--jobs", type=int, default=cores, help="processes, 1 or more")
+    add("--jobs", type=Within(int, 1), default=cores, help="processes, %(type)s")
 
 
 def _competition_arguments(add: Callable[..., object]) -> None:
     _sound_arguments(add)
-    add("--runs", type=int, default=5, help="runs per day, 1 or more")
+    add("--runs", type=Within(int, 1), default=5, help="runs per day, %(type)s")
     add("--authors-layout", action="store_true", help="write finals_recordings/day_D_word.wav, as the authors do")
 
 
 def _hand_arguments(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to, with a recording for each finger")
     add("--fingers", default="5", metavar="N|FILE", help="their number, 1 to 10, or a TOML file with a table for each")
-    add("--seed", type=int, default=0, help="random seed of set-up, strokes and noise, 0 or more")
+    add("--seed", type=SEED, default=0, help="random seed of set-up, strokes and noise, %(type)s")
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
@@ -75,15 +76,15 @@ def _operator_arguments(add: Callable[..., object]) -> None:
 
     add("--model", default="", metavar="NAME|FILE", help="default: the shipped one for two channels")
     add("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
-    add("--rounds", type=int, default=1000, help="rounds, 1 or more")
-    add("--visits", type=int, default=12, help="rendered visits per label to draw from, 1 or more")
-    add("--seed", type=int, default=0, help="random seed of stones, strokes and noise")
+    add("--rounds", type=Within(int, 1), default=1000, help="rounds, %(type)s")
+    add("--visits", type=Within(int, 1), default=12, help="rendered visits per label to draw from, %(type)s")
+    add("--seed", type=SEED, default=0, help="random seed of stones, strokes and noise, %(type)s")
     add("--json", action="store_true", help="print JSON instead of text")
 
 
 def _sound_arguments(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
-    add("--seed", type=int, default=0, help="random seed of sessions, strokes and noise")
+    add("--seed", type=SEED, default=0, help="random seed of sessions, strokes and noise, %(type)s")
     add("--bits", type=int, choices=(16, 24), default=16, help="bits per sample")
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
@@ -132,8 +133,6 @@ def _dataset(args: argparse.Namespace) -> int:
     _check_layout(args)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
-    if args.seconds <= 0 or args.jobs < 1:
-        raise ConfigError(f"--seconds {args.seconds} --jobs {args.jobs}, but both must be over 0")
     jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=_takes_named(args.takes))
     args.out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
@@ -179,8 +178,6 @@ def _operator(args: argparse.Namespace) -> int:
     from tactophone.simulation import OfflinePipeline, perceive_visits, play_rounds, render_visits, summarize_rounds
     from tactophone.types import LIVE_SAMPLE_RATE
 
-    if args.rounds < 1 or args.visits < 1:
-        raise ConfigError(f"--rounds {args.rounds} --visits {args.visits}, but both must be 1 or more")
     pipeline = open_pipeline(args.model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=args.profile)
     visits = render_visits(visits=args.visits, seed=args.seed)
     rounds = play_rounds(perceive_visits(visits, OfflinePipeline(pipeline)), rounds=args.rounds, seed=args.seed)
@@ -213,8 +210,6 @@ def _hand(args: argparse.Namespace) -> int:
     from tactophone.hand_file import names_of, with_fingers
     from tactophone.simulation import demonstrate_hand
 
-    if args.seed < 0:
-        raise ConfigError(f"--seed {args.seed}: must be 0 or more")
     names = names_of(with_fingers(Settings(), args.fingers))
     args.out.mkdir(parents=True, exist_ok=True)
     for path in demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip):

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
-from tactophone.cli._support.training_options import NUMBERS, add_training_options, job_of
+from tactophone.cli._support.ranges import SEED, Within
+from tactophone.cli._support.training_options import BITRATE, NUMBERS, add_training_options, job_of
 from tactophone.dataset import split
 from tactophone.errors import ConfigError
 
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 _VALUES: dict[str, Callable[[str], Any]] = {
     "recipe": str, "variant": str, "reference_code": {"true": True, "false": False}.__getitem__, "precision": str,
-    **{name: number for name, (number, _, _) in NUMBERS.items()}, "seed": int, "channels": int, "opus_bitrate": int,
+    **{name: number for name, (number, _) in NUMBERS.items()}, "seed": SEED, "channels": Within(int, 1, 2),
+    "opus_bitrate": BITRATE,
 }  # fmt: skip
 """Options that may vary, and how their values are read."""
 
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a setting and its values, repeatable: every combination is tried; of {', '.join(_VALUES)}",
     )  # fmt: skip
     parser.add_argument("--split", metavar="NAME", default="5-fold", help="how to cross-validate")
-    parser.add_argument("--workers", type=int, default=2, metavar="N", help="processes, 1 or more")
+    parser.add_argument("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
     parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="where folds' results are kept (default: the user's)")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
@@ -43,8 +45,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the folds of every combination in parallel, and list the combinations, best first."""
-    if args.workers < 1:
-        raise ConfigError(f"--workers {args.workers}: 1 or more")
     from tactophone.benchmark import Cache, default_cache, method_of
 
     jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
@@ -80,8 +80,8 @@ def _values(text: str) -> tuple[str, list[Any]]:
         raise ConfigError(f"--vary {text}: write NAME=VALUE,VALUE with a name of {', '.join(_VALUES)}")
     try:
         return name, [_VALUES[name](value) for value in values.split(",")]
-    except ValueError:
-        raise ConfigError(f"--vary {text}: {name} takes numbers") from None
+    except ConfigError as error:
+        raise ConfigError(f"--vary {text}: {name} {error}") from None
     except KeyError:
         raise ConfigError(f"--vary {text}: {name} takes true and false") from None
 

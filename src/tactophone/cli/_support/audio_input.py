@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Self
 
 from tactophone import config
 from tactophone.cli._support import flags
+from tactophone.cli._support.ranges import SEED, Within
 
 if TYPE_CHECKING:
     from tactophone.types import AudioBlock, Source
 
 FLAGS = {"--source": "capture.source", "--device": "capture.device", "--tip": "capture.tip"}
+
+GAIN = Within(float, -40, 40, unit="dB")
 
 SETTLING = 0.5
 """Seconds that are discarded after a source is opened and after each instruction."""
@@ -24,19 +27,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flags.add_finger(parser)
     group = parser.add_argument_group("with --source finger (in virtual time: minutes take seconds)")
     group.add_argument(
-        "--finger-gain", type=float, default=0.0, metavar="DB",
-        help="extra gain of the simulated contact microphone, -40 to 40 dB",
+        "--finger-gain", type=GAIN, default=0.0, metavar="DB",
+        help="extra gain of the simulated contact microphone, %(type)s",
     )  # fmt: skip
     group.add_argument(
-        "--finger-air-gain", type=float, default=0.0, metavar="DB",
-        help="the same of the simulated air microphone, which a stylus may drive too far",
+        "--finger-air-gain", type=GAIN, default=0.0, metavar="DB",
+        help="the same of the simulated air microphone, %(type)s; a stylus may drive it too far",
     )  # fmt: skip
     group.add_argument(
         "--fault", action="append", default=[], metavar="CODE[@S-S]",
         help="fault of a simulated microphone, always or between two times in s: contact-dead, air-hum@3-5, ...",
     )  # fmt: skip
     group.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="random seed of the simulated person and set-up"
+        "--seed", type=SEED, default=0, metavar="N", help="random seed of the simulated person and set-up, %(type)s"
     )
 
 

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from tactophone.cli._support import terminal
+from tactophone.cli._support.ranges import Within
 from tactophone.config import Settings
 from tactophone.devices import Device, JackClient, MeasuredResponse, PortAudioStream, Process, SweepRecorder, fit, sweep
 from tactophone.errors import ConfigError
@@ -23,9 +24,6 @@ FLAGS = {
 
 def measure(args: argparse.Namespace, settings: Settings) -> int:
     """Measure, print the figures and write them as a settings file."""
-    limit = Limits().ceiling
-    if not 0 < args.amplitude <= limit:
-        raise ConfigError(f"--amplitude {args.amplitude:g}: wanted over 0, at most the default ceiling {limit:g}")
     if settings.output.actuator not in ("jack", "portaudio"):
         raise ConfigError("devices measure needs an actuator that plays any waveform: --actuator jack or portaudio")
     terminal.log().print(
@@ -59,8 +57,9 @@ def as_toml(found: MeasuredResponse) -> str:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare what ``measure`` needs beside the settings."""
     parser.add_argument(
-        "--amplitude", type=float, default=0.2, metavar="SHARE", help="measure: of full drive, at most 0.5"
-    )
+        "--amplitude", type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"), default=0.2,
+        metavar="SHARE", help="measure: of the sweep, %(type)s",
+    )  # fmt: skip
     parser.add_argument(
         "--out", type=Path, default=Path("actuator.toml"), metavar="FILE", help="measure: settings file to write"
     )

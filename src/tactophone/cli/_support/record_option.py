@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import extras, terminal
+from tactophone.cli._support.ranges import Within
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -34,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add("--osc", metavar="HOST:PORT", help="send predictions and vibration as OSC messages")
     add(
-        "--osc-listen", type=int, default=0, metavar="PORT",
-        help="obey /tactophone/stop at this UDP port of this machine, 1 to 65535; 0: none",
+        "--osc-listen", type=Within(int, 0, (1 << 16) - 1), default=0, metavar="PORT",
+        help="obey /tactophone/stop at this UDP port of this machine, %(type)s; 0: none",
     )  # fmt: skip
     add("--osc-avatar", action="store_true", help="send VRChat's avatar parameters too")
     add("--finger", metavar="NAME", help="finger in the names of OSC and ROS, where there is no hand (default: index)")

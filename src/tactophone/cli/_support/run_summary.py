@@ -8,22 +8,17 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.console import Outcome
+from tactophone.cli._support.ranges import Within
 from tactophone.telemetry import COUNTERS, STAGES, Snapshot
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--duration`` and ``--json``."""
     parser.add_argument(
-        "--duration", type=_seconds, default=0.0, metavar="S", help="seconds to run; 0: until interrupted"
-    )
+        "--duration", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="at the end, print all counters as JSON")
-
-
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0 <= seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is no duration: 0 s or more")
-    return seconds
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tactophone.errors import did_you_mean
+from tactophone.errors import ConfigError, did_you_mean
 
 Entry = TypeVar("Entry")
 
@@ -33,7 +33,13 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Names the nearest choice in the error about an unknown one: a verb, profile, model or format."""
+    """Names the nearest choice in the error about an unknown one (a verb, profile, model), and who is out of range."""
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return super()._get_value(action, arg_string)
+        except ConfigError as error:  # of a `Within`
+            raise ConfigError(f"{action.option_strings[-1]} {error}") from None
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         try:

@@ -1,25 +1,24 @@
 """The options that describe a training, shared by `train`, `evaluate` and `sweep`."""
 
 import argparse
-from typing import TYPE_CHECKING
 
+from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError
 from tactophone.perception import Calibration, Gate
 from tactophone.training import OPEN_GATE, PRECISIONS, RECIPES, VARIANTS, Job, TrainingOptions, network_settings
 from tactophone.types import TIP_NAMES
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-NUMBERS: "dict[str, tuple[Callable[[str], float], float, str]]" = {
-    "epochs": (int, 1, "passes over the windows, 1 or more"),
-    "least_steps": (int, 0, "least number of batches, whatever the epochs, 0 or more; paper-fast: 500"),
-    "batch_size": (int, 1, "windows in a batch, 1 or more; paper-fast: 1000"),
-    "hop": (int, 1, "samples at 2 kHz from one window to the next, 1 or more; the paper's authors use 1"),
-    "learning_rate": (float, 1e-9, "of Adam, over 0"),
-    "noise": (float, 0, "standard deviation of the noise added to each window, of full scale, 0 or more"),
+NUMBERS = {
+    "epochs": (Within(int, 1), "passes over the windows"),
+    "least_steps": (Within(int, 0), "least number of batches, whatever the epochs; paper-fast: 500"),
+    "batch_size": (Within(int, 1), "windows in a batch; paper-fast: 1000"),
+    "hop": (Within(int, 1), "samples at 2 kHz from one window to the next; the paper's authors use 1"),
+    "learning_rate": (Within(float, 0, over=True), "of Adam"),
+    "noise": (Within(float, 0), "standard deviation of the noise added to each window, of full scale"),
 }
-"""Numbers of the paper's network: type, least value, help. The defaults are those of its settings."""
+"""Numbers of the paper's network: range, help. The defaults are those of its settings."""
+
+BITRATE = Within(int, 16, 512, unit="kbit/s")
 
 
 def add_training_options(parser: argparse._ActionsContainer) -> None:
@@ -44,8 +43,8 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
         help="that the model is for (recipes on features; default: the one that the recordings name)",
     )  # fmt: skip
     parser.add_argument(
-        "--opus-bitrate", type=int, metavar="KBPS",
-        help="pass the sound through the link's Opus at this bitrate first, 16 to 512 kbit/s; needs 48 kHz. `train` "
+        "--opus-bitrate", type=BITRATE, metavar="KBPS",
+        help="pass the sound through the link's Opus at this bitrate first, %(type)s; needs 48 kHz. `train` "
         "uses each recording as it is, and through Opus of 4 and of 8 kHz; with the recipe paper, through 4 kHz alone",
     )  # fmt: skip
     network = parser.add_argument_group("the recipe paper") if isinstance(parser, argparse.ArgumentParser) else parser
@@ -56,18 +55,19 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
         "--reference-code", action="store_true",
         help="follow the authors' code where it differs from the paper's text: docs/guide/training.md (recipe paper)",
     )  # fmt: skip
-    for name, (number, _, line) in NUMBERS.items():
+    for name, (number, line) in NUMBERS.items():
         network.add_argument(
             f"--{name.replace('_', '-')}", type=number, metavar="N",
-            help=f"{line} (recipe paper; default: {getattr(defaults, name):g})",
+            help=f"{line}, %(type)s (recipe paper; default: {getattr(defaults, name):g})",
         )  # fmt: skip
     network.add_argument(
         "--precision", choices=PRECISIONS, default=defaults.precision,
         help="of the network's arithmetic; bfloat16 is faster on processors that have it (recipe paper)",
     )  # fmt: skip
     network.add_argument(
-        "--seed", type=int, default=0, help="of everything random; the same seed gives the same bits (recipe paper)"
-    )
+        "--seed", type=SEED, default=0,
+        help="of everything random, %(type)s; the same seed gives the same bits (recipe paper)",
+    )  # fmt: skip
     network.add_argument(
         "--contact-threshold", metavar="DBFS",
         help="level from which the model detects contact, -200 to 0 dBFS RMS; or 'off' for recordings that hold "
@@ -86,7 +86,7 @@ def job_of(args: argparse.Namespace) -> Job:
     options = TrainingOptions(
         channels=args.channels,
         seed=args.seed,
-        opus_bitrate_bps=_opus_bitrate_bps(args.opus_bitrate),
+        opus_bitrate_bps=1000 * args.opus_bitrate if args.opus_bitrate else None,
         microphone=args.microphone,
         tip=args.tip or "",
         start=getattr(args, "start", None),
@@ -95,24 +95,9 @@ def job_of(args: argparse.Namespace) -> Job:
         variant=args.variant,
         reference_code=args.reference_code,
         precision=args.precision,
-        changes=_changes(args),
+        changes={name: value for name in NUMBERS if (value := getattr(args, name)) is not None},
     )
     return RECIPES[args.recipe].open_job(options)
-
-
-def _opus_bitrate_bps(kbps: int | None) -> int | None:
-    if kbps is not None and not 16 <= kbps <= 512:
-        raise ConfigError(f"--opus-bitrate {kbps}: from 16 to 512 kbit/s")
-    return 1000 * kbps if kbps else None
-
-
-def _changes(args: argparse.Namespace) -> dict[str, float]:
-    changes = {name: getattr(args, name) for name in NUMBERS if getattr(args, name) is not None}
-    for name, value in changes.items():
-        _, least, line = NUMBERS[name]
-        if not least <= value < float("inf"):
-            raise ConfigError(f"--{name.replace('_', '-')} {value:g}: {line}")
-    return changes
 
 
 def _gate(text: str | None) -> Gate | None:
