@@ -16,7 +16,7 @@ def test_check_names_the_bad_file_and_exits_with_one(tmp_path: Path, capsys: pyt
     assert main(["dataset", "check", str(tmp_path)]) == 1
     printed = capsys.readouterr().out
     assert "00_0.flac: missing" in printed
-    assert printed.endswith("8 recordings, 1 unusable, 1 problems\n")
+    assert printed.endswith("8 recordings, 1 unusable, 1 problem\n")
 
 
 def test_check_and_show_speak_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

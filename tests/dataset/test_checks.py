@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone import Touch
+from tactophone import DatasetError, Touch
 from tactophone.dataset import Dataset, Recording, Segment, check, open_dataset, usable
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
@@ -71,3 +71,16 @@ def test_a_good_dataset_has_no_problems_and_progress_is_reported(tmp_path: Path)
     reported: list[int] = []
     assert check(open_dataset(audiofolder(tmp_path)), progress=reported.append) == ()
     assert reported == list(range(1, 9))
+
+
+def test_a_file_of_nan_is_broken_and_nothing_else(tmp_path: Path) -> None:
+    written(np.nan)(tmp_path / "a.wav")
+    problems = check(Dataset("d", tmp_path, (Recording(tmp_path / "a.wav", "slate", Touch.ROUGH),)))
+    assert [problem.kind for problem in problems] == ["broken"]
+
+
+def test_a_set_without_recordings_is_named(tmp_path: Path) -> None:
+    empty = Dataset("d", tmp_path, ())
+    assert [(problem.kind, problem.fatal) for problem in check(empty)] == [("empty", True)]
+    with pytest.raises(DatasetError, match="no usable recording"):
+        empty.labelled()

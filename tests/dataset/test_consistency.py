@@ -64,3 +64,15 @@ def test_what_cannot_be_read_is_left_to_the_other_check(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
     dataset.recordings[0].path.write_text("no sound")
     assert kinds(dataset) == []
+
+
+def test_a_line_that_stands_twice_is_named_as_such(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    (problem,) = check_consistency(replace(dataset, recordings=(*dataset.recordings, replace(dataset.recordings[0]))))
+    assert problem.message == "the manifest names it twice; drop either line"
+
+
+def test_an_unusable_file_has_no_level(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path))
+    soundfile.write(dataset.recordings[0].path, np.zeros((0, 2)), 4000)
+    assert kinds(dataset) == []

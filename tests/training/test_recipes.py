@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -8,6 +9,7 @@ import pytest
 
 from tactophone.benchmark import recipe_method
 from tactophone.dataset import Dataset
+from tactophone.errors import DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of
 from tactophone.perception import read_model
 from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureJob, FeatureSpec, TrainingOptions, build_training_set
@@ -85,3 +87,9 @@ def test_listing_recipes_imports_no_classifier() -> None:
         "print([name for name in ('torch', 'sklearn', 'onnx', 'scipy') if name in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_a_recipe_of_heights_says_what_is_missing(dataset: Dataset, tmp_path: Path) -> None:
+    unmeasured = tuple(replace(take, properties={}) for take in dataset.recordings)
+    with pytest.raises(DatasetError, match="add the column ra_um"):
+        RECIPES["surface"].open_job().train(tmp_path / "a.onnx", replace(dataset, recordings=unmeasured))

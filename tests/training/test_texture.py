@@ -101,7 +101,7 @@ def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -
 
 def test_one_label_alone_is_an_error(dataset: Dataset) -> None:
     smooth = [take for take in dataset.recordings if take.label is Touch.SMOOTH]
-    with pytest.raises(DatasetError, match="smooth surfaces at most"):
+    with pytest.raises(DatasetError, match="on smooth surfaces alone"):
         build_training_set(FeatureSpec(), smooth)
 
 

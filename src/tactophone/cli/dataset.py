@@ -109,7 +109,8 @@ def _check(args: argparse.Namespace) -> int:
     else:
         for line in _lines(problems):
             print(line)
-        print(f"{len(dataset.recordings)} recordings, {len(bad)} unusable, {len(problems)} problems")
+        found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
+        print(f"{len(dataset.recordings)} recordings, {len(bad)} unusable, {found}")
     return 1 if bad else 0
 
 

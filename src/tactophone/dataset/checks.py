@@ -47,6 +47,8 @@ class _Measurements:
 def check(dataset: Dataset, *, progress: Callable[[int], None] = lambda done: None) -> tuple[Problem, ...]:
     """Read every recording to its end and report what is wrong, after what opening found; a bad one stops nothing."""
     problems = [*dataset.problems, *_label_conflicts(dataset)]
+    if not dataset.recordings and not problems:
+        problems.append(Problem(dataset.root, "empty", "its manifest names no recording; add a line for each"))
     for done, recording in enumerate(dataset.recordings, 1):
         problems.extend(check_recording(recording))
         progress(done)
@@ -122,6 +124,7 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         yield "broken", f"ends after {measured.size} of {measured.promised} samples; restore the whole file", True
     if not measured.finite:
         yield "broken", "holds NaN or infinite samples; export it again", True
+        return  # its levels say nothing
     if measured.sample_rate < MIN_RATE:
         yield "rate", f"{measured.sample_rate} Hz, but at least {MIN_RATE} Hz is needed; record it again", True
     if duration < MIN_DURATION:

@@ -74,6 +74,9 @@ def _imbalance(dataset: Dataset) -> Iterator[Problem]:
 def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
     if first is recording:
         return
+    if first.path == recording.path and first.label is recording.label:
+        yield Problem(recording.path, "duplicate", "the manifest names it twice; drop either line", fatal=False)
+        return
     message = f"the same sound as {first.path.name}"
     if first.label is not recording.label:
         message += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
@@ -89,12 +92,14 @@ def _without_contact(recording: Recording, contact: float, threshold_dbfs: float
 
 
 def _measure(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
-    """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unreadable."""
+    """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
     try:
         samples, rate = _read(recording.path)
     except (soundfile.LibsndfileError, OSError):
         return None
     channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
+    if not samples.size or not np.isfinite(samples).all():
+        return None  # reported as a fault of the file
     size = max(1, int(CELL * rate))
     # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
     cells = samples[: len(samples) // size * size, channel].reshape(-1, size)

@@ -156,6 +156,8 @@ class Dataset:
         Raises `DatasetError` if there are none.
         """
         kept = self.where(lambda recording: recording.label in (Touch.SMOOTH, Touch.ROUGH))
+        if not self.recordings:
+            raise DatasetError(f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`")
         if not kept.recordings:
             raise DatasetError(
                 f"{self.root}: none of its {len(self.recordings)} recordings is labelled smooth or rough; "

@@ -7,7 +7,6 @@ from tactophone.evaluation.event_metrics import (
     contact_delays,
     edge_delays,
     false_bumps_per_minute,
-    in_true_contact,
 )
 from tactophone.evaluation.metrics import RULES, Rule, Scores, false_positives_at_recall, measure, rough_score
 from tactophone.evaluation.model_comparison import Change, accuracy_of, by_surface, by_take, compare_models
@@ -31,6 +30,7 @@ from tactophone.evaluation.predictions import (
 from tactophone.evaluation.rendered import RENDERED, Rendered, rendered_scores
 from tactophone.evaluation.report import Report, make_report
 from tactophone.evaluation.transitions import SOURCES, join_edges
+from tactophone.evaluation.true_contact import in_true_contact
 
 __all__ = [
     "RENDERED",

@@ -8,7 +8,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from tactophone.dataset import Segment
 from tactophone.dataset.motion_intervals import first_slide, slides_over
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predictions import TakePredictions
+from tactophone.evaluation.true_contact import true_contact
 from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 
@@ -129,20 +130,6 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
     # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.
     gaps = np.abs(np.bincount(place, share, BINS) - np.bincount(place, rough, BINS))
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
-
-
-def true_contact(take: TakePredictions) -> NDArray[np.bool_]:
-    """Whether the finger truly touches at each update, by the segments; throughout, where there are none."""
-    segments = take.recording.segments
-    if not segments:
-        return np.ones(len(take.time), bool)
-    inside = [(take.time > part.start) & (take.time <= part.end) for part in segments if part.contact]
-    return np.any(inside, axis=0) if inside else np.zeros(len(take.time), bool)
-
-
-def in_true_contact(take: TakePredictions) -> TakePredictions:
-    """Replace the contact gate by the true contact, so that all models are scored on the same moments."""
-    return replace(take, contact=true_contact(take))
 
 
 def _count_bumps(rough: NDArray[np.bool_], time: NDArray[np.float64]) -> int:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, draw_surfaces, interval
-from tactophone.evaluation.event_metrics import decided_touches, true_contact
+from tactophone.evaluation.event_metrics import decided_touches
 from tactophone.evaluation.predictions import TakePredictions
+from tactophone.evaluation.true_contact import true_contact
 from tactophone.perception import DecisionRule
 from tactophone.types import Touch
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, estimate
-from tactophone.evaluation.event_metrics import in_true_contact
 from tactophone.evaluation.metrics import RULES, Rule, rough_score
 from tactophone.evaluation.predictions import TakePredictions, scores_of
 from tactophone.evaluation.rendered import Rendered, rendered_scores
+from tactophone.evaluation.true_contact import in_true_contact
 from tactophone.perception import DecisionRule
 from tactophone.types import Touch
 

@@ -33,7 +33,7 @@ from tactophone.perception.model_registry import (
     tip_mismatch,
     with_gate,
 )
-from tactophone.perception.noise_floor import SILENT_DBFS, NoiseFloor
+from tactophone.perception.noise_floor import HOLD, SILENT_DBFS, NoiseFloor
 from tactophone.perception.recording_floor import RecordingFloor, measure_floor
 from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.perception.sensor_health.calibration_measurement import (
@@ -62,6 +62,7 @@ __all__ = [
     "FALLBACK_MESSAGES",
     "FEATURES",
     "FORGET_AFTER",
+    "HOLD",
     "LOG_PROBABILITIES",
     "MEMORY",
     "MICROPHONES",

@@ -121,3 +121,12 @@ def test_inner_folds_split_by_surface() -> None:
     examples = clouds()
     for out in inner_folds(examples.rough, examples.surface):
         assert not set(examples.surface[out]) & set(examples.surface[~out])
+
+
+def test_one_surface_of_each_class_is_enough() -> None:
+    examples = clouds()
+    few = examples.where(
+        np.isin(examples.surface, [examples.surface[examples.rough][0], examples.surface[~examples.rough][0]])
+    )
+    assert len(np.unique(few.surface)) == 2
+    assert np.isfinite(fit_classifier(few, channels=2).limit)

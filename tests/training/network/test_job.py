@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone import ModelError
+from tactophone import DatasetError, ModelError, Touch
 from tactophone.dataset import Dataset, open_dataset
 from tactophone.perception import Gate, read_model
 from tactophone.training.network.job import NetworkJob
@@ -55,4 +55,11 @@ def test_training_does_not_continue_from_a_model_of_other_channels(tmp_path: Pat
     mono.write(tmp_path / "mono.onnx", weights_of(PaperNetwork(channels=1)), dataset)
     job = NetworkJob(SETTINGS, start=tmp_path / "mono.onnx")
     with pytest.raises(ModelError, match="has 1 channel"):
+        job.fit(job.read_windows(dataset.recordings))
+
+
+def test_recordings_of_one_class_make_no_new_model(tmp_path: Path) -> None:
+    dataset = open_dataset(audiofolder(tmp_path / "stones")).where(lambda take: take.label is Touch.ROUGH)
+    job = NetworkJob(SETTINGS)
+    with pytest.raises(DatasetError, match="rough surfaces alone"):
         job.fit(job.read_windows(dataset.recordings))

@@ -11,6 +11,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
+from tactophone.errors import DatasetError
 from tactophone.perception import CUES
 from tactophone.training.features.examples import Floats
 from tactophone.training.features.onnx_graph import build_known, build_linear, fill_missing
@@ -83,14 +84,17 @@ def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]
 
     Raises
     ------
-    ValueError
+    DatasetError
         If no recording has the property ``ra_um``.
     """
     from sklearn.linear_model import Ridge
 
     known = np.isfinite(training_set.height)
     if not known.any():
-        raise ValueError("no recording gives its surface's Ra (property ra_um)")
+        raise DatasetError(
+            "no recording states its surface's Ra, which this recipe learns: add the column ra_um to the manifest, by "
+            "hand or by `tactophone roughness --write-metadata`"
+        )
     examples, height = training_set.examples.where(known), training_set.height[known]
     centre, scale = examples.moments()
     standard, weights = examples.standardised(centre, scale), examples.weights()

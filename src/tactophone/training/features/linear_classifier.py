@@ -115,9 +115,12 @@ def _whitening(standard: FloatArray, channels: int) -> Floats:
 
 
 def _held_out_distances(examples: Examples, channels: int) -> Floats:
+    # Distances need no classes: of one smooth and one rough surface each can be held out in turn.
+    folds = list(inner_folds(examples.rough, examples.surface)) or [
+        examples.surface == number for number in np.unique(examples.surface)
+    ]
     distances = [
-        np.square(examples.features[out] @ _whitening(examples.features[~out], channels)).mean(axis=1)
-        for out in inner_folds(examples.rough, examples.surface)
+        np.square(examples.features[out] @ _whitening(examples.features[~out], channels)).mean(axis=1) for out in folds
     ]
     return np.concatenate(distances)
 

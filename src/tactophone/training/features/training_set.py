@@ -152,9 +152,10 @@ def build_training_set(
     sizes = [int(mask.sum()) for mask in masks]
     rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
     if not 0 < rough.sum() < len(rough):
+        found = f"on {'rough' if rough.any() else 'smooth'} surfaces alone" if len(rough) else "nowhere"
         raise DatasetError(
-            f"{len(recordings)} recordings hold contact louder than {threshold_dbfs:.0f} dBFS with "
-            f"{'rough' if rough.any() else 'smooth'} surfaces at most; training needs rough and smooth ones"
+            f"{len(recordings)} recording(s) to train on: contact was found {found}; training needs rough and smooth "
+            "surfaces: label and record more"
         )
     prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
     if spec.change_detection and spec.kind == "texture":

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactophone.dataset import Dataset, Recording
-from tactophone.errors import ModelError
+from tactophone.errors import DatasetError, ModelError
 from tactophone.link import Codec
 from tactophone.perception import Gate
 from tactophone.training.network.export import make_card, read_weights, training_facts, write_model
@@ -78,9 +78,16 @@ class NetworkJob:
     ) -> dict[str, FloatArray]:
         """Train on windows; see :func:`tactophone.training.network.trainer.train`.
 
-        Raises `ModelError` if the model to continue from has another number of channels.
+        Raises `ModelError` if the model to continue from has another number of channels, and `DatasetError` if the
+        windows of a new model are of one class alone.
         """
         initial = read_weights(self.start) if self.start else None
+        if initial is None and len(found := set(windows.labels.tolist()) - {Touch.NONE}) < 2:
+            names = " and ".join(Touch(label).name.lower() for label in found)
+            raise DatasetError(
+                f"contact was found on {names} surfaces alone; training needs rough and smooth ones: label and record "
+                "more, or continue from a model (--from)"
+            )
         if initial and channels_of(initial) != self.channels:
             raise ModelError(
                 f"{self.start}: has {channels_of(initial)} channel(s), but the variant {self.settings.variant} has "
@@ -113,7 +120,7 @@ class NetworkJob:
         log(f"{count} recordings, {len(dataset.surfaces)} surfaces: {windows}")
 
         if (batches := _batches(self.settings, len(windows))) < FEW_BATCHES:
-            log(f"beware: {batches} batches are too few to converge; `--recipe paper-fast` trains on smaller ones")
+            log(f"beware: {batches} batches are too few to converge; raise --least-steps, or lower --batch-size")
 
         def show(progress: Progress) -> None:
             report(progress.steps, progress.total, f"loss {progress.loss:.4f}")
