@@ -1,6 +1,5 @@
 """A bridge in a process of its own: it can neither delay the sound nor end it."""
 
-import multiprocessing
 import os
 import signal
 import threading
@@ -10,6 +9,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Protocol, Self
 
+from tactophone.child_processes import ChildContext
 from tactophone.errors import TactophoneError
 
 START_TIMEOUT = 20.0
@@ -51,8 +51,7 @@ class BridgeProcess:
     def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:
         self._build, self._report = build, report
         self._asked_to_end = False
-        # Spawned, not forked: a fork would carry audio threads' locks and files along.
-        context = multiprocessing.get_context("spawn")
+        context = ChildContext()
         self._lines, child = context.Pipe()
         self._process = context.Process(target=_run, args=(build, child), name="tactophone-bridge", daemon=True)
         self._process.start()
@@ -104,7 +103,6 @@ class BridgeProcess:
 
 
 def _run(build: Callable[[], Bridge], lines: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     os.nice(NICENESS)
     try:
         with build() as bridge:

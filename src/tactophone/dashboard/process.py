@@ -4,7 +4,6 @@ import asyncio
 import importlib.util
 import multiprocessing
 import os
-import signal
 import socket
 import ssl
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from tactophone.child_processes import ChildProcess
 from tactophone.dashboard.security import AccessControl
 from tactophone.errors import TactophoneError
 
@@ -61,8 +61,7 @@ class Page:
         listening = _listen_everywhere(ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
         self._access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
-        # Spawned, not forked: a fork would carry audio threads' locks and files along.
-        self._process = multiprocessing.get_context("spawn").Process(
+        self._process = ChildProcess(
             target=_serve, args=(build, self._access, listening, certificate), name="tactophone-page", daemon=True
         )
         self._process.start()
@@ -168,7 +167,6 @@ def _serve(
     listening: list[socket.socket],
     certificate: tuple[Path, Path] | None,
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
     os.nice(NICENESS)
     asyncio.run(_run(build, access, listening, _tls(certificate)))
 

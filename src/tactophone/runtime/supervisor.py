@@ -7,7 +7,6 @@ by the watchdog is replaced by a new one, which starts muted: nothing restores v
 
 import contextlib
 import dataclasses
-import multiprocessing
 import os
 import signal
 import threading
@@ -16,9 +15,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from typing import Self, TypeAlias
 
+from tactophone.child_processes import ChildContext, ChildProcess
 from tactophone.config import Settings
 from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
@@ -81,7 +80,7 @@ class Supervisor:
         self._began = 0.0
         self._restart_delay = RESTART_DELAY
         self._main, self._settings = main, settings
-        self._process: SpawnProcess | None = None
+        self._process: ChildProcess | None = None
         self._messages: Connection | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
@@ -134,7 +133,7 @@ class Supervisor:
             os.kill(self.pid, signal.SIGUSR1)
 
     def _begin(self) -> None:
-        context = multiprocessing.get_context("spawn")
+        context = ChildContext()
         if self._messages is not None:
             self._messages.close()
         self._messages, messages = context.Pipe(duplex=False)
@@ -270,7 +269,6 @@ def supervised(*sides: Supervisor) -> Iterator[None]:
 
 def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:
     """Run the side in the new process: an expected error is passed on in one line, a bug is a traceback."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles the keyboard interrupt
     try:
         main(settings, dataclasses.replace(info, progress=partial(_send, messages, False)))
     except TactophoneError as error:
