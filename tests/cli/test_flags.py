@@ -41,3 +41,17 @@ def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -
     assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == ("system:capture_3", "lra", ())
     with pytest.raises(ConfigError, match="there are thumb, index"):
         flags.settings_of(parser.parse_args(["--fingers", str(path)]))
+
+
+def test_a_verbs_own_default_is_shown_and_gives_way_to_flags_and_set(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    usual = ["link.codec=pcm16"]
+    parser = argparse.ArgumentParser()
+    flags.add_settings(parser, FLAGS, usual)
+    (tmp_path / "a.toml").write_text('[link]\ncodec = "opus"\n')
+    assert flags.settings_of(parser.parse_args(["--config", str(tmp_path / "a.toml")]), usual).link.codec == "pcm16"
+    assert flags.settings_of(parser.parse_args(["--codec", "opus"]), usual).link.codec == "opus"
+    assert flags.settings_of(parser.parse_args(["--set", "link.codec=opus"]), usual).link.codec == "opus"
+    parser.print_help()
+    assert "opus, pcm16 (default: pcm16)" in " ".join(capsys.readouterr().out.split())

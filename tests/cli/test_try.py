@@ -114,6 +114,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_file(
     robot, operator = watch(f"{NAME}-robot"), watch(NAME)
     wait(listener, lambda: text(listener, "life") == "live", 20)
     time.sleep(1)
+    assert text(listener, "faults") == ""  # before the button is pressed, nothing is wrong
     listener.find_element(By.ID, "listen").click()
     last, captured, rows, count = None, [], [], operator.predictions()[1]
     until = time.monotonic() + len(sound) / RATE + 3

@@ -23,8 +23,8 @@ SOURCES = {
     "finger": "the simulated finger",
 }
 
-LOCAL = ["link.codec=pcm16", "link.packet_duration=0.0025"]
-"""Both sides run on this machine, so nothing is gained by a codec."""
+USUAL = ["link.codec=pcm16", "link.packet_duration=0.0025", "output.actuator=none"]
+"""Both sides run on this machine, so nothing is gained by a codec; nothing drives an actuator unless it is named."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "; ".join(f"{name}: {what}" for name, what in SOURCES.items())
     parser.add_argument("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
     dashboard_options.add_address(parser.add_argument_group("page"))
-    flags.add_settings(parser, FLAGS)
+    flags.add_settings(parser, FLAGS, USUAL)
     log_option.add_arguments(parser)
     run_summary.add_arguments(parser)
 
@@ -41,10 +41,9 @@ def run(args: argparse.Namespace) -> int:
     """Serve the page and run both sides until interrupted."""
     from tactophone.dashboard import watch
 
-    # Nothing here drives an actuator unless the user names it, so a stalled process harms nobody.
-    output = [] if vars(args).get("output.actuator") else ["output.actuator=none", "process.watchdog=false"]
-    settings = flags.settings_of(args)
-    settings = for_one_microphone(config.change(settings, [*LOCAL, *output, f"capture.source={args.source}"]))
+    settings = for_one_microphone(flags.settings_of(args, [*USUAL, f"capture.source={args.source}"]))
+    if settings.output.actuator == "none":  # a stalled process then harms nobody
+        settings = config.change(settings, ["process.watchdog=false"])
     name = settings.process.name or "try"
     source = source_of(settings)
     with watch(name, microphone=source.microphone, **dashboard_options.place(args)) as page:

@@ -130,9 +130,16 @@ class OperatorStatus:
         if self._session.peer is None and silent > LONGEST_CALL:
             failure = self._session.session.failure
             yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
-        elif self._session.peer and silent > SILENT_LINK:
-            yield Fault("silence", "connected, but the robot sends no sound: check its microphones and the network")
+        elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
+            yield Fault("silence", reason)
 
         sent_away = self._session.session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
             yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
+
+    def _why_silent(self) -> str:
+        """Return why no sound comes; empty until a page is the microphone for the first time."""
+        if self._settings.capture.source != "browser":
+            return "connected, but the robot sends no sound: check its microphones and the network"
+        began = self._telemetry.counter("packets_received")
+        return "no page sends sound: press Use this microphone on the one that listens" if began else ""

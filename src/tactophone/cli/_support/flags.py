@@ -1,7 +1,7 @@
 """Settings on the command line: ``--config``, ``--set``, and short flags for those that are set most often."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tactophone import config
@@ -12,8 +12,12 @@ REPEATED = ("link.peer",)
 """Settings whose flag may be given more than once; the values are joined by commas."""
 
 
-def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> None:
-    """Declare ``--config``, ``--set`` and flags such as ``{"--peer": "link.peer"}``, with help, range and default."""
+def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str], usual: Sequence[str] = ()) -> None:
+    """Declare ``--config``, ``--set`` and flags such as ``{"--peer": "link.peer"}``, with help, range and default.
+
+    ``usual`` are the verb's own defaults, as in `settings_of`.
+    """
+    own = dict(setting.split("=", 1) for setting in usual)
     known = {entry.name: entry for entry in config.entries()}
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
     group.add_argument(
@@ -31,7 +35,8 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str]) -> N
             group.add_argument(option, dest=name, action="store_const", const="true", help=words)
             continue
         choices = f": {', '.join(entry.choices)}" if entry.choices else ""
-        default = "" if entry.default == "" else f" (default: {entry.default})"
+        value = own.get(name, entry.default)
+        default = "" if value == "" else f" (default: {value})"
         action = "append" if name in REPEATED else "store"
         group.add_argument(option, dest=name, action=action, metavar="VALUE", help=f"{words}{choices}{default}")
     group.add_argument(
@@ -57,11 +62,15 @@ def add_finger(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def settings_of(args: argparse.Namespace) -> Settings:
-    """Return the settings in force: defaults < ``--config`` < flags < ``--set``; ``--fingers`` adds to each finger."""
+def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings:
+    """Return the settings in force: defaults < ``--config`` < flags < ``--set``; ``--fingers`` adds to each finger.
+
+    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come before the flags.
+    """
     settings = Settings()
     for path in args.config:
         settings = config.read(path, settings)
+    settings = config.change(settings, list(usual))
     for name, value in vars(args).items():
         if name == "capture.source" and value is not None and value.startswith("ros:"):
             # `ros:/topic` is short for the source `ros` and the device `/topic`.

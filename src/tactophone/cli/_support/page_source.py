@@ -10,13 +10,13 @@ from tactophone import config
 from tactophone.capture import browser_source
 from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.types import Source
+from tactophone.types import DEFAULT_TIP, Source
 
 if TYPE_CHECKING:
     from tactophone.runtime import OpenSource
 
 MODEL = "stylus"
-"""The shipped model for one air microphone; `paper-mono` was trained on a contact microphone."""
+"""The shipped model for one air microphone, and the tip it is for; `paper-mono` was trained on a contact microphone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +43,14 @@ def source_of(settings: Settings, *, page: bool = True) -> PageSource:
 
 
 def for_one_microphone(settings: Settings) -> Settings:
-    """Choose the model for one air microphone, where that is the source and no model is named."""
+    """Choose the model for one air microphone, where that is the source and no model is named.
+
+    What touches is anything then, so the tip is the model's, unless another than the default is named.
+    """
     if settings.capture.source not in ("browser", "microphone") or settings.detector.model:
         return settings
-    return config.change(settings, [f"detector.model={MODEL}"])
+    tip = [f"capture.tip={MODEL}"] if settings.capture.tip == DEFAULT_TIP else []
+    return config.change(settings, [f"detector.model={MODEL}", *tip])
 
 
 def _open_browser(sound: Connection, _: Settings) -> Source:
