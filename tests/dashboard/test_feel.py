@@ -232,3 +232,19 @@ def test_the_buffer_of_the_sound_grows_while_a_connection_stalls_and_shrinks_aft
     assert 5 < first < 15
     assert stalled > first + 10
     assert last < first + 2
+
+
+def test_sound_is_loaded_once_however_fast_the_button_is_pressed(
+    browser: webdriver.Chrome, page: Page, inject: Callable[[str], None]
+) -> None:
+    inject(
+        "window.nodes = 0; const Node = AudioWorkletNode;"
+        "window.AudioWorkletNode = class extends Node { constructor(...all) { super(...all); window.nodes++; } };"
+    )
+    browser.get(page.url)
+    wait(browser, lambda: text(browser, "life") == "live")
+    browser.execute_script("for (let k = 0; k < 5; k++) document.getElementById('feel').click();")
+    wait(browser, lambda: "as sound" in text(browser, "feel-way"))
+    time.sleep(0.5)
+    assert browser.execute_script("return window.nodes") == 1
+    assert browser.find_element(By.ID, "feel").get_attribute("aria-pressed") == "true"

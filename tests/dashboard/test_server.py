@@ -9,8 +9,11 @@ from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
+from aiohttp import web
+from aiohttp.test_utils import make_mocked_request
 
 from tactophone.dashboard import Page
+from tactophone.dashboard.admission import admit
 from tactophone.dashboard.security import HEADERS
 from tactophone.dashboard.server import CREDIT, HEADER_TIMEOUT
 from tests.dashboard.running import Run
@@ -121,3 +124,11 @@ def test_a_request_for_no_path_is_refused_like_any_other(page: Page) -> None:
     with socket.create_connection(("127.0.0.1", address.port)) as connection:
         connection.sendall(b"OPTIONS * HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n")
         assert connection.recv(100).split()[1] in (b"400", b"403", b"404")
+
+
+def test_a_page_that_leaves_while_it_connects_leaves_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def leave(*_: object) -> None:
+        raise aiohttp.ClientConnectionResetError("Cannot write to closing transport")
+
+    monkeypatch.setattr(web.WebSocketResponse, "prepare", leave)
+    assert asyncio.run(admit(make_mocked_request("GET", "/live"), (), 1)) is None

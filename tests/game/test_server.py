@@ -80,6 +80,18 @@ def test_a_round_is_played_to_its_end_by_moving_the_pointer(
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width
 
 
+def test_a_round_that_cannot_be_saved_is_shown_all_the_same(
+    browser: webdriver.Chrome, box: Page, results: Path
+) -> None:
+    begin(browser, box)
+    results.mkdir()  # as if the disk were full
+    stroke(browser, 1)
+    browser.find_element(By.TAG_NAME, "body").send_keys("12")
+    browser.find_element(By.ID, "done").click()
+    wait(browser, lambda: text(browser, "verdict") == "One of two is right.")
+    assert text(browser, "kept") == f"Not saved in {results}: Is a directory"
+
+
 def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
     begin(browser, box)
     looks = []

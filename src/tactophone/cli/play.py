@@ -8,7 +8,9 @@ from pathlib import Path
 
 from tactophone import config
 from tactophone.cli._support import dashboard_options, flags
+from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
+from tactophone.errors import ConfigError
 
 ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
@@ -47,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="file to which each round's result is appended as one line of JSON",
     )
     dashboard_options.add_address(parser)
-    flags.add_settings(parser, FLAGS)
+    flags.add_settings(parser, FLAGS, NEAR)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -55,9 +57,10 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.game import GameSettings, open_finger, serve_game
     from tactophone.simulation.content.stone_order import shuffled  # not by the door, which loads numba
 
-    chosen = vars(args)
-    near = [setting for setting in NEAR if chosen.get(setting.partition("=")[0]) is None]
-    settings = config.change(flags.settings_of(args), [*SIMULATED, *near])
+    settings = config.change(flags.settings_of(args, NEAR), SIMULATED)
+    if args.results.is_dir():
+        raise ConfigError(f"--results {args.results}: a folder; name a file")
+    make_folder(args.results.parent, "--results")
     name = settings.process.name or "play"
     seed = secrets.randbelow(10_000) if args.seed is None else args.seed
     inbox, finger = Pipe(duplex=False)

@@ -25,9 +25,12 @@ FLOOD_RATE = 500.0
 
 
 async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketResponse | None:
-    """Open a page's WebSocket; ``None`` if it was closed again because ``views`` are too many or it is too old."""
+    """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too many, or it is too old."""
     view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
-    await view.prepare(request)
+    try:
+        await view.prepare(request)
+    except ConnectionError:
+        return None
     if request.query.get("v", VERSION) != VERSION:
         await view.close(code=OTHER_VERSION, message=b"this page is of another version: reload it")
     elif len(views) >= most:

@@ -170,7 +170,7 @@ def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
 
 def read_results(path: Path) -> list[RoundResult]:
     """Read a results file; invalid lines are skipped."""
-    if not path.exists():
+    if not path.is_file():
         return []
     results = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -182,11 +182,15 @@ class _Player:
             return
         finished = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         result = played.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
-        result.append(self._game.results)
+        kept = f"Saved in {self._game.results}"
+        try:
+            result.append(self._game.results)
+        except OSError as error:  # the round is shown all the same
+            kept = f"Not saved in {self._game.results}: {error.strerror}"
         self.lift()
         self._round = None
         steps = np.concatenate([np.empty((0, 10)), *self._steps])
-        header = {"result": asdict(result), "past": _summary(self._game.results), "results": str(self._game.results)}
+        header = {"result": asdict(result), "past": _summary(self._game.results), "kept": kept}
         await self._view.send_bytes(pack(header, {"steps": _thin(steps), "track": _thin(played.track(self._begun))}))
 
     def _command(self, message: tuple[object, ...]) -> None:

@@ -44,8 +44,10 @@ export class Feed {
 
   /** Disconnect for good. */
   close() {
+    const socket = this.#socket;
     this.#closed = true;
-    this.#socket.close(NO_RETRY);
+    if (socket.readyState !== WebSocket.CONNECTING) return socket.close(NO_RETRY);
+    socket.addEventListener("open", () => socket.close(NO_RETRY)); // sooner, a browser would complain
   }
 
   send(request) {

@@ -9,6 +9,7 @@ export class Speaker {
   #node = null;
   #gain = null;
   #shaper = null;
+  #loading = null;
 
   /** `onSound(time)`: the first vibration after silence left the loudspeaker at that time of `performance.now()`. */
   constructor(onSound) {
@@ -18,6 +19,11 @@ export class Speaker {
   /** Browsers allow sound only after a button press: call this from its handler. Throws what is missing, in words. */
   async start() {
     if (this.#node) return this.#context.resume();
+    this.#loading ??= this.#load().finally(() => { this.#loading = null; }); // one, however often the button is pressed
+    return this.#loading;
+  }
+
+  async #load() {
     this.#context ??= new AudioContext({ sampleRate: RATE, latencyHint: 0 });
     // Plain http over a network is no secure context, and there is no audioWorklet.
     if (!this.#context.audioWorklet) throw new Error(NEEDS_HTTPS);

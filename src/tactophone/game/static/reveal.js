@@ -14,7 +14,7 @@ let shown = null; // {result, track} of the round on the screen
 new ResizeObserver(drawStones).observe($("lifted"));
 
 /** Show a finished round. */
-export function reveal({ result, past, results }, { steps, track }) {
+export function reveal({ result, past, kept }, { steps, track }) {
   put($("verdict"), ["Neither was rough.", "One of two is right.", "Both are right."][result.correct]);
   list($("score"), [
     ["time", formatNumber(result.duration, 1, "s")],
@@ -24,7 +24,7 @@ export function reveal({ result, past, results }, { steps, track }) {
     ...(result.trainer ? [["trainer", "on, not scored"]] : []),
     ...(past.rounds ? [["so far", `${past.right} of ${past.rounds} right`], ["median time", formatNumber(past.median_duration, 1, "s")]] : []),
   ]);
-  put($("kept"), `Saved in ${results}`);
+  put($("kept"), kept);
   shown = { result, track: columns(track) };
   drawStones();
   $("lifted").ariaLabel = `The stones: ${result.order.join(", ")}`;
