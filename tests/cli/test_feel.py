@@ -114,3 +114,33 @@ def test_a_rate_under_the_models_is_said(tmp_path: Path, capsys: pytest.CaptureF
     path = record(tmp_path / "a.wav", sample_rate=8000)
     assert main(["feel", path, "--tip", "stylus", "--out", str(tmp_path)]) == 0
     assert "recorded at 8000 Hz" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_folder_is_no_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["feel", str(tmp_path), "--out", str(tmp_path)]) == 1
+    assert f"{tmp_path}: a folder; give a WAV or FLAC recording" in capsys.readouterr().err
+
+
+def test_results_that_cannot_be_written_are_reported_in_one_line(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out" / "a.haptic.wav").mkdir(parents=True)  # as a file of somebody else's
+    assert main(["feel", record(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path / "out")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"the results cannot be written to {tmp_path / 'out'}" in line
+
+
+def test_a_file_of_integers_in_floats_is_said_to_be_no_sound(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "a.wav", 32_767 * tone(400.0), 48_000, subtype="FLOAT")
+    assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "scale a file of floats to -1 to 1" in printed
+    assert "cause      the samples are no sound: see the note" in printed
+
+
+def test_digital_silence_is_said_to_be_that(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    soundfile.write(tmp_path / "a.wav", np.zeros((48_000, 2)), 48_000)
+    assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
+    assert "threshold  none: the recording is digital silence\n" in capsys.readouterr().out

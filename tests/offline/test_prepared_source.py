@@ -80,3 +80,12 @@ def test_hum_that_a_model_was_trained_with_is_left(tip: str, level_dbfs: float, 
     amplitude = np.full((1, 1, 4), 10 ** (level_dbfs / 20) * np.sqrt(2), np.complex64)
     hum = Hum(48_000, np.full((1, 1), 50.0), amplitude)
     assert (Preparation((0,), (0.0,), hum=hum).for_tip(tip).hum is hum) == subtracted
+
+
+def test_an_infinite_sample_leaves_the_others_as_they_are(tmp_path: Path) -> None:
+    samples = noise(level_dbfs=-30, duration=3, channels=2)
+    samples[5] = np.inf
+    preparation, found = prepared(written(tmp_path / "a.wav", samples))
+    assert (found == samples).all()
+    (note,) = preparation.notes(2)
+    assert note.startswith("1 x no sound")

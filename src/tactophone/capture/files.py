@@ -77,7 +77,8 @@ class FileSource:
 
     def _opened(self) -> soundfile.SoundFile:
         if not self.path.is_file():
-            raise DatasetError(f"{self.path}: no such file; give a WAV or FLAC recording")
+            found = "a folder" if self.path.is_dir() else "no such file"
+            raise DatasetError(f"{self.path}: {found}; give a WAV or FLAC recording")
         try:
             return soundfile.SoundFile(self.path)
         except soundfile.LibsndfileError as error:

@@ -56,7 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = _parse(words, verb)
         extras.require(verb)
-        return int(args.run(args))
+        code = int(args.run(args))
+        if sys.stdout is not None:  # it is closed with `>&-`
+            sys.stdout.flush()  # here, so that a full disk is reported
+        return code
     except TactophoneError as error:
         terminal.print_error(str(error))
         return 1
@@ -67,10 +70,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminal.print_error("interrupted")
         return 130
     except BrokenPipeError:
-        # The reader of our output has closed it (`tactophone ... | head`), which is no error. What is still buffered
-        # would raise again at exit, so stdout is redirected to nothing.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output has closed it (`tactophone ... | head`), which is no error.
+        _discard_output()
         return 0
+    except OSError as error:
+        _discard_output()
+        terminal.print_error(f"{error.filename or 'cannot read or write'}: {error.strerror or error}")
+        return 1
+
+
+def _discard_output() -> None:
+    """Redirect stdout to nothing: what is still buffered would raise the same error again at exit."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _parse(words: list[str], verb: str) -> argparse.Namespace:

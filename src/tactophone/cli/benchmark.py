@@ -12,6 +12,7 @@ from rich.table import Table
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
+from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import Within
 from tactophone.dataset import Dataset
 
@@ -83,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
         from tactophone.cli._support.paper_tables import print_tables
 
         return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)
+    make_folder(args.out)  # now, not after hours
     results: list[DatasetResults] = []
     costs: dict[str, dict[str, Cost]] = {}
     for dataset in _datasets(args, cache):
@@ -140,7 +142,6 @@ def _write(
 ) -> None:
     from tactophone.benchmark import write_report
 
-    folder.mkdir(parents=True, exist_ok=True)
     (folder / "results.json").write_text(json.dumps(terminal.finite(summary), indent=1))
     (folder / "report.html").write_text(write_report(results, costs=costs, notes=NOTES), encoding="utf-8")
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from tactophone import config
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.offline import RunRecorder, score_run
     from tactophone.telemetry import read_timeline
 
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     settings = flags.settings_of(args)
     if names := [finger.name for finger in settings.fingers]:
         if args.recording:

@@ -10,6 +10,7 @@ from rich.markup import escape
 from tactophone.capture import FileSource
 from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
 from tactophone.cli._support.feel_result import Result, as_json, print_result
+from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import CEILING, Within
 from tactophone.dataset import ground_truth
 from tactophone.errors import ConfigError, TactophoneError
@@ -81,10 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"--out {args.out}: cannot be made ({error.strerror}); name a folder of your own") from error
+    make_folder(args.out)
     results = []
     recordings, failed = _with_sound_of_logs(args)
     for path, stem in _unique_stems(recordings):
@@ -98,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
             print_result(results[-1])
     if args.json:
         terminal.print_json([as_json(result) for result in results])
-    if args.dashboard:
+    if dashboard_options.wanted(args):
         from tactophone.cli._support import recording_playback
 
         takes = [

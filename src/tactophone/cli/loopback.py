@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = for_one_microphone(flags.settings_of(args))
     name = settings.process.name or "loopback"
-    source = source_of(settings, page=args.dashboard or args.lan)
+    source = source_of(settings, page=dashboard_options.wanted(args))
     with (
         both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open) as sides,
         record_option.recorded(args, name),

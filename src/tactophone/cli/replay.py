@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         rendered = _write(replay, args, files)
     _print(args, replay, rendered, files, changed=bool(changes))
-    if args.dashboard:
+    if dashboard_options.wanted(args):
         _show(args, change)
     return 1 if replay.comparison.different and not changes else 0
 

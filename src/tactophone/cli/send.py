@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
             "send --log needs predictions on this side: add --send-predictions, or log with receive --log"
         )
     name = settings.process.name or "send"
-    source = source_of(settings, page=args.dashboard or args.lan)
+    source = source_of(settings, page=dashboard_options.wanted(args))
     main = partial(run_robot, open_source=source.open)
     with (
         Supervisor(main, settings, name=name, report=terminal.note) as robot,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tactophone.cli._support import terminal
+from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
@@ -134,7 +135,7 @@ def _dataset(args: argparse.Namespace) -> int:
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
     jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=_takes_named(args.takes))
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     start = time.monotonic()
     try:
         with terminal.progress("simulating", len(jobs)) as update:
@@ -160,7 +161,7 @@ def _competition(args: argparse.Namespace) -> int:
 
     _check_layout(args)
     runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
         return 0
@@ -211,7 +212,7 @@ def _hand(args: argparse.Namespace) -> int:
     from tactophone.simulation import demonstrate_hand
 
     names = names_of(with_fingers(Settings(), args.fingers))
-    args.out.mkdir(parents=True, exist_ok=True)
+    make_folder(args.out)
     for path in demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip):
         print(path)
     return 0

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.offline.mains_hum import Hum, HumMeter
+from tactophone.perception import find_invalid
 from tactophone.types import AudioBlock, Source
 
 SILENT = 1e-6
@@ -48,24 +49,29 @@ class Preparation:
     """Of all of them."""
     hum: Hum | None = None
     """Of all channels of the source, which is subtracted; None where there is none."""
+    invalid: int = 0
+    """Samples that are no sound; they are left as they are, and the detector withholds its predictions there."""
 
     @classmethod
     def of(cls, source: Source) -> Self:
         """Read a source to its end, and return what to change but for the gain."""
-        peak, total, count = np.zeros(source.channels), np.zeros(source.channels), 0
+        peak, total, count, invalid = np.zeros(source.channels), np.zeros(source.channels), 0, 0
         meter = HumMeter(source.sample_rate, source.channels)
         with source:
             for block in source:
                 peak = np.maximum(peak, np.abs(block.samples).max(axis=0, initial=0.0))
-                total += block.samples.sum(axis=0, dtype=np.float64)
+                samples = block.samples
+                if len(found := find_invalid(samples)):
+                    samples, invalid = samples.copy(), invalid + len(found)
+                    samples[found] = 0
+                total += samples.sum(axis=0, dtype=np.float64)
                 count += block.size
-                meter.push(block.samples)
+                meter.push(samples)
         live = tuple(np.flatnonzero(~(peak < SILENT)).tolist())
         channels = live or tuple(range(source.channels))
         mean = total / max(count, 1)
-        # Invalid samples leave no mean to remove: the comparison with NaN is false.
         offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
-        return cls(channels, offset, hum=meter.hum())
+        return cls(channels, offset, hum=meter.hum(), invalid=invalid)
 
     def for_tip(self, tip: str) -> Self:
         """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
@@ -82,6 +88,11 @@ class Preparation:
         notes = []
         if len(self.channels) < channels:
             notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")
+        if self.invalid:
+            notes.append(
+                f"{self.invalid} x no sound (no number, or over 8 times full scale), and silence around it: scale "
+                "a file of floats to -1 to 1"
+            )
         if any(self.offset):
             notes.append(f"an offset of {max(self.offset, key=abs):+.3f} of full scale was removed")
         if self.hum:

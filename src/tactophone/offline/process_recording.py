@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 import soundfile
 
+from tactophone.errors import ConfigError
 from tactophone.haptics import Oscillator, Passthrough, Playback
 from tactophone.offline.peaks import PeakEnvelope
 from tactophone.perception import Resampler
@@ -172,13 +173,18 @@ def process_recording(
     The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
     renders the sound itself, in place of the pipeline's commands.
 
-    Returns the totals, and the renderer with the peak envelopes of sound and vibration.
+    Returns the totals, and the renderer with the peak envelopes of sound and vibration. Raises `ConfigError` if the
+    results cannot be written.
     """
     pipeline.reset()
     renderer = OfflineRenderer(
         outputs, pipeline, channels=source.channels, sample_rate=source.sample_rate, passthrough=passthrough
     )
-    with source, renderer:
-        for block in source:
-            on_step(renderer.push(block))
-        return renderer.finish(), renderer
+    try:
+        with source, renderer:
+            for block in source:
+                on_step(renderer.push(block))
+            return renderer.finish(), renderer
+    except (OSError, soundfile.LibsndfileError) as error:  # of the results: a source has errors of its own
+        folder, reason = outputs.waveform.parent, getattr(error, "strerror", None) or error
+        raise ConfigError(f"the results cannot be written to {folder} ({reason}); choose another folder") from error

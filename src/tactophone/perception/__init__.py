@@ -49,6 +49,7 @@ from tactophone.perception.sensor_health.fallback import (
     with_fallback,
 )
 from tactophone.perception.sensor_health.faults import MICROPHONES, FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.perception.sensor_health.invalid_samples import find_invalid
 from tactophone.perception.sensor_health.signal_statistics import ChannelStatistics, SignalStatistics
 from tactophone.perception.touch_detector import TouchDetector
 
@@ -107,6 +108,7 @@ __all__ = [
     "default_model",
     "fading_of",
     "fallback_model",
+    "find_invalid",
     "magnitudes",
     "measure_calibration",
     "measure_floor",

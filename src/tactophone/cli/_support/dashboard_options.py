@@ -19,7 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--dashboard`` and its address."""
     group = parser.add_argument_group("page")
     group.add_argument(
-        "--dashboard", action="store_true", help="serve a page that shows the run, and print its address"
+        "--dashboard",
+        action="store_true",
+        help="serve a page that shows the run, and print its address; the options below imply it",
     )
     add_address(group)
 
@@ -42,15 +44,20 @@ def add_address(group: "argparse._ActionsContainer") -> None:
     )
 
 
+def wanted(args: argparse.Namespace) -> bool:
+    """Return whether a page is asked for, by ``--dashboard`` or by any option of a page."""
+    return bool(args.dashboard or args.lan or args.https or args.dashboard_address)
+
+
 @contextmanager
 def shown(
     args: argparse.Namespace, name: str, *, microphone: Connection | None = None, live: bool = True
 ) -> Iterator[None]:
-    """Serve the page of a run by its name within the context, if ``--dashboard`` or ``--lan`` is set.
+    """Serve the page of a run by its name within the context, if one is `wanted`.
 
     A page on this machine may record a ``live`` run, to a file in the current folder.
     """
-    if not (args.dashboard or args.lan):
+    if not wanted(args):
         yield
         return
     # For this option alone: they import a web server's libraries, and processes.

@@ -4,6 +4,7 @@ import math
 import shlex
 from collections import Counter
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,28 +57,28 @@ def as_json(result: Result) -> dict[str, Any]:
 
 def print_result(result: Result) -> None:
     """Print the summary; where there was no contact, the likely cause and the next command."""
-    summary, show = result.summary, terminal.out().print
+    summary, show = result.summary, partial(terminal.out().print, soft_wrap=True)
     label = f"; labelled {result.label}" if result.label else ""
-    show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}", soft_wrap=True)
+    show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}")
     show(f"  model      {escape(result.pipeline.detector_name)}{', for one channel' if result.chosen_for_mono else ''}")
     if result.chosen_for_mono:
         show("             (taken as the contact microphone; of a rod with its microphone on it, state --tip stylus)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
-    show(f"  threshold  {_threshold(result)}", soft_wrap=True)
+    show(f"  threshold  {_threshold(result)}")
     for note in result.notes:
-        show(f"  [yellow]note[/]       {note}", soft_wrap=True)
+        show(f"  [yellow]note[/]       {note}")
     if result.events:
         show("  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(result.events.items())))
     if summary.faults:
         show("  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items()))
     for kind, path in result.files.items():
-        show(f"  {kind:10} {escape(str(path))}", soft_wrap=True)
+        show(f"  {kind:10} {escape(str(path))}")
     show(f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound")
     if not summary.contact:
         cause, command = _no_contact(result)
         show("[bold red]NO CONTACT was found: nothing vibrates.[/]")
-        show(f"  cause      {cause}", soft_wrap=True)
-        show(f"  try        {escape(command)}", soft_wrap=True)
+        show(f"  cause      {cause}")
+        show(f"  try        {escape(command)}")
 
 
 def _threshold(result: Result) -> str:
@@ -86,6 +87,8 @@ def _threshold(result: Result) -> str:
         return f"{threshold}, as given"
     if floor.known:
         return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS"
+    if floor.loudest_dbfs < SILENT_DBFS:
+        return "none: the recording is digital silence"
     return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
 
 
@@ -93,8 +96,10 @@ def _no_contact(result: Result) -> tuple[str, str]:
     """Return the likely cause of a recording without contact, and the next command."""
     floor, loudest = result.floor, result.summary.loudest_dbfs
     again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
+    if "sound" in result.summary.faults:
+        return "the samples are no sound: see the note", "write the file again: 16 or 24 bits, or floats from -1 to 1"
     if result.summary.faults:
-        return "the sound or the model's output is invalid", f"tactophone dataset check {result.path.parent}"
+        return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector_name)}"
     if loudest < SILENT_DBFS:
         return "the recording is digital silence: no microphone was connected", "tactophone calibrate"
     if floor is None:

@@ -34,8 +34,8 @@ class Take:
 
 
 def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
-    """Play takes on the page, if ``--dashboard`` was set, over and over until interrupted."""
-    if not (args.dashboard or args.lan) or not takes:
+    """Play takes on the page, if one is wanted, over and over until interrupted."""
+    if not dashboard_options.wanted(args) or not takes:
         return
     with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, dashboard_options.shown(args, name, live=False):
         terminal.log().print("playing back on the page until Ctrl-C")
