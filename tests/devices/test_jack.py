@@ -71,6 +71,28 @@ def test_a_killed_server_is_a_fault_and_its_successor_is_joined() -> None:
         server.stop()
 
 
+def test_a_successor_of_another_rate_is_a_fault_until_one_of_the_first_rate_follows() -> None:
+    server = DummyServer(128)
+    server.start()
+    recorder = Recorder()
+    client = JackClient("robot", recorder, inputs={"contact": "system:capture_1"}, outputs={}, server=server.name)
+    client.open()
+    try:
+        for rate, works in ((44_100, False), (48_000, True)):
+            server.kill()
+            assert eventually(lambda: client.revive() or "gone" in client.fault)
+            server.sample_rate = rate
+            server.start()
+            assert eventually(lambda: client.revive() or "gone" not in client.fault)
+            calls = len(recorder.peaks)
+            assert eventually(lambda: len(recorder.peaks) > calls) is works
+            client.revive()
+            assert client.fault == "" if works else "44100 Hz now, but 48000 Hz is needed" in client.fault
+    finally:
+        client.close()
+        server.stop()
+
+
 def test_a_port_that_comes_late_is_wired_by_reviving(jack_server: DummyServer) -> None:
     player, listener = Recorder(), Recorder()
     player.level = 0.5

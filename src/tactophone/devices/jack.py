@@ -66,7 +66,8 @@ class JackClient:
         self._client: Any = None
         self._leaving = Leaving()
         self._lost = False
-        self._unconnected = ""
+        self._rate = 0
+        self._other_rate = self._unconnected = ""
         self._reconnect = True
 
     @property
@@ -89,7 +90,7 @@ class JackClient:
         """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
             return f"the JACK server{self._named()} is gone: start it again, and the client reconnects"
-        return self._unconnected
+        return self._other_rate or self._unconnected
 
     def open(self) -> None:
         """Join the graph and connect the ports.
@@ -97,6 +98,7 @@ class JackClient:
         Raises `DeviceError` when there is no server, or a port to connect to does not exist.
         """
         jack = _jack()
+        self._rate = 0
         try:
             self._join(jack)
         except jack.JackError:
@@ -112,7 +114,11 @@ class JackClient:
             raise DeviceError(unconnected)
 
     def revive(self) -> None:
-        """Join again if the server was lost, and connect again what is not connected."""
+        """Join again if the server was lost, and connect again what is not connected.
+
+        A successor of another sample rate is a fault, and the client takes no part in it: it would render other
+        frequencies, and read others.
+        """
         if self._lost:
             self._abandon()
         with contextlib.suppress(_jack().JackError):
@@ -163,8 +169,18 @@ class JackClient:
         client.set_shutdown_callback(self._on_shutdown)
         # Polling the connections of a port would do too, but crashes when the server dies meanwhile.
         client.set_port_connect_callback(self._on_connect)
-        self._client, self._reconnect = client, True
-        client.activate()
+        self._client, self._rate = client, self._rate or client.samplerate
+        self._reconnect = client.samplerate == self._rate
+        self._other_rate = (
+            ""
+            if self._reconnect
+            else (
+                f"the JACK server{self._named()} runs at {client.samplerate} Hz now, but {self._rate} Hz is needed: "
+                f"start it with that rate (jackd ... -r {self._rate})"
+            )
+        )
+        if self._reconnect:
+            client.activate()
 
     def _abandon(self) -> None:
         """Discard the client of a dead server: closing it crashes once a new server has taken over its memory."""
