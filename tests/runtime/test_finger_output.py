@@ -20,3 +20,24 @@ def test_controls_count_as_changed_after_each_request_stop_and_pipeline_and_not_
     assert [finger.changed(), finger.changed()] == [True, False]
     endpoint.hand = Hand([open_pipeline(sample_rate=48_000, channels=1)])
     assert [finger.changed(), finger.changed()] == [True, False]
+
+
+def test_controls_count_as_changed_while_a_request_is_applied() -> None:
+    # What the network thread computes meanwhile is bounded by old values or new ones, and the log must leave that open.
+    class Watched(Oscillator):
+        meanwhile: tuple[bool, bool] = (False, False)
+
+        def stop(self) -> None:
+            self.meanwhile = finger.changed(), finger.changed()
+            super().stop()
+
+    session = ReceiveSession(Session(Identity.create("operator"), Peers()))
+    endpoint = OperatorEndpoint(session, open_pipeline(sample_rate=48_000, channels=2))
+    oscillator = Watched()
+    finger = FingerOutput(Settings(), oscillator, endpoint, index=0, name="", muted_because="")
+    for change in (lambda: finger.requests.apply([Request("mute")]), finger.requests.stop):
+        finger.changed()
+        assert not finger.changed()
+        change()
+        assert oscillator.meanwhile == (True, True)
+        assert [finger.changed(), finger.changed()] == [True, False]

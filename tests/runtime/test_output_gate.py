@@ -29,7 +29,7 @@ def test_an_emergency_stop_latches_until_armed() -> None:
     assert (gate.armed, gate.muted_because, gate.bound(1.0)) == (False, EMERGENCY_STOP, 0.0)
     gate.apply([Request("mute"), Request("output_level", 1.0), Request("ceiling", 1.0)])
     assert gate.muted_because == EMERGENCY_STOP
-    gate.apply([Request("arm")])
+    assert gate.apply([Request("arm")]) == []
     assert gate.bound(1.0) == 1.0
 
 
@@ -38,6 +38,28 @@ def test_stopping_wins_over_arming_in_the_same_moment(action: str) -> None:
     gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
     gate.apply([Request(action, time=1.0), Request("arm", time=2.0)])
     assert not gate.armed
+
+
+def test_a_stop_by_signal_wins_over_an_arming_that_waited() -> None:
+    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    gate.stop()
+    assert gate.apply([Request("arm")]) == ["arm"]
+    assert gate.muted_because == EMERGENCY_STOP
+    assert gate.apply([Request("arm")]) == []
+    assert gate.armed
+
+
+def test_a_stop_by_signal_wins_over_an_arming_that_is_being_granted(monkeypatch: pytest.MonkeyPatch) -> None:
+    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    grant = gate._grant
+
+    def interrupted(request: Request) -> bool:
+        gate.stop()
+        return grant(request)
+
+    monkeypatch.setattr(gate, "_grant", interrupted)
+    gate.apply([Request("arm")])
+    assert gate.muted_because == EMERGENCY_STOP
 
 
 def test_nothing_but_arming_ends_a_restarts_mute() -> None:

@@ -65,6 +65,7 @@ def test_a_ceiling_lowered_and_raised_in_a_run_scales_the_whole_profile(
 def test_stopping_and_arming_reach_the_oscillator(handler: RequestHandler, oscillator: Oscillator) -> None:
     handler.stop()
     assert peak(oscillator) == 0.0
+    handler.apply([])
     handler.apply([Request("arm")])
     assert peak(oscillator) > 0.4
 
@@ -99,3 +100,16 @@ def test_a_renderer_of_sound_gets_no_other_profile(endpoint: OperatorEndpoint) -
     assert handler.apply([Request("profile", text="erm")]) == ["profile"]
     handler.stop()
     assert renderer.stopped
+
+
+def test_a_stop_while_an_arming_is_applied_reaches_the_renderer(endpoint: OperatorEndpoint) -> None:
+    class Interrupted(Oscillator):
+        def release(self) -> None:
+            handler.stop()
+            super().release()
+
+    oscillator = Oscillator()
+    handler = RequestHandler(OutputGate(ceiling=0.5, muted_because="for a test"), oscillator, endpoint)
+    oscillator.__class__ = Interrupted
+    handler.apply([Request("arm")])
+    assert oscillator.stopped

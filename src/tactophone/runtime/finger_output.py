@@ -69,11 +69,12 @@ class FingerOutput:
         return PipelineStep(step.block, step.predictions, commands, step.finger)
 
     def changed(self) -> bool:
-        """Whether `controls` may differ from those at the last call; true at the first."""
+        """Whether `controls` may differ from those at the last call; true at the first, and while they change."""
         # Asked twice a packet: comparing the controls themselves takes five times as long. With another robot comes
         # another pipeline, in another hand.
-        changes, hand = self.requests.changes, self._endpoint.hand
-        if changes == self._seen[0] and hand is self._seen[1]:
+        # `changing` is read first: a change that ends in between is then seen in `changes`.
+        changing, changes, hand = self.requests.changing, self.requests.changes, self._endpoint.hand
+        if not changing and changes == self._seen[0] and hand is self._seen[1]:
             return False
         self._seen = changes, hand
         return True

@@ -35,6 +35,7 @@ class OutputGate:
         self.output_level = output_level
         self.muted_because = muted_because
         self.stops = 0
+        self._stopped = False
 
     @property
     def armed(self) -> bool:
@@ -43,21 +44,32 @@ class OutputGate:
 
     def stop(self) -> None:
         """Stop at once and stay stopped until armed; also the answer to SIGUSR1."""
-        self.stops += self.muted_because != EMERGENCY_STOP
-        self.muted_because = EMERGENCY_STOP
+        self._stop()
+        self._stopped = True
 
     def apply(self, requests: Iterable[Request]) -> list[str]:
-        """Grant what may be granted; returns the actions refused.
+        """Grant what may be granted; returns the actions refused. Call it regularly, also without requests.
 
-        Of a stop and an arming that arrive together, the stop wins.
+        Of a stop and an arming that arrive together, the stop wins, and so it does over an arming that waited when
+        `stop` was called, or is granted at that moment.
         """
+        stopped, self._stopped = self._stopped, False
         ordered = sorted(requests, key=lambda request: request.action != "arm")
-        return [request.action for request in ordered if not self._grant(request)]
+        refused: list[str] = [
+            request.action for request in ordered if (stopped and request.action == "arm") or not self._grant(request)
+        ]
+        if self._stopped:
+            self._stop()
+        return refused
+
+    def _stop(self) -> None:
+        self.stops += self.muted_because != EMERGENCY_STOP
+        self.muted_because = EMERGENCY_STOP
 
     def _grant(self, request: Request) -> bool:
         match request.action:
             case "stop":
-                self.stop()
+                self._stop()
             case "mute":
                 self.muted_because = self.muted_because or MUTED
             case "arm":

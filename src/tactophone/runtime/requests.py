@@ -23,6 +23,8 @@ class RequestHandler:
     ----------
     changes
         Grows with each call that may have changed anything.
+    changing
+        Number of calls under way, which may have changed part of it already.
     """
 
     def __init__(
@@ -37,7 +39,7 @@ class RequestHandler:
         self.gate = gate
         self._response = response
         self._renderer, self._endpoint, self._finger = renderer, endpoint, finger
-        self.changes = 0
+        self.changes = self.changing = 0
         self._enforce()
 
     @property
@@ -52,19 +54,23 @@ class RequestHandler:
     def apply(self, requests: list[Request]) -> list[str]:
         """Grant what may be granted of the requests for this finger, or for all; returns the actions refused."""
         requests = [request for request in requests if request.finger in (-1, self._finger)]
+        self.changing += bool(requests)
         own = [request for request in requests if request.action in ("profile", "threshold_dbfs")]
         refused = self.gate.apply(request for request in requests if request not in own)
         refused += [request.action for request in own if not self._adjust(request)]
         self._enforce()
         # Counted last, and whatever was refused: who sees the count sees the change.
         self.changes += bool(requests)
+        self.changing -= bool(requests)
         return refused
 
     def stop(self) -> None:
         """Stop vibrating at once, and stay stopped until armed; may be called from a signal handler."""
+        self.changing += 1
         self.gate.stop()
         self._renderer.stop()
         self.changes += 1
+        self.changing -= 1
 
     def _adjust(self, request: Request) -> bool:
         """Change the pipeline's profile or threshold; false for one that does not exist or is out of range."""
@@ -88,5 +94,5 @@ class RequestHandler:
                 limited.limits = dataclasses.replace(limited.limits, ceiling=self.gate.ceiling)
         if self.gate.armed:
             self._renderer.release()
-        else:
+        if not self.gate.armed:  # asked again: a signal may have stopped meanwhile
             self._renderer.stop()

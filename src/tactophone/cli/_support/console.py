@@ -97,7 +97,7 @@ class _ConsoleView:
         if state.role == "operator":
             messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
         for subject, text in messages.items():
-            if self._printed.get(subject) != text:
+            if text and self._printed.get(subject) != text:
                 terminal.log().print(text, soft_wrap=True)
         self._printed = messages
 
