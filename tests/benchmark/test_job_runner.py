@@ -51,7 +51,7 @@ def test_predictions_are_cached_and_a_second_run_runs_nothing(tmp_path: Path) ->
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path) -> None:
     folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
-    assert run_jobs(folds, cache, place="processes", workers=2) == 4
+    assert run_jobs(folds, cache, workers=2) == 4
     assert (tmp_path / "dead").exists()
     assert all(cache.get(job.key, job.fold) for job in folds)
 
@@ -61,7 +61,7 @@ def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> 
     ray = pytest.importorskip("ray")
     folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
     try:
-        assert run_jobs(folds, cache, place="ray", workers=1) == 4
+        assert run_jobs(folds, cache, workers=1, ray=True) == 4
     finally:
         ray.shutdown()
     assert all(cache.get(job.key, job.fold) for job in folds)

@@ -21,7 +21,7 @@ def options(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_number_states_and_checks_its_range(verb: str) -> None:
-    parser = terminal.Parser(verb)
+    parser = terminal.Parser(prog=verb)
     name = _SHARED_MODULES.get(verb, verb.replace("-", "_"))
     importlib.import_module(f"tactophone.cli.{name}").add_arguments(parser)
     for option in options(parser):

@@ -43,7 +43,7 @@ def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"), [(["--seconds", "1"], "from 2 to 60"), (["--smooth", " , "], "name a smooth object")]
+    ("arguments", "words"), [(["--seconds", "1"], "must be 2 to 60 s"), (["--smooth", " , "], "name a smooth object")]
 )
 def test_a_wrong_option_is_one_line(arguments: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["setup", "--source", "finger", "--yes", *arguments]) == 1

@@ -9,15 +9,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from tactophone.benchmark.crossvalidation import Cache, Method, fold_key, predict_fold
 from tactophone.dataset import Fold
 from tactophone.errors import ConfigError
 from tactophone.evaluation import TakePredictions
 from tactophone.worker_processes import open_pool
-
-Place = Literal["here", "processes", "ray"]
 
 MOST_DEATHS = 3
 """Times that workers may die before the run gives up, because a fold kills them."""
@@ -40,8 +38,8 @@ def run_jobs(
     jobs: Sequence[Job],
     cache: Cache,
     *,
-    place: Place = "here",
-    workers: int = 2,
+    workers: int = 1,
+    ray: bool = False,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> int:
     """Run the jobs whose predictions are not cached, and cache them; return how many jobs ran.
@@ -52,10 +50,10 @@ def run_jobs(
         In any order; each is independent of the others.
     cache
         Where predictions are kept.
-    place
-        ``ray`` joins the cluster at ``RAY_ADDRESS``, or starts one on this machine.
     workers
-        Processes, for ``processes`` and a local Ray.
+        Processes; one is this process itself.
+    ray
+        Whether to run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of as many processes.
     report
         Called with the number of jobs done, and the name of the last one.
 
@@ -66,7 +64,7 @@ def run_jobs(
     """
     todo = {job.key: job for job in jobs}
     todo = {key: job for key, job in todo.items() if not cache.holds(key)}
-    run = {"here": _here, "processes": _processes, "ray": _ray}[place]
+    run = _ray if ray else _processes if workers > 1 else _here
     for done, (job, predictions) in enumerate(run(list(todo.values()), workers), 1):
         cache.put(job.key, predictions)
         report(done, f"{job.method.name}, {job.fold.name}")

@@ -8,7 +8,7 @@ from typing import Any
 from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, permute_labels
 from tactophone.benchmark.entries import REFERENCE_SEEDS, BenchmarkEntry, channels_of, entries_for, reference_with_seed
 from tactophone.benchmark.height_regression import HeightMethod, Heights, compare_heights
-from tactophone.benchmark.job_runner import Job, Place, run_jobs
+from tactophone.benchmark.job_runner import Job, run_jobs
 from tactophone.benchmark.methods import recipe_method
 from tactophone.benchmark.result import MethodResult, compare_entries
 from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
@@ -108,11 +108,11 @@ def run_plan(
     plan: Plan,
     cache: Cache,
     *,
-    place: Place = "here",
-    workers: int = 2,
+    workers: int = 1,
+    ray: bool = False,
     report: Callable[[int, int, str], None] = lambda done, of, name: None,
 ) -> DatasetResults:
-    """Run a plan and score it.
+    """Run a plan, with ``workers`` and ``ray`` as in `run_jobs`, and score it.
 
     ``report`` is called with the number of folds done, the most that there can be, and the name of the last one.
     """
@@ -124,7 +124,7 @@ def run_plan(
     methods = [*(entry.method for entry in plan.entries), *([plan.heights] if plan.heights else []), *plan.seeds]
     jobs = [Job(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
     jobs += [Job(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
-    run_jobs(jobs, cache, place=place, workers=workers, report=lambda done, name: report(done, len(jobs), name))
+    run_jobs(jobs, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(jobs), name))
 
     # All predictions are cached by now: what follows only reads and scores them.
     results: list[MethodResult] = []

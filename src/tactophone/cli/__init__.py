@@ -1,7 +1,8 @@
 """The command line: one program, one verb per file, and the only room that prints.
 
-A verb's module has ``add_arguments(parser)`` and ``run(args) -> int``. It is imported only when its verb is
-called, and imports heavy libraries inside ``run``, so that ``--help`` answers in under 0.4 s.
+A verb's module has ``add_arguments(parser)`` and ``run(args) -> int``; one with several actions sets the default
+``run`` of each action's parser instead. It is imported only when its verb is called, and imports heavy libraries
+inside ``run``, so that ``--help`` answers in under 0.4 s.
 """
 
 import argparse
@@ -86,17 +87,13 @@ def _discard_output() -> None:
 
 
 def _parse(words: list[str], verb: str) -> argparse.Namespace:
-    parser = terminal.Parser(
-        prog="tactophone",
-        description=(tactophone.__doc__ or "").partition("\n\n")[0],
-        formatter_class=terminal.HelpFormatter,
-    )
+    parser = terminal.Parser(prog="tactophone", description=(tactophone.__doc__ or "").partition("\n\n")[0])
     parser.add_argument("--version", action="version", version=f"tactophone {tactophone.__version__}")
     verbs = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for name, line in VERBS.items():
-        subparser = verbs.add_parser(name, help=line, description=line, formatter_class=terminal.HelpFormatter)
+        subparser = verbs.add_parser(name, help=line, description=line)
         if name == verb:
             module = importlib.import_module(f"tactophone.cli.{_SHARED_MODULES.get(name, name.replace('-', '_'))}")
             module.add_arguments(subparser)
-            subparser.set_defaults(run=module.run, verb=name)
+            subparser.set_defaults(run=getattr(module, "run", None), verb=name)
     return parser.parse_args(words)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rich.box import SIMPLE
 from rich.table import Table
 
-from tactophone.cli._support import terminal
+from tactophone.cli._support import fold_options, terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import Within
@@ -58,9 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.html"
     )
-    parser.add_argument("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
-    parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="for the folds' results (default: the user's cache)")
+    fold_options.add_arguments(parser)
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
     parser.add_argument(
@@ -77,9 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, score and report."""
-    from tactophone.benchmark import Cache, default_cache, measure_costs, steps_by_profile
+    from tactophone.benchmark import measure_costs, steps_by_profile
 
-    cache = Cache(args.cache) if args.cache else default_cache()
+    cache = fold_options.cache_of(args)
     if args.table1 or args.table2 or args.table3:
         from tactophone.cli._support.paper_tables import print_tables
 
@@ -129,10 +127,9 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
 
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
     plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits, fast=args.fast)
-    place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
     with terminal.progress(dataset.name) as update:
         return run_plan(
-            plan, cache, place=place, workers=args.workers,  # type: ignore[arg-type]  # one of its words
+            plan, cache, workers=args.workers, ray=args.ray,
             report=lambda done, of, name: update(completed=done, total=of, note=name),
         )  # fmt: skip
 

@@ -44,10 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
 
-    def add(name: str, action: Callable[[argparse.Namespace], int], text: str) -> argparse.ArgumentParser:
-        sub = actions.add_parser(name, help=text, description=text, formatter_class=terminal.HelpFormatter)
+    def add(name: str, run: Callable[[argparse.Namespace], int], words: str) -> argparse.ArgumentParser:
+        sub = actions.add_parser(name, help=words, description=words)
+        sub.set_defaults(run=run)
         sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
-        sub.set_defaults(action=action)
         return sub
 
     sub = add("check", _check, "read every file and report what is wrong; exit 1 if a recording cannot be used")
@@ -83,12 +83,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the chosen action."""
-    code: int = args.action(args)
-    return code
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:

@@ -1,13 +1,13 @@
 """``tactophone loopback``: robot and operator as two processes of this machine, for a first try."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support import dashboard_options, flags, live_run, terminal
 from tactophone.cli._support.ranges import SEED
 from tactophone.config import Settings
 
@@ -37,8 +37,7 @@ FLAGS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    flags.add_settings(parser, FLAGS)
-    flags.add_fingers(parser)
+    live_run.add_arguments(parser, FLAGS)
     parser.add_argument(
         "--network",
         default="clean",
@@ -49,10 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=SEED, default=0, metavar="N", help="random seed of its losses and delays, %(type)s"
     )
-    dashboard_options.add_arguments(parser)
-    log_option.add_arguments(parser)
-    record_option.add_arguments(parser)
-    run_summary.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -62,20 +57,14 @@ def run(args: argparse.Namespace) -> int:
     settings = for_one_microphone(flags.settings_of(args))
     name = settings.process.name or "loopback"
     source = source_of(settings, page=dashboard_options.wanted(args))
-    with (
-        both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open) as sides,
-        record_option.recorded(args, name),
-        log_option.logged(args.log, name),
-        dashboard_options.shown(args, name, microphone=source.microphone),
-    ):
-        outcome = console.follow(sides, name, duration=args.duration)
-    return run_summary.print_outcome(args, outcome)
+    sides = both_sides(settings, args.network, name=name, seed=args.seed, open_source=source.open)
+    return live_run.follow(args, sides, name, microphone=source.microphone)
 
 
 @contextmanager
 def both_sides(
     settings: Settings, network: str, *, name: str, seed: int, open_source: "OpenSource | None" = None
-) -> "Iterator[list[Supervisor]]":
+) -> "Iterator[Sequence[Supervisor]]":
     """Run operator and robot, in this order, as two processes with that network between them and fresh keys.
 
     ``open_source`` replaces the way in which the settings' source is opened.
@@ -92,8 +81,7 @@ def both_sides(
             robot = replace(robot, link=replace(robot.link, port=port))
         send = partial(run_robot, open_source=open_source or sources.open_source)
         sending = Supervisor(send, robot, name=robot.process.name, report=terminal.note)
-        stack.enter_context(supervised(receiving, sending))
-        yield [receiving, sending]
+        yield stack.enter_context(supervised(receiving, sending))
 
 
 def _impaired_port(stack: ExitStack, operator: Settings, network: str, seed: int) -> int:

@@ -16,30 +16,24 @@ from tactophone.perception import ModelCard, model_path, read_model, shipped_mod
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    line = "show a model's card: input, decision rule, training data, scores"
-    show = actions.add_parser("show", help=line, description=line, formatter_class=terminal.HelpFormatter)
+    words = "show a model's card: input, decision rule, training data, scores"
+    show = actions.add_parser("show", help=words, description=words)
+    show.set_defaults(run=_show)
     show.add_argument(
         "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
     )
     show.add_argument("--json", action="store_true", help="print the card as JSON")
-    show.set_defaults(action=_show)
-    line = (
+    words = (
         "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
         "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
         "runs while loading: import it only from a source you trust"
     )
-    published = actions.add_parser("import", help=line, description=line, formatter_class=terminal.HelpFormatter)
+    published = actions.add_parser("import", help=words, description=words)
+    published.set_defaults(run=_import)
     published.add_argument("source", type=Path, metavar="FILE.pt", help="the TorchScript file, or model.pt")
     published.add_argument(
         "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
     )
-    published.set_defaults(action=_import)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the chosen action."""
-    code: int = args.action(args)
-    return code
 
 
 def _import(args: argparse.Namespace) -> int:

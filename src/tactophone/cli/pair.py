@@ -24,7 +24,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     forget = steps.add_parser("forget", help="stop accepting a machine")
     forget.add_argument("name", help="as given to `pair trust`")
     for step, action in ((init, _init), (show, _show), (trust, _trust), (forget, _forget)):
-        step.formatter_class = terminal.HelpFormatter
         step.add_argument(
             "--identity", type=Path, metavar="FOLDER", help="where keys are kept (default: ~/.config/tactophone)"
         )

@@ -2,7 +2,7 @@
 
 import argparse
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support import flags, live_run, terminal
 
 FLAGS = {
     "--port": "link.port",
@@ -24,25 +24,14 @@ FLAGS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    flags.add_settings(parser, FLAGS)
-    flags.add_fingers(parser)
-    dashboard_options.add_arguments(parser)
-    log_option.add_arguments(parser)
-    record_option.add_arguments(parser)
-    run_summary.add_arguments(parser)
+    live_run.add_arguments(parser, FLAGS)
 
 
 def run(args: argparse.Namespace) -> int:
     """Receive until interrupted."""
-    from tactophone.runtime import Supervisor, run_operator
+    from tactophone.runtime import Supervisor, run_operator, supervised
 
     settings = flags.settings_of(args)
     name = settings.process.name or "receive"
-    with (
-        Supervisor(run_operator, settings, name=name, report=terminal.note) as operator,
-        record_option.recorded(args, name),
-        log_option.logged(args.log, name),
-        dashboard_options.shown(args, name),
-    ):
-        outcome = console.follow([operator], name, duration=args.duration)
-    return run_summary.print_outcome(args, outcome)
+    operator = Supervisor(run_operator, settings, name=name, report=terminal.note)
+    return live_run.follow(args, supervised(operator), name)

@@ -3,7 +3,7 @@
 import argparse
 from functools import partial
 
-from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
+from tactophone.cli._support import dashboard_options, flags, live_run, terminal
 from tactophone.errors import ConfigError
 
 FLAGS = {
@@ -27,18 +27,13 @@ FLAGS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    flags.add_settings(parser, FLAGS)
-    flags.add_fingers(parser)
-    dashboard_options.add_arguments(parser)
-    log_option.add_arguments(parser)
-    record_option.add_arguments(parser)
-    run_summary.add_arguments(parser)
+    live_run.add_arguments(parser, FLAGS)
 
 
 def run(args: argparse.Namespace) -> int:
     """Send until interrupted, or until the sound ends."""
     from tactophone.cli._support.page_source import source_of
-    from tactophone.runtime import Supervisor, run_robot
+    from tactophone.runtime import Supervisor, run_robot, supervised
 
     settings = flags.settings_of(args)
     if args.log and not settings.link.send_predictions:
@@ -48,11 +43,5 @@ def run(args: argparse.Namespace) -> int:
     name = settings.process.name or "send"
     source = source_of(settings, page=dashboard_options.wanted(args))
     main = partial(run_robot, open_source=source.open)
-    with (
-        Supervisor(main, settings, name=name, report=terminal.note) as robot,
-        record_option.recorded(args, name),
-        log_option.logged(args.log, name),
-        dashboard_options.shown(args, name, microphone=source.microphone),
-    ):
-        outcome = console.follow([robot], name, duration=args.duration)
-    return run_summary.print_outcome(args, outcome)
+    robot = Supervisor(main, settings, name=name, report=terminal.note)
+    return live_run.follow(args, supervised(robot), name, microphone=source.microphone)

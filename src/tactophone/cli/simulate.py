@@ -22,18 +22,10 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    for name, (description, declare, action) in _ACTIONS.items():
-        verb = actions.add_parser(
-            name, help=description, description=description, formatter_class=terminal.HelpFormatter
-        )
-        declare(verb.add_argument)
-        verb.set_defaults(action=action)
-
-
-def run(args: argparse.Namespace) -> int:
-    """Run the chosen action."""
-    code: int = args.action(args)
-    return code
+    for name, (words, declare, run) in _ACTIONS.items():
+        action = actions.add_parser(name, help=words, description=words)
+        action.set_defaults(run=run)
+        declare(action.add_argument)
 
 
 def _objects_arguments(add: Callable[..., object]) -> None:

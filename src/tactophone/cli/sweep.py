@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.cli._support import terminal
+from tactophone.cli._support import fold_options, terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.ranges import SEED, Within
 from tactophone.cli._support.training_options import BITRATE, NUMBERS, add_training_options, job_of
@@ -36,22 +36,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a setting and its values, repeatable: every combination is tried; of {', '.join(_VALUES)}",
     )  # fmt: skip
     parser.add_argument("--split", metavar="NAME", default="5-fold", help="how to cross-validate")
-    parser.add_argument("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
-    parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="where folds' results are kept (default: the user's)")
+    fold_options.add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     add_training_options(parser.add_argument_group("the recipe, where --vary does not change it"))
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the folds of every combination in parallel, and list the combinations, best first."""
-    from tactophone.benchmark import Cache, default_cache, method_of
+    from tactophone.benchmark import method_of
 
     jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
     dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs), kin=args.kin)
     trials = [(name, method_of(job)) for name, job in jobs]
     folds = split(dataset, args.split)
-    cache = Cache(args.cache) if args.cache else default_cache()
+    cache = fold_options.cache_of(args)
     _run(trials, folds, cache, args)
     rows = sorted((_row(name, method, folds, cache) for name, method in trials), key=lambda row: -row["score"])
     if args.json:
@@ -90,10 +88,9 @@ def _run(trials: "list[tuple[str, Method]]", folds: Any, cache: "Cache", args: a
     from tactophone.benchmark import Job, run_jobs
 
     jobs = [Job(method, fold) for _, method in trials for fold in folds]
-    place = "ray" if args.ray else "processes" if args.workers > 1 else "here"
     with terminal.progress("sweeping", len(jobs)) as update:
         run_jobs(
-            jobs, cache, place=place, workers=args.workers,  # type: ignore[arg-type]  # one of its words
+            jobs, cache, workers=args.workers, ray=args.ray,
             report=lambda done, name: update(completed=done, note=name),
         )  # fmt: skip
 

@@ -256,7 +256,7 @@ class Supervisor:
 
 
 @contextlib.contextmanager
-def supervised(*sides: Supervisor) -> Iterator[None]:
+def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
     """Start several sides at once, which takes as long as one does, and wait for all; ends them, the last first."""
     with contextlib.ExitStack() as stack:
         for side in sides:
@@ -264,7 +264,7 @@ def supervised(*sides: Supervisor) -> Iterator[None]:
             side.begin()
         for side in sides:
             side.await_start()
-        yield
+        yield sides
 
 
 def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:

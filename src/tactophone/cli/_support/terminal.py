@@ -33,7 +33,10 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Names the nearest choice in the error about an unknown one (a verb, profile, model), and who is out of range."""
+    """Shows defaults, and names in errors the choice nearest to an unknown one, and the option that is out of range."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=HelpFormatter, **options)
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         try:
