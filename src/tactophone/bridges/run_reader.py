@@ -5,13 +5,14 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from tactophone.bridges import schemas
 from tactophone.bridges.packet_coding import PacketWriter
 from tactophone.bridges.prediction_rows import entries_of, write_columns
 from tactophone.bridges.schemas import Topic, of_finger
 from tactophone.bridges.sound_messages import SoundMessages
+from tactophone.json_numbers import finite
 from tactophone.telemetry import (
     Controls,
     EventBatch,
@@ -201,7 +202,7 @@ class RunReader:
         if settled == before:
             return
         self._settled = settled
-        yield Message(schemas.STATE, now, json.dumps(_finite(asdict(state))).encode())
+        yield Message(schemas.STATE, now, json.dumps(finite(asdict(state))).encode())
         for finger, name in enumerate(self.names):
             of = f"{name}: " if name else ""
             for text in _changes(before.of_finger(finger), settled.of_finger(finger)):
@@ -235,16 +236,6 @@ class RunReader:
 
 def _significant(value: float) -> float | None:
     return float(f"{value:.4g}") if math.isfinite(value) else None
-
-
-def _finite(entries: dict[str, Any]) -> dict[str, Any]:
-    return {name: _finite_value(value) for name, value in entries.items()}
-
-
-def _finite_value(value: Any) -> Any:
-    if isinstance(value, list | tuple):
-        return [_finite(each) if isinstance(each, dict) else each for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _settle(now: _AnyState, before: _AnyState) -> _AnyState:

@@ -15,6 +15,7 @@ from tactophone.cli._support.dataset_options import add_filter, add_kin, open_fi
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import Within
 from tactophone.dataset import Dataset
+from tactophone.json_numbers import finite
 
 if TYPE_CHECKING:
     from tactophone.benchmark import Cache, Cost, DatasetResults
@@ -139,7 +140,7 @@ def _write(
 ) -> None:
     from tactophone.benchmark import write_report
 
-    (folder / "results.json").write_text(json.dumps(terminal.finite(summary), indent=1))
+    (folder / "results.json").write_text(json.dumps(finite(summary), indent=1))
     (folder / "report.html").write_text(write_report(results, costs=costs, notes=NOTES), encoding="utf-8")
 
 

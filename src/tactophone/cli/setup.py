@@ -19,6 +19,7 @@ from tactophone.cli._support.guided_recording import record_step
 from tactophone.cli._support.meters import Meters
 from tactophone.cli._support.ranges import Within
 from tactophone.errors import ConfigError, ModelError
+from tactophone.json_numbers import finite
 from tactophone.perception import (
     CalibrationSounds,
     Finding,
@@ -152,7 +153,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     else:
         _print(args.out, result)
     if screen.page is not None:
-        screen.page.show(result=terminal.finite(content) | {"words": f"written: {args.out}; {_estimate(fit)}"})
+        screen.page.show(result=finite(content) | {"words": f"written: {args.out}; {_estimate(fit)}"})
     return 0
 
 

@@ -11,7 +11,6 @@ and the level of each bucket of `BUCKET` seconds. Times are in s, relative to ``
 """
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -19,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.json_numbers import finite
 from tactophone.telemetry import Snapshot
 from tactophone.types import FloatArray
 
@@ -44,7 +44,7 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
     (b'{"age":null,"series":{"steps":[2,3]}}', 68)
     """
     header = {**header, "series": {name: table.shape for name, table in tables.items()}}
-    text = json.dumps(_finite(header), separators=(",", ":")).encode()
+    text = json.dumps(finite(header), separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     numbers = (np.ascontiguousarray(table, "<f4").tobytes() for table in tables.values())
     return b"".join((len(text).to_bytes(4, "little"), text, *numbers))
@@ -84,14 +84,3 @@ def event_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     """Return rows of time and kind, counted from 1 in `EVENT_KINDS`, of the steps with a touch event."""
     found = steps[steps["event"] > 0]
     return np.column_stack([found["time"] - origin, found["event"]])
-
-
-def _finite(value: Any) -> Any:
-    """Replace infinities and NaN by ``None``, as JSON has neither."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -3,17 +3,16 @@
 import hashlib
 import importlib.metadata
 import itertools
-import math
 import platform
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import tactophone
 from tactophone.config import Settings
 from tactophone.hand_file import each_finger
+from tactophone.json_numbers import finite
 from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
 from tactophone.telemetry import LARGEST_RECORD, Controls, EventBatch, Record, RunStart, Telemetry, write_record
@@ -89,9 +88,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
     del tables["fingers"]
     return RunStart(
         role=role,
-        settings={
-            section: {name: _without_nan(value) for name, value in table.items()} for section, table in tables.items()
-        },
+        settings=finite(tables),
         models={name: hashlib.sha256(model_path(name).read_bytes()).hexdigest() for name in models},
         versions={
             "tactophone": tactophone.__version__,
@@ -103,7 +100,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
         fingers=[
             {
                 "name": finger.name,
-                "settings": {name: _without_nan(value) for name, value in finger.settings},
+                "settings": finite(dict(finger.settings)),
                 "calibration": _calibration(own),
             }
             for finger, own in zip(settings.fingers, fingers, strict=False)
@@ -114,10 +111,6 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
 def _calibration(settings: Settings) -> str:
     path = settings.detector.calibration
     return Path(path).expanduser().read_text() if path else ""
-
-
-def _without_nan(value: Any) -> Any:
-    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _version(package: str) -> str:

@@ -5,7 +5,6 @@
 
 import csv
 import json
-import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import ConfigError, DatasetError
+from tactophone.json_numbers import finite
 from tactophone.telemetry.follower import RunFollower
 from tactophone.types import EVENT_KINDS, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
@@ -87,9 +87,7 @@ class TimelineWriter:
         entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
         self._csv.writerow(entries)
         if self._json:
-            # JSON has no infinities: a level of -inf dBFS is written as null.
-            finite = {name: None if value == -math.inf else value for name, value in entries.items()}
-            self._json.write(self._separator + json.dumps(finite))
+            self._json.write(self._separator + json.dumps(finite(entries)))
             self._separator = ",\n"
 
     def flush(self) -> None:

@@ -13,6 +13,7 @@ from rich.live import Live
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from tactophone.errors import ConfigError, did_you_mean
+from tactophone.json_numbers import finite
 
 Entry = TypeVar("Entry")
 
@@ -109,17 +110,6 @@ def tracked(entries: Iterable[Entry], description: str, total: float | None = No
 
     with progress(description, len(entries) if isinstance(entries, Sized) else total) as update:
         yield counted()
-
-
-def finite(value: Any) -> Any:
-    """Replace infinities and NaN in dictionaries and lists by ``None``."""
-    if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(entry) for entry in value]
-    if isinstance(value, float) and not abs(value) < float("inf"):
-        return None
-    return value
 
 
 def warn(line: str) -> None:
