@@ -10,7 +10,7 @@ import pytest
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import State, Telemetry, Watcher, remove_leftovers, running
-from tactophone.telemetry.memory import PREFIX, folder, is_alive
+from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.types import AudioBlock, PipelineStep
 
 STEP_OF_SILENCE = PipelineStep(AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ())
@@ -45,6 +45,14 @@ def test_the_memory_of_a_killed_process_is_replaced(name: str) -> None:
     assert not watcher.snapshot().alive
     with Telemetry(name):
         assert Watcher(name).snapshot().counters["xruns"] == 0
+
+
+@pytest.mark.parametrize("wrong", ["a/b", "../x"])
+def test_a_name_with_a_slash_is_one_line(wrong: str) -> None:
+    with pytest.raises(TactophoneError, match="--name"):
+        Memory(wrong, create=True)
+    with pytest.raises(TactophoneError, match="--name"):
+        Watcher(wrong)
 
 
 def test_watching_a_missing_run_names_the_command_to_start(name: str) -> None:

@@ -37,6 +37,8 @@ class Memory:
     """
 
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:
+        if "/" in name:
+            raise TactophoneError(f"the name of a run cannot hold a slash, as {name!r} does: choose another --name")
         self._path = folder() / f"{PREFIX}{name}"
         self._created = create
         draft = self._path.with_name(f".{self._path.name}-{os.getpid()}-{id(self):x}")

@@ -78,7 +78,9 @@ def test_loss_can_be_listed() -> None:
     assert link.pull(0) == [bytes([0]), bytes([2]), bytes([4])]
 
 
-@pytest.mark.parametrize("wrong", ["marsnet", "wifi,loss", "wifi,speed=3", "loss=2", "wifi,loss=much"])
+@pytest.mark.parametrize(
+    "wrong", ["marsnet", "wifi,loss", "wifi,speed=3", "loss=2", "wifi,loss=much", "loss=nan", "jitter=nan", "delay=inf"]
+)
 def test_an_invalid_profile_is_refused(wrong: str) -> None:
     with pytest.raises(ConfigError):
         network_profile(wrong)

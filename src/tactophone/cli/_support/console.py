@@ -93,7 +93,7 @@ class _ConsoleView:
 
     def _print_changes(self, state: State) -> None:
         # One entry per subject, so that a message is printed when it appears or changes, not at every update.
-        messages = {fault.code: f"! {fault.text}" for fault in state.faults} | {"link": state.link}
+        messages = {f"fault {fault.code}": f"! {fault.text}" for fault in state.faults} | {"link": state.link}
         if state.role == "operator":
             messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
         for subject, text in messages.items():

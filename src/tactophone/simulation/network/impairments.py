@@ -40,7 +40,8 @@ class NetworkProfile:
     interval is infinite."""
 
     def __post_init__(self) -> None:
-        if not (0 <= self.loss < 1 and self.burst >= 1 and min(self.delay, self.jitter, self.spread, self.stall) >= 0):
+        times = self.delay, self.jitter, self.spread, self.stall
+        if not (0 <= self.loss < 1 <= self.burst < math.inf and all(0 <= time < math.inf for time in times)):
             raise ConfigError(f"{self} is out of range: loss is 0 to below 1, burst at least 1, times at least 0")
 
 
