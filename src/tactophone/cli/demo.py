@@ -17,6 +17,7 @@ from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
 from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
+from tactophone.hand_file import each_finger
 
 if TYPE_CHECKING:
     from tactophone.capture import FileSource
@@ -27,6 +28,9 @@ TIMELINE = "timeline.csv"
 
 PATIENCE = 20.0
 """Seconds beyond the sound's length after which a hanging demonstration is ended."""
+
+RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
+"""Settings of both sides over a recording."""
 
 FLAGS = {
     "--tip": "capture.tip",
@@ -59,24 +63,17 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.capture import FileSource
     from tactophone.cli.loopback import both_sides
     from tactophone.dataset import ground_truth
-    from tactophone.hand_file import each_finger
     from tactophone.offline import RunRecorder, score_run
     from tactophone.telemetry import read_timeline
 
     make_folder(args.out)
-    settings = flags.settings_of(args)
-    if names := [finger.name for finger in settings.fingers]:
-        if args.recording:
-            raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
-        if not all(own.capture.device for own in each_finger(settings)):
-            settings = _demonstrated(args, settings, names)
-        sources = [FileSource(own.capture.device) for own in each_finger(settings)]
-    else:
-        sources = [FileSource(args.recording or _demonstration(args.out, args.seed, settings.capture.tip))]
+    settings = _with_sound(args, flags.settings_of(args))
+    name = settings.process.name or "demo"
+    settings = config.change(settings, [*RECORDED, f"process.name={name}"])
+    names = [finger.name for finger in settings.fingers]
+    sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)
     terminal.log().print(f"sending {duration:.0f} s of sound over {args.network}, in real time", style="dim")
-    settings = _over(settings, Path() if names else sources[0].path)
-    name = settings.process.name
     with (
         both_sides(settings, args.network, name=name, seed=args.seed) as sides,
         record_option.recorded(args, name),
@@ -100,11 +97,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _demonstrated(args: argparse.Namespace, settings: Settings, names: list[str]) -> Settings:
-    """Render the demonstration of each finger, and make it the finger's source."""
+def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
+    """Name a recording for every finger; where there is none, the demonstration is rendered first."""
+    tip = settings.capture.tip
+    if not settings.fingers:
+        sound = args.recording
+        if sound is None:
+            from tactophone.simulation import write_demonstration
+
+            sound = write_demonstration(args.out, seed=args.seed, tip=tip)
+        return config.change(settings, [f"capture.device={sound}"])
+    if args.recording:
+        raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
+    if all(own.capture.device for own in each_finger(settings)):
+        return settings
     from tactophone.simulation import demonstrate_hand
 
-    paths = demonstrate_hand(args.out, names, seed=args.seed, tip=settings.capture.tip)
+    paths = demonstrate_hand(args.out, [finger.name for finger in settings.fingers], seed=args.seed, tip=tip)
     fingers = zip(settings.fingers, paths, strict=True)
     return replace(
         settings,
@@ -134,18 +143,6 @@ def _print_hand(
 
 def _timeline(args: argparse.Namespace) -> Path:
     return args.log or Path(args.out, TIMELINE)
-
-
-def _demonstration(folder: Path, seed: int, tip: str) -> Path:
-    from tactophone.simulation import write_demonstration
-
-    return write_demonstration(folder, seed=seed, tip=tip)
-
-
-def _over(settings: Settings, sound: Path) -> Settings:
-    """Settings of both sides over a recording."""
-    fixed = ["capture.source=file", f"capture.device={sound}", "capture.loop=false", "output.actuator=none"]
-    return config.change(settings, [*fixed, f"process.name={settings.process.name or 'demo'}"])
 
 
 def _write(

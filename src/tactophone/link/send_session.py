@@ -94,7 +94,8 @@ class SendSession:
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
         """Process what arrived from the network by ``now`` (s)."""
-        return self._handle([event for data, source in datagrams for event in self._open(data, source, now)], now)
+        received = (self.session.receive(data, source=source, now=now) for data, source in datagrams)
+        return self._handle([event for events in received for event in events], now)
 
     def poll(self, now: float) -> list[Connected | Disconnected]:
         """Let time pass; call it about twenty times a second."""
@@ -111,9 +112,6 @@ class SendSession:
         """Mark the first packet after silence, and no other (RFC 9993, section 5.1)."""
         before, self._silent = self._silent, is_silent(content)
         return packetizer.wrap(PayloadType.HAPTICS, end, content, marker=before and not self._silent)
-
-    def _open(self, datagram: bytes, source: Address, now: float) -> list[Event]:
-        return self.session.receive(datagram, source=source, now=now)
 
     def _send(self, packets: list[Packet]) -> None:
         self.counters["packets_sent"] += len(packets)
