@@ -48,3 +48,12 @@ def test_an_impossible_request_is_one_line(
     np.save(tmp_path / "line.npy", ridges()[0, :100])
     assert main(["roughness", str(tmp_path / "line.npy"), *options]) == 1
     assert message in capsys.readouterr().err
+
+
+def test_a_plane_has_no_elements_to_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "flat.npy", np.zeros((200, 500)))
+    data = audiofolder(tmp_path / "data")
+    command = ["roughness", str(tmp_path / "flat.npy"), "--pixel", str(STEP), "--write-metadata", str(data)]
+    assert main([*command, "--surface", "stone 01"]) == 0
+    assert "nan" not in capsys.readouterr().out
+    assert {take.known("rsm_um") for take in open_dataset(data).recordings} == {""}

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,3 +35,19 @@ def test_one_kind_has_no_edges_and_the_same_seed_has_the_same(tmp_path: Path) ->
     assert join_edges(recordings[::2], tmp_path / "edges") == []
     again = [join_edges(recordings, tmp_path / "edges") for _ in range(2)]
     assert [edge.path for edge in again[0]] == [edge.path for edge in again[1]]
+
+
+def test_without_segments_the_middle_of_a_touch_is_found_by_the_noise_floor(tmp_path: Path) -> None:
+    labelled = surfaces(tmp_path).recordings
+    for take in labelled:
+        sound, rate = soundfile.read(take.path)
+        rest = np.random.default_rng(0).normal(0, 1e-4, (3 * rate, sound.shape[1]))
+        soundfile.write(take.path, np.concatenate((sound, rest)), rate)
+    edges = join_edges([replace(take, segments=()) for take in labelled], tmp_path / "edges")
+    assert edges
+    for edge in edges:
+        sound, rate = soundfile.read(edge.path)
+        # In the middle of either half, well over the noise.
+        for middle in (LEAD + HALF / 2, LEAD + 1.5 * HALF):
+            place = round(middle * rate)
+            assert np.square(sound[place : place + rate // 10, 0]).mean() > 1e-6

@@ -61,3 +61,10 @@ def test_training_continues_only_from_the_papers_network(tmp_path: Path) -> None
     write_model(tmp_path / "a.onnx", other, weights)
     with pytest.raises(ModelError, match="a model of kind bands"):
         read_weights(tmp_path / "a.onnx")
+
+
+def test_the_folder_of_a_model_is_made(tmp_path: Path) -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    path = tmp_path / "models" / "a.onnx"
+    write_model(path, make_card(weights, name="a", gate=GATE), weights)
+    assert read_model(path).card.name == "a"

@@ -1,6 +1,7 @@
 """``tactophone roughness``: Ra, Rq, Rz, RSm, Rdq, Sa, Sq and Sz of a measured profile or height map."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,7 +85,7 @@ def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
         raise DatasetError(f"{dataset.root}: no surface {args.surface!r}{hint}")
     found = report.profile
     heights = {"ra_um": found.ra, "rz_um": found.rz, "rsm_um": found.rsm}
-    columns = {name: f"{height * 1e6:.4g}" for name, height in heights.items()}
+    columns = {name: "" if math.isnan(height) else f"{height * 1e6:.4g}" for name, height in heights.items()}
     recordings = [
         recording.with_properties(**columns) if recording.surface == args.surface else recording
         for recording in dataset.recordings
@@ -102,7 +103,7 @@ def _print(args: argparse.Namespace, report: "HeightReport") -> None:
     rows += [("Sa", area.sa), ("Sq", area.sq), ("Sz", area.sz)] if area else []
     for name, value in rows:
         table.add_row(name, f"{1e6 * value:.4g} um")
-    table.add_row("RSm", f"{1e3 * found.rsm:.4g} mm")
+    table.add_row("RSm", "-" if math.isnan(found.rsm) else f"{1e3 * found.rsm:.4g} mm")
     table.add_row("Rdq", f"{found.rdq:.4g}")
     lines, columns = report.shape
     size = f"{columns} heights" if lines == 1 else f"{lines} rows of {columns} heights"

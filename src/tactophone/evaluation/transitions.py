@@ -14,6 +14,7 @@ import soundfile
 
 from tactophone.dataset import Recording, Segment
 from tactophone.dataset.motion_intervals import MotionInterval, cut_slides, write_slides
+from tactophone.evaluation.true_contact import touches_of
 from tactophone.types import FloatArray, Touch
 
 HALF = 0.6
@@ -38,7 +39,7 @@ SOURCES = "sources"
 def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
     """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
-    The recordings are held out, of one sample rate, with segments or in contact throughout. The files are named by
+    The recordings are held out, of one sample rate. The files are named by
     content and written once; ``most`` limits the number of edges. Raises `ValueError` if the two recordings of a pair
     differ in sample rate.
     """
@@ -61,10 +62,10 @@ def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Re
     for recording in recordings:
         if recording.label is not label:
             continue
-        whole = (Segment(0.0, soundfile.info(recording.path).duration, _WORDS[label]),)
-        for part in recording.segments or whole:
-            if part.contact and part.end - part.start >= HALF + 0.1:
-                yield recording, (part.start + part.end - HALF) / 2
+        touches = touches_of(recording)
+        for start, end in ((0.0, soundfile.info(recording.path).duration),) if touches is None else touches:
+            if end - start >= HALF + 0.1:
+                yield recording, (start + end - HALF) / 2
 
 
 def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:

@@ -30,7 +30,7 @@ def true_contact(take: TakePredictions) -> NDArray[np.bool_]:
     By the segments; where a recording has none, by the level over its own noise floor, whatever the model; throughout
     where it shows no floor, as a recording without a rest or an even slide.
     """
-    touches = _touches(take.recording)
+    touches = touches_of(take.recording)
     if touches is None:
         return np.ones(len(take.time), bool)
     inside = [(take.time > start) & (take.time <= end) for start, end in touches]
@@ -42,8 +42,8 @@ def in_true_contact(take: TakePredictions) -> TakePredictions:
     return replace(take, contact=true_contact(take))
 
 
-def _touches(recording: Recording) -> Intervals | None:
-    """The touches of a recording; ``None`` if it is all touch."""
+def touches_of(recording: Recording) -> Intervals | None:
+    """Return the touches of a recording, by its segments or over its noise floor; ``None`` if it is all touch."""
     if recording.segments:
         return tuple((part.start, part.end) for part in recording.segments if part.contact)
     if not recording.path.is_file():

@@ -15,8 +15,9 @@ OPSET, IR_VERSION = 17, 9
 
 
 def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
-    """Write a graph with its card; after a kill the file is the old one or the new one, never half."""
+    """Write a graph with its card, and the folder if needed; after a kill the file is the old or the new one."""
     onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     onnx.save(model, str(partial))
     os.replace(partial, path)

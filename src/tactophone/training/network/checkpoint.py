@@ -30,6 +30,7 @@ class Checkpoint:
 
 def save(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; after a kill the file is the old one or the new one, never half."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".part")
     head = np.array(json.dumps({"identity": checkpoint.identity, "steps": checkpoint.steps}))
     with partial.open("wb") as file:
