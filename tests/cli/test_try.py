@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
+from numpy.typing import NDArray
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
@@ -29,8 +30,6 @@ pytestmark = pytest.mark.realtime
 
 NAME = "test-try"
 RATE = 48_000
-SETTLE = 0.5
-"""Seconds at the beginning in which the page's microphone and the detector's running statistics start."""
 
 
 def generated() -> FloatArray:
@@ -98,50 +97,65 @@ def watch(name: str) -> Watcher:
     raise AssertionError(f"{name} did not start")
 
 
-def offset(captured: FloatArray, spoken: FloatArray) -> int:
-    """The sample of the file at which the captured sound begins, by the peak of their correlation."""
-    size = 1 << (len(captured) + len(spoken)).bit_length()
-    spectrum = np.fft.rfft(spoken, size) * np.conj(np.fft.rfft(captured, size))
-    peak = int(np.argmax(np.fft.irfft(spectrum, size)))
-    return peak if peak < len(spoken) else peak - size
+def blocks_of(steps: NDArray[np.void], sound: FloatArray) -> Iterator[AudioBlock]:
+    """Yield the blocks of sound that the operator's side processed, of all its steps from the first on."""
+    begin = 0
+    for step in steps:
+        samples = np.ascontiguousarray(sound[begin : step["sound_end"], :1])
+        start, begin = round(step["time"] * RATE) - len(samples), step["sound_end"]
+        yield AudioBlock(samples, RATE, start, concealed=bool(step["concealed"]))
 
 
-def test_what_is_felt_equals_what_feel_gives_for_the_file(
+def share_found(sound: FloatArray, spoken: FloatArray, *, size: int = 4800) -> float:
+    """Return which share of the sound, in blocks of 0.1 s, is in the file: Chromium resamples, so by correlation."""
+    length = 1 << (len(spoken) + size).bit_length()
+    spectrum, power = np.fft.rfft(spoken, length), np.cumsum(np.square(spoken, dtype=np.float64))
+    energy = np.maximum(power[size:] - power[:-size], 1e-9)  # of each block of the file
+    found = []
+    for block in sound[: len(sound) // size * size].reshape(-1, size):
+        product = np.fft.irfft(spectrum * np.conj(np.fft.rfft(block, length)), length)[: len(energy)]
+        found.append((product / np.sqrt(energy)).max() > 0.75 * np.linalg.norm(block) > 0)
+    return float(np.mean(found))
+
+
+def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     address: str, listener: webdriver.Chrome, spoken: tuple[Path, FloatArray], threshold: float
 ) -> None:
-    sound = spoken[1]
+    """Chromium loses sound on a busy machine, so what is felt is compared with what the page really sent."""
     listener.get(address)
-    robot, operator = watch(f"{NAME}-robot"), watch(NAME)
+    watch(f"{NAME}-robot")
+    operator = watch(NAME)
     wait(listener, lambda: text(listener, "life") == "live", 20)
     time.sleep(1)
     assert text(listener, "faults") == ""  # before the button is pressed, nothing is wrong
     listener.find_element(By.ID, "listen").click()
-    last, captured, rows, count = None, [], [], operator.predictions()[1]
-    until = time.monotonic() + len(sound) / RATE + 3
+    seen, rows, count = [operator.snapshot()], [], operator.predictions()[1]
+    until = time.monotonic() + len(spoken[1]) / RATE + 3
     while time.monotonic() < until:
-        last = robot.snapshot(last)
-        captured.append(last.sound[:, 0])
+        seen.append(operator.snapshot(seen[-1]))
         new, count = operator.predictions(count)
         rows.append(new)
         time.sleep(0.2)
     assert "live" in text(listener, "listen-state")
-    felt = np.concatenate(rows)
-    begin = offset(np.concatenate(captured), sound)
-    assert operator.snapshot().state.detector == "stylus"
+    assert seen[-1].state.detector == "stylus"
+    sound = np.concatenate([snapshot.sound for snapshot in seen])
+    steps = np.concatenate([snapshot.steps for snapshot in seen])
+    assert len(sound) == seen[-1].sound_end
+    assert share_found(sound[: len(spoken[1]), 0], spoken[1]) > 0.5
 
-    captured_part = sound[begin:] if begin >= 0 else np.concatenate([np.zeros(-begin, np.float32), sound])
     pipeline = open_pipeline("stylus", sample_rate=RATE, channels=1)
     if not math.isnan(threshold):
         pipeline.detector.threshold_dbfs = threshold
-    expected = pipeline.push(AudioBlock(np.ascontiguousarray(captured_part[:, None]), RATE, 0)).predictions
-    live = {round(1000 * row["end"]): row for row in felt}
+    expected = [item for block in blocks_of(steps, sound) for item in pipeline.push(block).predictions]
+    # Then Chromium repeats its last 10 ms for ever, which the live side, but not `feel`, reports as hum.
+    end = len(spoken[1]) / RATE - 0.5
+    live = {round(1000 * row["end"]): row for row in np.concatenate(rows) if row["end"] < end}
     pairs = [(item, live[round(1000 * item.end)]) for item in expected if round(1000 * item.end) in live]
-    pairs = [pair for pair in pairs if pair[0].end > SETTLE - min(begin, 0) / RATE]
-    assert len(pairs) > 0.9 * (len(captured_part) / RATE - SETTLE) / 0.0107
-    # Chromium's own resampling changes the last bits, and a sample near the threshold may then fall to either side.
-    assert np.mean([int(item.touch) == row["touch"] for item, row in pairs]) > 0.98
-    assert np.median([abs(item.roughness - row["roughness"]) for item, row in pairs]) < 0.01
-    assert np.median([abs(item.level_dbfs - row["level_dbfs"]) for item, row in pairs]) < 0.1
+    assert len(pairs) >= 0.95 * len(live) > 100
+    assert np.mean([int(item.touch) == row["touch"] for item, row in pairs]) > 0.99
+    assert np.median([abs(item.roughness - row["roughness"]) for item, row in pairs]) < 1e-3
+    # -inf before the first window
+    assert np.mean([math.isclose(item.level_dbfs, row["level_dbfs"], abs_tol=1e-3) for item, row in pairs]) > 0.99
     listener.get("about:blank")
 
 
