@@ -8,7 +8,8 @@ from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of
 from tactophone.perception import WindowDetector, read_model
-from tactophone.training import RECIPES, FeatureSpec, build_training_set, extract_features
+from tactophone.training import RECIPES, FeatureSpec, TrainingOptions, build_training_set, extract_features
+from tactophone.training.features.job import feature_job
 from tactophone.training.features.linear_classifier import build_texture
 from tactophone.training.features.training_set import contact_threshold
 from tactophone.types import AudioBlock, Prediction, Touch
@@ -73,10 +74,14 @@ def test_unknown_sound_is_none_and_rendered_as_plain_contact(model: Path) -> Non
     assert {(each.touch, each.roughness) for each in predictions} == {(Touch.SMOOTH, 0.0)}
 
 
-def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, model: Path) -> None:
-    training_set = recipe_method("texture", channels=2).job.training_set(dataset.recordings)
+@pytest.mark.parametrize("tip", ["pad", "stylus"])
+def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, tmp_path: Path, tip: str) -> None:
+    job = feature_job(RECIPES["texture"], TrainingOptions(channels=2, tip=tip))
+    job.train(tmp_path / "model.onnx", dataset)
+    training_set = job.training_set(dataset.recordings)
+    assert training_set.spec.unevenness == (tip == "stylus")
     graph = build_texture(training_set).SerializeToString()
-    offline, live = graph_predictor(graph, training_set), model_predictor(read_model(model))
+    offline, live = graph_predictor(graph, training_set), model_predictor(read_model(tmp_path / "model.onnx"))
     for recording in dataset.recordings[:2]:
         first, other = offline(recording), live(recording)
         assert first.time == pytest.approx(other.time)

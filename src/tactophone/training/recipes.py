@@ -199,7 +199,7 @@ _LISTED = (
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
         "tactophone.training.features.linear_classifier:build_texture", response=_CONFIRMED,
-        pad_response=_OF_PAD, version=6, augmentation=Augmentation(), shipped=True,
+        pad_response=_OF_PAD, version=7, augmentation=Augmentation(), shipped=True,
     ),
     Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),
     Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues", f"{_BASELINES}:build_rules"),

@@ -193,12 +193,15 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
 
     >>> impulse_columns(40, 1).tolist()
     [17, 18]
+    >>> impulse_columns(84, 2).tolist()
+    [59, 60]
 
     Raises `ModelError` if the features are not those of the kind texture.
     """
-    if features != 2 * BAND_VALUES * channels:
+    values, rest = divmod(features, 2 * channels)
+    if rest or values not in (BAND_VALUES, BAND_VALUES + 1):
         raise ModelError("only models of kind texture can be fitted to a set-up; choose one with --model")
-    return 2 * BAND_VALUES * (channels - 1) + np.array([CREST_INDEX, CREST_INDEX + 1])
+    return 2 * values * (channels - 1) + np.array([CREST_INDEX, CREST_INDEX + 1])
 
 
 def _leave_out(sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int) -> LeftOut:

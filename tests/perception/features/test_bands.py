@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.perception.features.bands import BAND_COUNT, BandFeatures, design_bands
+from tactophone.perception.features.bands import BAND_COUNT, BAND_VALUES, BandFeatures, design_bands
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512
@@ -49,3 +49,32 @@ def test_a_batch_is_described_window_by_window() -> None:
 def test_every_band_has_a_bin_whatever_the_window() -> None:
     for size in (64, 256, 512, 4096):
         assert design_bands(size, RATE).sum(axis=0) == pytest.approx(np.ones(BAND_COUNT))
+
+
+def unevenness(window: np.ndarray) -> float:
+    bands = BandFeatures(SIZE, RATE, unevenness=True)
+    values = bands.describe(bands.spectrum(window.astype(np.float32)))
+    assert values.shape == (1, BAND_VALUES + 1)
+    assert values[:, :BAND_VALUES] == pytest.approx(described(window.astype(np.float32)))
+    return float(values[0, -1])
+
+
+def test_treble_is_more_uneven_the_fewer_strikes_there_are_at_any_gain() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((SIZE, 1))
+    strikes = np.zeros((SIZE, 1))
+    strikes[[100, 300, 420]] = 1
+    lone = np.zeros((SIZE, 1))
+    lone[300] = 1
+    # The envelope of noise, 16 samples of three quarters of the band a step: 1 / sqrt(2 * 12) of its mean.
+    assert unevenness(0.1 * noise) == pytest.approx(np.log10(1 / np.sqrt(24)), abs=0.1)
+    assert unevenness(noise) < unevenness(strikes) - 0.5 < unevenness(lone) - 0.5
+    assert unevenness(0.01 * strikes) == pytest.approx(unevenness(strikes), abs=1e-3)
+
+
+def test_rumble_does_not_change_the_unevenness_of_treble_and_silence_has_one() -> None:
+    noise = 0.01 * np.random.default_rng(1).standard_normal((SIZE, 1))
+    assert unevenness(noise + tone(300, amplitude=0.5, sample_rate=RATE)[:SIZE, :1]) == pytest.approx(
+        unevenness(noise), abs=0.02
+    )
+    assert unevenness(np.zeros((SIZE, 1))) == pytest.approx(-3)

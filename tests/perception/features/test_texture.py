@@ -106,3 +106,13 @@ def test_a_card_without_a_fitting_prior_is_refused() -> None:
     for settings in ({}, {"prior": PRIOR.tolist()}, CARD.settings | {"change_metric": [[0.0]]}):
         with pytest.raises(ModelError, match="tiny: its settings cannot be used"):
             WindowDetector(Model(replace(CARD, settings=settings), session=None), sample_rate=48_000)
+
+
+def test_a_prior_with_one_value_more_adds_the_unevenness_of_the_treble() -> None:
+    plain = features_of(TextureExtractor(CARD), window()).reshape(2, 2, BAND_VALUES)
+    prior = np.concatenate((PRIOR, PRIOR[..., :1]), axis=-1)
+    metric = np.zeros((2, BAND_VALUES + 1, BAND_VALUES + 1))
+    card = replace(CARD, settings={"prior": prior.tolist(), "change_metric": metric.tolist()})
+    features = features_of(TextureExtractor(card), window()).reshape(2, 2, BAND_VALUES + 1)
+    assert features[..., :-1] == pytest.approx(plain)
+    assert (features[:, 0, -1] < -0.1).all()

@@ -141,7 +141,7 @@ class RunningStatistics:
 
 
 class Description(NamedTuple):
-    """A window as :class:`~tactophone.perception.features.bands.WindowSpectrum` has it, and its ``BAND_VALUES``."""
+    """A window as :class:`~tactophone.perception.features.bands.WindowSpectrum` has it, and its values."""
 
     sound: FloatArray
     powers: FloatArray
@@ -149,17 +149,20 @@ class Description(NamedTuple):
 
 
 class TextureExtractor:
-    """Returns the features of kind ``texture``: channel after channel, means then deviations, ``2 * BAND_VALUES`` each.
+    """Returns the features of kind ``texture``: channel after channel, means then deviations of its values.
 
+    The prior in the card shows how many values there are: ``BAND_VALUES``, or one more with the treble's unevenness.
     The card's settings hold ``prior``, the moments of the average touch, ``change_metric``, see :data:`ChangeMetric`,
     and ``memory`` in s.
     """
 
     def __init__(self, card: ModelCard) -> None:
         channels = card.channels
-        self._bands = BandFeatures(card.window_size, card.sample_rate)
-        self._prior = _read_array(card, "prior", (2, channels, BAND_VALUES))
-        change_metric = _read_array(card, "change_metric", (channels, BAND_VALUES, BAND_VALUES))
+        unevenness = np.shape(card.settings["prior"])[-1:] == (BAND_VALUES + 1,)
+        values = BAND_VALUES + unevenness
+        self._bands = BandFeatures(card.window_size, card.sample_rate, unevenness=unevenness)
+        self._prior = _read_array(card, "prior", (2, channels, values))
+        change_metric = _read_array(card, "change_metric", (channels, values, values))
         fading = fading_of(float(card.settings.get("memory", MEMORY)), float(card.hop / card.sample_rate))
         self._statistics = RunningStatistics(change_metric, fading=fading)
 

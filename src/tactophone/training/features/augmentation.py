@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tactophone.perception import BAND_COUNT, BAND_VALUES
 
 Offset = NDArray[np.float64]
-"""Added to a description: shape ``(channels, BAND_VALUES)``, in log10 of power."""
+"""Added to a description: shape ``(channels, values)``, in log10 of power."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,19 +33,19 @@ class Augmentation:
     knots: int = 5
     """Of the equaliser, evenly spaced over the bands; between them it is linear."""
 
-    def draw(self, rng: np.random.Generator, *, channels: int) -> Offset:
+    def draw(self, rng: np.random.Generator, *, channels: int, values: int = BAND_VALUES) -> Offset:
         """Draw the offset of one copy of a take, each microphone by itself.
 
-        Level moves with the gain and the equaliser's mean, steepness by itself; crest and clicks, ratios within one
-        waveform, stay.
+        Level moves with the gain and the equaliser's mean, steepness by itself; crest, clicks and unevenness,
+        ratios within one waveform, stay.
         """
         gain = rng.normal(0, self.gain_db / 10, (channels, 1))
         heights = rng.normal(0, self.equaliser_db / 10, (channels, self.knots))
         places = np.linspace(0, self.knots - 1, BAND_COUNT)
         curve = np.array([np.interp(places, np.arange(self.knots), row) for row in heights])
-        offset = np.zeros((channels, BAND_VALUES))
+        offset = np.zeros((channels, values))
         offset[:, :BAND_COUNT] = gain + curve
         # The four shapes: level, crest, clicks, steepness.
         offset[:, BAND_COUNT] = gain[:, 0] + curve.mean(axis=1)
-        offset[:, -1] = rng.normal(0, self.equaliser_db / 10, channels)
+        offset[:, BAND_VALUES - 1] = rng.normal(0, self.equaliser_db / 10, channels)
         return offset

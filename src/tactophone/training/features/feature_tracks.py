@@ -62,6 +62,13 @@ class FeatureSpec:
     """Whether the running statistics restart where the surface changes."""
     memory: float = MEMORY
     """Of the running statistics, in s."""
+    unevenness: bool = False
+    """Whether texture features hold the unevenness of the treble: for hard tips."""
+
+    @property
+    def values(self) -> int:
+        """Values that describe one channel of a window in texture features."""
+        return BAND_VALUES + self.unevenness
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +78,7 @@ class FeatureTrack:
     recording: Recording
     """Where they come from."""
     description: NDArray[np.float32]
-    """Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, BAND_VALUES)``; of
+    """Of kind ``texture``: descriptions before the running statistics, shape ``(windows, channels, values)``; of
     other kinds: the features, shape ``(windows, features)``."""
     level_dbfs: NDArray[np.float64]
     """Banded level of the contact channel."""
@@ -163,8 +170,8 @@ def _extract_track(recording: Recording, changed_ns: int, spec: FeatureSpec) -> 
 def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
     size, hop = WINDOWS[spec.kind]
     if spec.kind == "texture":
-        bands = BandFeatures(size, FEATURE_RATE)
-        return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, BAND_VALUES)
+        bands = BandFeatures(size, FEATURE_RATE, unevenness=spec.unevenness)
+        return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, spec.values)
     extractor = EXTRACTORS[spec.kind](ModelCard("", spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(0.0)))
     descriptions = extractor.describe(windows)
     return np.array([extractor.push(description, contact=True) for description in descriptions], np.float32)
@@ -188,7 +195,8 @@ def accumulate(
 @functools.lru_cache(maxsize=1 << 13)
 def mean_shifts(track: FeatureTrack, threshold_dbfs: float, memory: float = MEMORY) -> NDArray[np.float32]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
-    nothing = np.zeros((*track.description.shape[1:], BAND_VALUES))
+    channels, values = track.description.shape[1:]
+    nothing = np.zeros((channels, values, values))
     statistics = RunningStatistics(nothing, fading=fading_of(memory, _TEXTURE_HOP))
     shifts = []
     for description, contact in _windows(track, threshold_dbfs):

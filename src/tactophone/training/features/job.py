@@ -10,6 +10,7 @@ import onnx
 from tactophone.dataset import Dataset, Recording
 from tactophone.link import Codec
 from tactophone.training.features.feature_tracks import FEATURE_RATE, FeatureSpec
+from tactophone.training.features.linear_classifier import HARD_TIPS
 from tactophone.training.features.training_set import TrainingSet, build_training_set
 from tactophone.training.model_export import write_graph
 from tactophone.training.provenance import caveats_of, licence_of, tip_of
@@ -56,7 +57,11 @@ class FeatureJob:
         spec = self.evaluated_spec if codecs is None else self.spec
         tip = self.tip or tip_of(recordings)
         return build_training_set(
-            replace(spec, memory=self.recipe.response_for(tip).memory),
+            replace(
+                spec,
+                memory=self.recipe.response_for(tip).memory,
+                unevenness=spec.kind == "texture" and tip in HARD_TIPS,
+            ),
             recordings,
             codecs=codecs or (),
             augmentation=self.recipe.augmentation,

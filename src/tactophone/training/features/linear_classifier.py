@@ -13,7 +13,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from tactophone.perception import BAND_VALUES, CREST_INDEX
+from tactophone.perception import CREST_INDEX
 from tactophone.training.features.examples import Examples, Floats, inner_folds
 from tactophone.training.features.onnx_graph import build_classifier_graph
 from tactophone.training.features.training_set import TrainingSet
@@ -29,9 +29,6 @@ KNOWN_SHARE = 0.995
 HARD_TIPS = ("plastic", "stylus")
 """Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
 small hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away."""
-
-IMPULSES = (CREST_INDEX, CREST_INDEX + 1, BAND_VALUES + CREST_INDEX, BAND_VALUES + CREST_INDEX + 1)
-"""A channel's features crest and clicks: their means, then their deviations."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +77,8 @@ def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False)
     columns = [_columns(working, channels, count) for working in channel_sets(channels)]
     fitted = [_fit_regression(standard, each) for each in columns]
     if hard_tip:
-        impulses = [_fit_regression(standard, each[np.isin(each % (count // channels), IMPULSES)]) for each in columns]
+        chosen = impulse_features(count // channels)
+        impulses = [_fit_regression(standard, each[np.isin(each % (count // channels), chosen)]) for each in columns]
         fitted = [
             ((weights + others) / 2, (bias + other) / 2)
             for (weights, bias), (others, other) in zip(fitted, impulses, strict=True)
@@ -89,6 +87,15 @@ def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False)
     limit = float(np.quantile(_held_out_distances(standard, channels), KNOWN_SHARE))
     weights, biases = zip(*fitted, strict=True)
     return LinearClassifier(centre, scale, np.array(weights), np.array(biases), whitening, limit)
+
+
+def impulse_features(features: int) -> list[int]:
+    """Return the columns of crest and clicks among a channel's features: their means, then their deviations.
+
+    >>> impulse_features(40)
+    [17, 18, 37, 38]
+    """
+    return [begin + CREST_INDEX + n for begin in (0, features // 2) for n in (0, 1)]
 
 
 def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:

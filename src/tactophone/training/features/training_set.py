@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tactophone.dataset import Recording, kin_of
 from tactophone.errors import DatasetError
 from tactophone.link import Codec
-from tactophone.perception import BAND_VALUES, MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
+from tactophone.perception import MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
 from tactophone.training.features.augmentation import Augmentation
 from tactophone.training.features.examples import Examples
 from tactophone.training.features.feature_tracks import (
@@ -83,7 +83,8 @@ class TrainingSet:
         if augmentation is None or self.spec.kind != "texture":
             return self.features(track)[mask]
         moments = self._moments(track)
-        offsets = [augmentation.draw(rng, channels=self.spec.channels) for _ in range(augmentation.copies)]
+        draw = augmentation.draw
+        offsets = [draw(rng, channels=self.spec.channels, values=self.spec.values) for _ in range(augmentation.copies)]
         return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
 
     def _moments(self, track: FeatureTrack) -> RunningMoments:
@@ -163,7 +164,7 @@ def build_training_set(
             [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
         )
     else:
-        change_metric = np.zeros((spec.channels, BAND_VALUES, BAND_VALUES))
+        change_metric = np.zeros((spec.channels, spec.values, spec.values))
     # The features of the examples follow from the prior and the metric, so these come first.
     unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
     rng = np.random.default_rng(seed)
