@@ -39,7 +39,7 @@ Tables = Mapping[str, NDArray[Any]]
 def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
     """Return a message of a header and its tables.
 
-    >>> message = pack({"age": math.nan}, {"steps": np.zeros((2, 3))})
+    >>> message = pack({"age": np.nan}, {"steps": np.zeros((2, 3))})
     >>> message[4:].split(b" ")[0], len(message)
     (b'{"age":null,"series":{"steps":[2,3]}}', 68)
     """
