@@ -73,8 +73,19 @@ def test_the_limit_is_kept_and_no_allowed_rule_has_more_recall() -> None:
     for goal, limit in (("false_bumps_per_minute", 5.0), ("false_positive_rate", 0.02)):
         place = choose_rule(outcomes, rules, goal=goal, limit=limit)
         assert table[goal][place] <= limit
-        allowed = table[goal] <= limit
+        allowed = (table[goal] <= limit) & (table["false_positive_rate"] <= table["false_positive_rate"][0])
         assert table["rough_recall"][place] >= table["rough_recall"][allowed].max() - 1e-3
+
+
+def test_bumps_are_not_avoided_by_staying_rough() -> None:
+    rules = (DecisionRule(), DecisionRule(0.5, 0.01, 1), DecisionRule(0.9, 0.8, 4))
+    outcomes = try_rules(predictions(), rules)
+    table = rates(outcomes)
+    assert table["false_bumps_per_minute"][1] < table["false_bumps_per_minute"][0]
+    assert table["rough_recall"][1] > table["rough_recall"][2]
+    limit = float(table["false_bumps_per_minute"][1:].max())
+    assert choose_rule(outcomes, rules, goal="false_bumps_per_minute", limit=limit) == 2
+    assert choose_rule(outcomes, rules, goal="false_positive_rate", limit=1.0) == 1
 
 
 def test_a_lower_limit_never_increases_recall() -> None:

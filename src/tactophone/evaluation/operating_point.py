@@ -110,10 +110,13 @@ def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRu
 def choose_rule(outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float) -> int:
     """Return the index of the rule with the highest rough recall within the limit; of equal ones, the quickest.
 
-    Raises `DatasetError` if no rule keeps the limit.
+    A limit of false bumps also excludes rules under which smooth is rough for longer than under the first: a touch that
+    stays rough once it has been has few bumps. Raises `DatasetError` if no rule keeps the limit.
     """
     table = rates(outcomes)
-    allowed = np.flatnonzero(table[goal] <= limit)
+    smooth_as_rough = table["false_positive_rate"]
+    longest = smooth_as_rough[0] if goal == "false_bumps_per_minute" else np.inf
+    allowed = np.flatnonzero((table[goal] <= limit) & (smooth_as_rough <= longest))
     if not len(allowed):
         lowest = float(np.min(table[goal]))
         raise DatasetError(f"no rule keeps {goal.replace('_', ' ')} under {limit:g}; the lowest is {lowest:.3g}")
