@@ -39,11 +39,15 @@ C = 0.05
 
 CLICKS, CREST = BAND_COUNT + 2, BAND_COUNT + 1
 
+SPEC = FeatureSpec(channels=1, microphone="air", unevenness=True)
+"""Features of a model for a hard tip."""
+
 GROUPS = {
-    "all": np.arange(2 * BAND_VALUES),
-    "crest and clicks": np.array([CREST, CLICKS, BAND_VALUES + CREST, BAND_VALUES + CLICKS]),
+    "all": np.arange(2 * SPEC.values),
+    "all but the treble's unevenness": np.delete(np.arange(2 * SPEC.values), [BAND_VALUES, SPEC.values + BAND_VALUES]),
+    "crest and clicks": np.array([CREST, CLICKS, SPEC.values + CREST, SPEC.values + CLICKS]),
 }
-"""Columns of the features: means of 16 bands and 4 shapes, then their deviations."""
+"""Columns of the features: means of 16 bands, 4 shapes and the unevenness, then their deviations."""
 
 TREBLE = (3000.0, 7000.0)
 """Hz of the bands whose deviation is the treble's flicker."""
@@ -51,7 +55,7 @@ TREBLE = (3000.0, 7000.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Features ``(windows, 40)``, label and surface of each window."""
+    """Features ``(windows, 42)``, label and surface of each window."""
 
     features: Floats
     rough: NDArray[np.bool_]
@@ -64,7 +68,7 @@ class Windows:
 
 def windows_of(recordings: Sequence[Recording], gate: Gate) -> Windows:
     """Compute the features of all windows in contact, by ground truth and level."""
-    tracks = extract_features(recordings, FeatureSpec(channels=1, microphone="air"))
+    tracks = extract_features(recordings, SPEC)
     floor = contact_threshold(tracks) if gate == "over the floor" else ALWAYS_DBFS
     real = gate == "near the take's loudest"
     kept = [_in_contact(track, track.level_dbfs.max() - AUDIBLE_DB if real else floor) for track in tracks]
@@ -72,7 +76,7 @@ def windows_of(recordings: Sequence[Recording], gate: Gate) -> Windows:
     names = sorted({track.recording.surface for track in tracks})
     rows, rough, surface = [], [], []
     for track, (mask, level) in zip(tracks, kept, strict=True):
-        running = accumulate(track, level, np.zeros((1, BAND_VALUES, BAND_VALUES)))
+        running = accumulate(track, level, np.zeros((1, SPEC.values, SPEC.values)))
         rows.append(running.features(prior, track.present)[mask])
         rough += [track.recording.label is Touch.ROUGH] * mask.sum()
         surface += [names.index(track.recording.surface)] * mask.sum()
@@ -116,7 +120,7 @@ def treble_columns() -> NDArray[np.intp]:
     """Deviations of the bands within `TREBLE`."""
     mel = np.linspace(*(2595 * np.log10(1 + np.array([40.0, 7600.0]) / 700)), BAND_COUNT + 2)[1:-1]
     centre = 700 * (10 ** (mel / 2595) - 1)
-    return BAND_VALUES + np.flatnonzero((centre >= TREBLE[0]) & (centre <= TREBLE[1]))
+    return SPEC.values + np.flatnonzero((centre >= TREBLE[0]) & (centre <= TREBLE[1]))
 
 
 def describe(name: str, windows: Windows) -> str:
