@@ -132,7 +132,7 @@ def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch
 def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:
     with Supervisor(live, Settings(), name=name) as supervisor:
         os.kill(supervisor.pid, signal.SIGSTOP)
-    with pytest.raises(TactophoneError, match="cannot watch"):
+    with pytest.raises(TactophoneError, match="cannot reach"):
         Watcher(name)
 
 

@@ -168,8 +168,9 @@ def _opened(path: Path) -> BinaryIO:
     try:
         file = os.fdopen(os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)), "r+b")
     except OSError as error:
+        reason = "there is no such run" if isinstance(error, FileNotFoundError) else error.strerror
         raise TactophoneError(
-            f"cannot watch {_run(path)} ({error.strerror}): start `tactophone receive` (or send, loopback), "
+            f"cannot reach {_run(path)} ({reason}): start `tactophone receive` (or send, loopback), "
             "or name another with --name"
         ) from None
     whole = os.fstat(file.fileno())

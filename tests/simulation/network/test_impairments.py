@@ -84,3 +84,12 @@ def test_loss_can_be_listed() -> None:
 def test_an_invalid_profile_is_refused(wrong: str) -> None:
     with pytest.raises(ConfigError):
         network_profile(wrong)
+
+
+@pytest.mark.parametrize(
+    "wrong", ["loss=2", "duplicates=1.5", "burst=0", "delay=-1", "jitter=nan", "stall=inf", "stall_interval=0"]
+)
+def test_what_is_out_of_range_is_named(wrong: str) -> None:
+    name, value = wrong.split("=")
+    with pytest.raises(ConfigError, match=f"a network's {name} .*, not {value}"):
+        network_profile(wrong)

@@ -40,9 +40,17 @@ class NetworkProfile:
     interval is infinite."""
 
     def __post_init__(self) -> None:
-        times = self.delay, self.jitter, self.spread, self.stall
-        if not (0 <= self.loss < 1 <= self.burst < math.inf and all(0 <= time < math.inf for time in times)):
-            raise ConfigError(f"{self} is out of range: loss is 0 to below 1, burst at least 1, times at least 0")
+        if not 0 <= self.loss < 1:
+            raise ConfigError(f"a network's loss is a share from 0 to below 1, not {self.loss:g}")
+        if not 0 <= self.duplicates <= 1:
+            raise ConfigError(f"a network's duplicates are a share from 0 to 1, not {self.duplicates:g}")
+        if not 1 <= self.burst < math.inf:
+            raise ConfigError(f"a network's burst is at least 1 packet, not {self.burst:g}")
+        for name in ("delay", "jitter", "spread", "stall"):
+            if not 0 <= (time := getattr(self, name)) < math.inf:
+                raise ConfigError(f"a network's {name} is a time in s, at least 0, not {time:g}")
+        if not self.stall_interval > 0:
+            raise ConfigError(f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}")
 
 
 PROFILES: dict[str, NetworkProfile] = {
