@@ -1,3 +1,4 @@
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,17 @@ import tactophone
 @pytest.mark.parametrize("name", tactophone.__all__)
 def test_every_public_name_can_be_imported(name: str) -> None:
     assert getattr(tactophone, name) is not None
+
+
+@pytest.mark.parametrize("name", tactophone.__all__)
+def test_every_public_class_and_function_has_a_docstring(name: str) -> None:
+    value = getattr(tactophone, name)
+    if not (inspect.isclass(value) or inspect.isfunction(value)) or value.__module__.startswith("numpy"):
+        return
+    assert value.__doc__
+    for method, member in vars(value).items() if inspect.isclass(value) else ():
+        if not method.startswith("_") and (inspect.isfunction(member) or isinstance(member, property)):
+            assert member.__doc__, f"{name}.{method}"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
