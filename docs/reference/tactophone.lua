@@ -17,11 +17,6 @@ fields.rough = ProtoField.double("tactophone.rough", "Probability of rough")
 fields.roughness = ProtoField.double("tactophone.roughness", "Roughness")
 fields.level = ProtoField.double("tactophone.level_dbfs", "Level (dBFS)")
 fields.window = ProtoField.double("tactophone.window", "Length of the window (s)")
-fields.unit = ProtoField.uint8("tactophone.haptics.unit", "Unit type", base.DEC, { [2] = "temporal", [4] = "silent" }, 0x70)
-fields.duration = ProtoField.double("tactophone.haptics.duration", "Duration of the unit (s)")
-fields.effect = ProtoField.uint32("tactophone.haptics.effect", "Number of the effect")
-fields.amplitude = ProtoField.double("tactophone.haptics.amplitude", "Amplitude of full drive")
-fields.frequency = ProtoField.double("tactophone.haptics.frequency", "Frequency (Hz)")
 
 local wrong_size = ProtoExpert.new("tactophone.size", "not 16 bytes, or 17 for each finger", expert.group.MALFORMED, expert.severity.ERROR)
 prediction.experts = { wrong_size }
@@ -61,28 +56,5 @@ function prediction.dissector(buffer, pinfo, tree)
     end
 end
 
--- A vibration by RFC 9993: bits of the payload, most significant first, as the tables of the wire format count them.
-local haptics = Proto("tactophone_haptics", "Tactophone vibration (RFC 9993)")
-local wrong_unit = ProtoExpert.new("tactophone.haptics.kind", "not a silent unit of 10 bytes or a temporal one of 35", expert.group.MALFORMED, expert.severity.ERROR)
-haptics.experts = { wrong_unit }
-
-function haptics.dissector(buffer, pinfo, tree)
-    local branch, size = tree:add(haptics, buffer()), buffer:len()
-    local kind = size > 0 and buffer(0, 1):bitfield(1, 3) or 0
-    if not (kind == 4 and size == 10 or kind == 2 and size == 35) then
-        branch:add_proto_expert_info(wrong_unit)
-        return
-    end
-    pinfo.cols.protocol = "TACTOPHONE"
-    branch:add(fields.unit, buffer(0, 1))
-    branch:add(fields.duration, buffer(2, 4), buffer(2, 4):bitfield(4, 24) / RATE)
-    if kind == 2 then
-        branch:add(fields.effect, buffer(19, 3), buffer(19, 3):bitfield(1, 16))
-        branch:add(fields.amplitude, buffer(29, 2), 2 * buffer(29, 2):bitfield(3, 8) / 255 - 1)
-        branch:add(fields.frequency, buffer(32, 3), buffer(32, 3):bitfield(3, 16))
-    end
-end
-
-DissectorTable.get("rtp.pt"):add(102, haptics)
 DissectorTable.get("rtp.pt"):add(100, prediction)
 DissectorTable.get("rtp.pt"):add(121, prediction)

@@ -20,7 +20,6 @@ from tactophone.link import (
     Session,
 )
 from tactophone.link.codec import open_decoder
-from tactophone.link.haptic_payload import read_haptics, write_haptics
 from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
 from tactophone.link.prediction_payload import read_hand, read_prediction, write_hand
 from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
@@ -58,12 +57,6 @@ def reports() -> tuple[Sequence[bytes], Run]:
         bytes(parse_report(data))
 
     return _REPORTS, run
-
-
-def haptics() -> tuple[Sequence[bytes], Run]:
-    rough = write_haptics(Prediction((0.0, 0.0, 1.0), Touch.ROUGH, 1.0, -20.0, 0.0, 0.256))
-    silent = write_haptics(Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -60.0, 0.0, 0.256))
-    return [rough, silent], lambda data: read_haptics(data, end=1.0)
 
 
 def predictions() -> tuple[Sequence[bytes], Run]:
@@ -274,7 +267,6 @@ TARGETS = {
     "reports": Target(reports, (PacketError,)),
     "predictions": Target(predictions, (PacketError,)),
     "hand_predictions": Target(hand_predictions, (PacketError,)),
-    "haptics": Target(haptics, (PacketError,)),
     "logged_events": Target(logged_events, (PacketError,)),
     "opus": Target(opus, (PacketError,)),
     "strangers": Target(strangers),

@@ -15,7 +15,6 @@ from tactophone.link import (
     SendGroup,
     SendSession,
 )
-from tactophone.link.events import PacketReceived
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 
@@ -139,24 +138,6 @@ def test_predictions_take_tens_of_bytes() -> None:
     assert received[5].prediction.touch is Touch.ROUGH
     assert received[5].prediction.probabilities == pytest.approx((0, 0.25, 0.75), abs=1e-4)
     assert call.operator.gauges["bitrate_bps"] < 8 * 400 * 80
-
-
-def test_predictions_travel_as_haptics() -> None:
-    """RFC 9993: the first packet after silence has the marker, and no other; silence is sent too."""
-    call = Call()
-    call.link.robot = call.robot = SendSession(calling(), BlockEncoder(PCM), haptics=True)
-    sent: list[bytes] = []
-    call.robot.tap = lambda event: sent.append(event.packet) if isinstance(event, PacketReceived) else None
-    call.run(1.0)
-    for touch, roughness in ((Touch.NONE, 0.0), (Touch.ROUGH, 0.75), (Touch.ROUGH, 0.75), (Touch.NONE, 0.0)):
-        call.position += 512
-        end = call.position / RATE
-        call.robot.send_prediction(Prediction((0.1, 0.1, 0.8), touch, roughness, -20.0, 0.0, end))
-    call.run(0.1)
-    received = [event.prediction for _, event in call.events if isinstance(event, PredictionReceived)]
-    assert [each.touch for each in received] == [Touch.NONE, Touch.ROUGH, Touch.ROUGH, Touch.NONE]
-    assert received[1].roughness == pytest.approx(0.75, abs=0.0125)
-    assert [packet[1] for packet in sent] == [102, 0x80 | 102, 102, 102]
 
 
 def test_a_late_prediction_is_stale() -> None:

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
-from tactophone.link.haptic_payload import read_vibration, write_haptics
 from tactophone.link.packet import PayloadType
 from tactophone.link.prediction_payload import write_hand, write_prediction
 from tactophone.link.srtp import KEY_SIZE, SALT_SIZE, Secrets, SrtpCrypto
@@ -57,25 +56,6 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
     assert together["tactophone"]["tactophone.finger"] == ["0", "1"]
     assert together["tactophone"]["tactophone.touch"] == ["2", "0"]
     assert "not 16 bytes" in json.dumps(cut)
-
-
-@needs_wireshark
-def test_the_dissector_reads_vibrations_of_rfc_9993(tmp_path: Path) -> None:
-    packetizer = Packetizer(BlockEncoder(Codec("opus")), ssrc=SSRC, redundancy=Redundancy(RedundancyRule()))
-    sent = [
-        bytes(packetizer.wrap(PayloadType.HAPTICS, round(each.end * RATE), write_haptics(each))) for each in PREDICTIONS
-    ]
-    rough, silent, cut = dissected(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
-    found = rough["tactophone_haptics"]
-    vibration = read_vibration(write_haptics(PREDICTIONS[0]))
-    assert vibration is not None
-    assert found["tactophone.haptics.unit"] == "2"
-    assert float(found["tactophone.haptics.duration"]) == pytest.approx(512 / RATE)
-    assert int(found["tactophone.haptics.effect"]) == round(PREDICTIONS[0].end * RATE) // 512
-    assert float(found["tactophone.haptics.amplitude"]) == pytest.approx(vibration.amplitude)
-    assert float(found["tactophone.haptics.frequency"]) == vibration.frequency
-    assert silent["tactophone_haptics"]["tactophone.haptics.unit"] == "4"
-    assert "not a silent unit" in json.dumps(cut)
     assert len(LUA.read_text().splitlines()) <= 100
 
 

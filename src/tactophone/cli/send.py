@@ -17,7 +17,6 @@ FLAGS = {
     "--codec": "link.codec",
     "--packet-duration": "link.packet_duration",
     "--send-predictions": "link.send_predictions",
-    "--prediction-payload": "link.prediction_payload",
     "--model": "detector.model",
     "--calibration": "detector.calibration",
     "--identity": "link.identity",

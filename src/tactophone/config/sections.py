@@ -69,11 +69,6 @@ class Link:
     )
     redundancy: int = _setting(-1, "earlier packets repeated in each; -1: adapt to the loss", span=(-1, 2))
     send_predictions: bool = _setting(False, "run the detector on the robot and send only its predictions")
-    prediction_payload: str = _choice(
-        "tactophone",
-        "form in which predictions are sent: all of each in 16 bytes, or as vibration in the RTP payload for haptics",
-        ("tactophone", "rfc9993"),
-    )
 
 
 @dataclass(frozen=True, slots=True)

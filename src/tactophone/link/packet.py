@@ -47,7 +47,6 @@ class PayloadType(enum.IntEnum):
     MULTIOPUS = 99
     PREDICTION = 100
     RED = 101
-    HAPTICS = 102
     L16_HAND_2 = 103
     L16_HAND_3 = 104
     L16_HAND_4 = 105

@@ -94,14 +94,10 @@ class Packetizer:
         self._past.append(packet.payload)
         return packet
 
-    def wrap(self, kind: PayloadType, position: int, content: bytes, *, marker: bool | None = None) -> Packet:
-        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream.
-
-        ``marker`` replaces the stream's own rule, which marks the first packet and those after gaps in the sound.
-        """
+    def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
+        """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
         payload = Payload(kind, (self.origin + position) % (1 << 32), content)
-        marked = self._marker if marker is None else marker
-        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), marked)
+        packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), self._marker)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
         return packet

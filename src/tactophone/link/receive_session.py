@@ -10,7 +10,6 @@ from tactophone.link.delay_estimator import MinDelayFilter
 from tactophone.link.depacketizer import STALENESS, DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
-from tactophone.link.haptic_payload import read_haptics
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
 from tactophone.link.prediction_payload import read_hand, read_prediction
@@ -28,8 +27,7 @@ _STREAM_COUNTERS = (
     "packets_concealed", "packets_skipped", "packets_broken", "samples_received", "samples_concealed",
 )  # fmt: skip
 
-_PREDICTIONS = {PayloadType.PREDICTION: read_prediction, PayloadType.HAPTICS: read_haptics}
-_NO_SOUND = {*_PREDICTIONS, PayloadType.HAND_PREDICTION}
+_PREDICTIONS = (PayloadType.PREDICTION, PayloadType.HAND_PREDICTION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +169,7 @@ class ReceiveSession:
                     self._handle_report(event.packet, now)
                 elif (packet := self._parse(event.packet)) is None:
                     continue
-                elif packet.payload.kind in _NO_SOUND:
+                elif packet.payload.kind in _PREDICTIONS:
                     received += self._handle_prediction(packet, now)
                 else:
                     packets.append(packet)
@@ -257,7 +255,7 @@ class _PredictionStream:
         if payload.kind == PayloadType.HAND_PREDICTION:
             found, fingers = read_hand(payload.content, end=end)
         else:
-            found = {0: _PREDICTIONS[payload.kind](payload.content, end=end)}
+            found = {0: read_prediction(payload.content, end=end)}
         fresh = {finger: each for finger, each in found.items() if samples > self._newest.get(finger, -1)}
         if not fresh:
             return []

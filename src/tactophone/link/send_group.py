@@ -22,7 +22,7 @@ class SendGroup:
     The sound is encoded once. Everything else is each operator's own: handshake, keys, packet numbers, redundancy,
     reports, faults. So what one operator sends, loses or leaves out changes nothing for the others, with one exception:
     the first request for a larger bandwidth than before restarts the encoder. Each session calls another address;
-    ``rule`` and ``haptics`` are as of `SendSession`, ``prompt`` as of `BlockEncoder`. With ``follow`` the bandwidth
+    ``rule`` is as of `SendSession`, ``prompt`` as of `BlockEncoder`. With ``follow`` the bandwidth
     follows the operators' requests.
 
     Attributes
@@ -41,13 +41,12 @@ class SendGroup:
         *,
         rule: RedundancyRule | None = None,
         follow: bool = False,
-        haptics: bool = False,
         prompt: bool = False,
     ) -> None:
         if not 1 <= len(sessions) <= MOST_OPERATORS:
             raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
         self._encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
-        self.members = [SendSession(each, self._encoder, rule=rule, haptics=haptics) for each in sessions]
+        self.members = [SendSession(each, self._encoder, rule=rule) for each in sessions]
         self.tap: Callable[[Event], None] = _ignore
         self._sound_faults = 0
         self._lowers = True

@@ -9,7 +9,6 @@ from tactophone.link.block_encoder import BlockEncoder, EncodedSound
 from tactophone.link.codec import NARROW_BAND
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
-from tactophone.link.haptic_payload import is_silent, write_haptics
 from tactophone.link.packet import CLOCK_RATE, Packet, PayloadType
 from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.prediction_payload import write_hand, write_prediction
@@ -27,7 +26,6 @@ class SendSession:
     """Sends sound or predictions, and evaluates the operator's reports.
 
     The encoder is of this session's sound; where others carry the same, their one encoder, which a `SendGroup` feeds.
-    With ``haptics`` predictions are sent in the payload of RFC 9993 instead of this project's own.
 
     Attributes
     ----------
@@ -41,10 +39,8 @@ class SendSession:
         Called with each connection made or lost, and with each packet before it is encrypted, for a log.
     """
 
-    def __init__(
-        self, session: Session, encoder: BlockEncoder, *, rule: RedundancyRule | None = None, haptics: bool = False
-    ) -> None:
-        self.session, self._encoder, self._haptics, self._silent = session, encoder, haptics, True
+    def __init__(self, session: Session, encoder: BlockEncoder, *, rule: RedundancyRule | None = None) -> None:
+        self.session, self._encoder = session, encoder
         self.bandwidth = 0.0
         self.redundancy = Redundancy(rule or RedundancyRule())
         self.counters: Counter[str] = Counter()
@@ -80,10 +76,7 @@ class SendSession:
         """Send a prediction instead of sound."""
         if self._packetizer:
             end = round(prediction.end * CLOCK_RATE)
-            if self._haptics:
-                self._send([self._haptic_packet(self._packetizer, end, write_haptics(prediction))])
-            else:
-                self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
+            self._send([self._packetizer.wrap(PayloadType.PREDICTION, end, write_prediction(prediction))])
 
     def send_hand(self, predictions: Mapping[int, Prediction], *, fingers: int) -> None:
         """Send predictions by finger, of windows that end together, instead of a hand's sound."""
@@ -107,11 +100,6 @@ class SendSession:
     def outgoing(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
-
-    def _haptic_packet(self, packetizer: Packetizer, end: int, content: bytes) -> Packet:
-        """Mark the first packet after silence, and no other (RFC 9993, section 5.1)."""
-        before, self._silent = self._silent, is_silent(content)
-        return packetizer.wrap(PayloadType.HAPTICS, end, content, marker=before and not self._silent)
 
     def _send(self, packets: list[Packet]) -> None:
         self.counters["packets_sent"] += len(packets)

@@ -83,11 +83,6 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
         As `operators_of` and `open_session`, and where two names lead to one address.
     """
     link = settings.link
-    haptics = link.prediction_payload == "rfc9993"
-    if haptics and settings.fingers:
-        raise ConfigError(
-            "the payload rfc9993 holds the vibration of one finger: leave --prediction-payload out of a hand"
-        )
     operators = [resolve_all(host, port) for host, port in operators_of(link)]
     every = Counter(address for found in operators for address in set(found))
     if twice := [address for address, count in every.items() if count > 1]:
@@ -102,7 +97,7 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
     sessions = [open_session(settings, call=found) for found in operators]
-    return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, haptics=haptics, prompt=True)
+    return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 
 def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
