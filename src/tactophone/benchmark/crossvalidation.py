@@ -18,7 +18,7 @@ from tactophone.evaluation import Predictor, TakePredictions
 from tactophone.types import Touch
 
 TRAINING_CODE = (
-    "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/channels.py",
+    "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/values.py",
     "benchmark/methods.py", "benchmark/regression_features.py", "benchmark/height_regression.py",
 )  # fmt: skip
 """Folders and files of the package that train detectors or run them."""

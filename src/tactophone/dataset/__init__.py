@@ -4,7 +4,6 @@
 `write_metadata` writes the one manifest format, and `ground_truth` returns the known labels of a single file.
 """
 
-from tactophone.dataset.channels import channel_order
 from tactophone.dataset.checks import check, usable, with_channels
 from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
 from tactophone.dataset.converters import convert, set_split, write_card
@@ -17,7 +16,17 @@ from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata
 from tactophone.dataset.plots import draw_dataset
 from tactophone.dataset.published_sets import FORMATS
 from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
-from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, fingerprint, touch_at
+from tactophone.dataset.values import (
+    LABEL_NAMES,
+    Dataset,
+    Problem,
+    Recording,
+    Segment,
+    channel_order,
+    fingerprint,
+    open_sound,
+    touch_at,
+)
 
 __all__ = [
     "DEFAULT_CONTACT_DBFS",
@@ -48,6 +57,7 @@ __all__ = [
     "kin_of",
     "measure_heights",
     "open_dataset",
+    "open_sound",
     "read_heights",
     "read_metadata",
     "set_split",

@@ -4,15 +4,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import soundfile
 
-from tactophone.dataset.channels import channel_order
-from tactophone.dataset.values import Dataset, Problem, Recording
+from tactophone.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
-
-READ_SIZE = 1 << 16
-"""Samples read at once: more is no faster, and memory must not grow with a recording's length."""
 
 MIN_RATE = 2000
 """Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""
@@ -79,8 +74,9 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
 
 def _holds(recording: Recording, count: int) -> bool:
     try:
-        return max(channel_order(recording, count=count)) < int(soundfile.info(recording.path).channels)
-    except (DatasetError, soundfile.LibsndfileError, OSError):
+        with open_sound(recording.path) as file:
+            return max(channel_order(recording, count=count)) < int(file.channels)
+    except DatasetError:
         return False
 
 
@@ -95,16 +91,15 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
         return
     try:
         measured = _measure(recording)
-    except (soundfile.LibsndfileError, RuntimeError, OSError) as error:
-        reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
-        yield Problem(path, "broken", f"cannot be read as sound ({reason}); restore it or drop its line")
+    except DatasetError as error:
+        yield Problem(path, "broken", str(error).removeprefix(f"{path}: "))
         return
     for kind, message, fatal in (*_sound_faults(measured), *_manifest_faults(recording, measured)):
         yield Problem(path, kind, message, fatal)
 
 
 def _measure(recording: Recording) -> _Measurements:
-    with soundfile.SoundFile(recording.path) as file:
+    with open_sound(recording.path) as file:
         peaks, clipped, size, finite = np.zeros(file.channels), 0, 0, True
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
             magnitude = np.abs(samples)

@@ -3,12 +3,11 @@
 import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
-import soundfile
 
 from tactophone.dataset.values import Dataset, Problem, Recording
+from tactophone.errors import DatasetError
 from tactophone.types import CONTACT, Touch
 
 DEFAULT_CONTACT_DBFS = -60.0
@@ -94,9 +93,11 @@ def _without_contact(recording: Recording, contact: float, threshold_dbfs: float
 def _measure(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
     """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
     try:
-        samples, rate = _read(recording.path)
-    except (soundfile.LibsndfileError, OSError):
+        sound = recording.read()
+    except DatasetError:
         return None
+    # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
+    samples, rate = sound.samples.round(4), sound.sample_rate
     channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
     if not samples.size or not np.isfinite(samples).all():
         return None  # reported as a fault of the file
@@ -106,9 +107,3 @@ def _measure(recording: Recording, threshold_dbfs: float) -> tuple[str, float] |
     power = np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
     digest = hashlib.sha256(f"{rate}".encode() + samples.tobytes()).hexdigest()
     return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
-
-
-def _read(path: Path) -> tuple[np.ndarray, int]:
-    with soundfile.SoundFile(path) as file:
-        # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
-        return file.read(dtype="float32", always_2d=True).round(4), int(file.samplerate)

@@ -11,10 +11,9 @@ from typing import Any
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset.checks import READ_SIZE
 from tactophone.dataset.metadata import FILE_NAME, write_metadata
 from tactophone.dataset.mono_pairs import read_joined
-from tactophone.dataset.values import Dataset, Recording
+from tactophone.dataset.values import READ_SIZE, Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.types import Touch
 

@@ -14,10 +14,9 @@ from types import MappingProxyType
 
 import soundfile
 
-from tactophone.dataset.channels import TWO_CHANNELS
 from tactophone.dataset.metadata import PARTS
 from tactophone.dataset.mono_pairs import pair_fault
-from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
+from tactophone.dataset.values import LABEL_NAMES, TWO_CHANNELS, Dataset, Problem, Recording
 
 SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
 

@@ -12,6 +12,9 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
+from tactophone.dataset.values import Recording
+from tactophone.errors import DatasetError
+
 CELL = 1e-3
 """Seconds over which a level is measured, and so the resolution of a lag."""
 
@@ -51,17 +54,15 @@ class Lag:
 def pair_fault(contact: Path, air: Path) -> PairFault | None:
     """Return what keeps two mono files from being channels of one recording; ``None`` if nothing does."""
     try:
-        (one, rate), (two, its_rate) = (
-            soundfile.read(path, dtype="float32", always_2d=True) for path in (contact, air)
-        )
-    except (soundfile.LibsndfileError, OSError) as error:
-        return PairFault(f"its pair cannot be read ({error}); restore both files")
-    if one.shape[1] != 1 or two.shape[1] != 1:
-        found = f"{one.shape[1]} and {two.shape[1]}"
+        one, two = (Recording(path, "").read() for path in (contact, air))
+    except DatasetError as error:
+        return PairFault(f"its pair cannot be read: {error}")
+    if one.channels != 1 or two.channels != 1:
+        found = f"{one.channels} and {two.channels}"
         return PairFault(f"it and {air.name} hold {found} channels; two mono files make a pair")
-    if rate != its_rate:
-        return PairFault(f"{rate} Hz, but {air.name} has {its_rate} Hz; resample one of them first")
-    return _timing_fault(one[:, 0], two[:, 0], rate=rate, name=air.name)
+    if one.sample_rate != two.sample_rate:
+        return PairFault(f"{one.sample_rate} Hz, but {air.name} has {two.sample_rate} Hz; resample one of them first")
+    return _timing_fault(one.samples[:, 0], two.samples[:, 0], rate=one.sample_rate, name=air.name)
 
 
 def _timing_fault(first: NDArray[np.float32], second: NDArray[np.float32], *, rate: int, name: str) -> PairFault | None:

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import soundfile
 
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
@@ -71,9 +70,9 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
 
 def _levels(recording: Recording) -> tuple[float, float, float]:
     """Return p10, p50 and p90 of the level over 0.25 s, in dBFS, of the first channel."""
-    samples, rate = soundfile.read(recording.path, dtype="float32", always_2d=True)
-    size = max(1, rate // 4)
-    cells = samples[: len(samples) // size * size, 0].reshape(-1, size)
+    sound = recording.read()
+    size = max(1, sound.sample_rate // 4)
+    cells = sound.samples[: sound.size // size * size, 0].reshape(-1, size)
     power = np.square(cells, dtype=np.float64).mean(axis=1)
     levels = 10 * np.log10(np.maximum(power, 1e-10)) if len(power) else np.array([-100.0])
     low, middle, high = np.percentile(levels, [10, 50, 90])
@@ -81,11 +80,10 @@ def _levels(recording: Recording) -> tuple[float, float, float]:
 
 
 def _draw_spectrogram(axes: Any, recording: Recording) -> None:
-    with soundfile.SoundFile(recording.path) as file:
-        rate = int(file.samplerate)
-        samples = file.read(int(EXCERPT * rate), dtype="float32", always_2d=True)[:, 0]
+    sound = recording.read(duration=EXCERPT)
+    rate = sound.sample_rate
     size = 1 << int(np.log2(rate / 40))
-    axes.specgram(samples + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40)
+    axes.specgram(sound.samples[:, 0] + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40)
     axes.set_ylim(0, min(MAX_FREQUENCY, rate / 2))
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")

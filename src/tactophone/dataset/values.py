@@ -1,16 +1,25 @@
-"""Values of a data set: recordings, their labels and segments. No file is opened here except to hash it."""
+"""Values of a data set: recordings with their labels, segments and sound."""
 
+import contextlib
 import functools
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+import soundfile
+
 from tactophone.errors import DatasetError
-from tactophone.types import Touch
+from tactophone.types import AudioBlock, FloatArray, Touch
+
+READ_SIZE = 1 << 15
+"""Samples read at once: more is no faster, and memory must not grow with a recording's length."""
+
+TWO_CHANNELS = ("contact", "air")
 
 LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
     {
@@ -106,6 +115,109 @@ class Recording:
         """
         value = self.properties[name] if name in self.properties else getattr(self, name, "")
         return value.name.lower() if isinstance(value, Touch) else str(value or "")
+
+    def blocks(
+        self, *, channels: int | None = None, single: str = "contact", size: int = READ_SIZE
+    ) -> Iterator[AudioBlock]:
+        """Read the sound block by block, so that memory does not grow with its length.
+
+        Parameters
+        ----------
+        channels
+            2 for contact and air, 1 for one of them, as :func:`channel_order` finds them; ``None`` for all channels in
+            the file's order.
+        single
+            Which microphone to read when ``channels`` is 1.
+        size
+            Samples a block; the last one may be shorter.
+
+        Raises
+        ------
+        DatasetError
+            If the file cannot be read as sound, or has too few channels.
+        """
+        with open_sound(self.path) as file:
+            order, start = self._order(file, channels, single), 0
+            for samples in file.blocks(size, dtype="float32", always_2d=True):
+                yield AudioBlock(_pick(samples, order), int(file.samplerate), start)
+                start += len(samples)
+
+    def read(
+        self, *, channels: int | None = None, single: str = "contact", start: float = 0.0, duration: float | None = None
+    ) -> AudioBlock:
+        """Read the whole sound, or ``duration`` s from ``start`` s on, as one block; all else as in :meth:`blocks`."""
+        with open_sound(self.path) as file:
+            order = self._order(file, channels, single)
+            rate = int(file.samplerate)
+            first = file.seek(round(start * rate))
+            samples = file.read(-1 if duration is None else round(duration * rate), dtype="float32", always_2d=True)
+            return AudioBlock(_pick(samples, order), rate, first)
+
+    def _order(self, file: soundfile.SoundFile, channels: int | None, single: str) -> tuple[int, ...] | None:
+        if channels is None:
+            return None
+        order = channel_order(self, count=channels, single=single)
+        if max(order) >= file.channels:
+            raise DatasetError(
+                f"{self.path}: has {file.channels} channel, but the model takes {channels}; take a one-channel model, "
+                "or train one with --channels 1 (with the recipe paper, --variant one-channel)"
+            )
+        return order
+
+
+def _pick(samples: FloatArray, order: tuple[int, ...] | None) -> FloatArray:
+    return samples if order is None else np.ascontiguousarray(samples[:, order])
+
+
+def channel_order(recording: Recording, *, count: int, single: str = "contact") -> tuple[int, ...]:
+    """Return which of a file's channels to read, in the order contact, air.
+
+    Parameters
+    ----------
+    recording
+        If its channels are unknown, they are taken as contact, then air.
+    count
+        Channels to read: 2 or 1.
+    single
+        Which microphone to read when ``count`` is 1; the file's first channel if it has no such microphone.
+
+    Raises
+    ------
+    DatasetError
+        If ``count`` is 2 and the file does not hold one contact and one air channel.
+
+    Examples
+    --------
+    >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), count=2)
+    (1, 0)
+    """
+    names = recording.channels
+    if count == 1:
+        return (names.index(single) if single in names else 0,)
+    if not names:
+        return (0, 1)
+    if sorted(names) != sorted(TWO_CHANNELS):
+        raise DatasetError(
+            f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
+            "use the one-channel variant (--channels 1; with the recipe paper, --variant one-channel)"
+        )
+    return tuple(names.index(name) for name in TWO_CHANNELS)
+
+
+@contextlib.contextmanager
+def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
+    """Open a sound file for reading.
+
+    Raises `DatasetError` if it cannot be opened, or fails to read within the ``with`` block.
+    """
+    try:
+        with soundfile.SoundFile(path) as file:
+            yield file
+    except (soundfile.SoundFileError, OSError) as error:
+        reason = str(getattr(error, "error_string", error)).strip().rstrip(".")
+        raise DatasetError(
+            f"{path}: cannot be read as sound ({reason}); restore it, or drop its line from the manifest"
+        ) from error
 
 
 def _unpickle(*values: Any) -> Recording:
