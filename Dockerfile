@@ -11,9 +11,14 @@ COPY scripts/system-packages /tmp/system-packages
 RUN PACKAGES="jackd2 libopus0 libportaudio2" /tmp/system-packages && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /tactophone
+COPY requirements/lock.txt requirements/lock.txt
 COPY pyproject.toml README.md LICENSE ./
 COPY src src
-RUN pip install --no-cache-dir '.[plot,sim,link,jack,portaudio,dashboard]'
+# The lock's versions; of its packages only those that these extras need.
+RUN pip install --no-cache-dir --constraint requirements/lock.txt '.[plot,sim,link,jack,portaudio,dashboard]'
+
+RUN useradd --create-home tactophone && install -d -o tactophone /out
+USER tactophone
 
 # The demo needs no sound device; the latency measurement starts JACK with its dummy driver.
 CMD ["sh", "-c", "tactophone demo --out /out && tactophone latency --dummy --impulses 40 --no-decisions"]

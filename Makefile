@@ -3,31 +3,32 @@ VENV   ?= .venv
 PYTHON ?= python3
 BIN     = $(VENV)/bin
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples hardware scripts/retired_words scripts/docs_hooks.py
+CODE    = src tests benchmarks examples hardware scripts/docs_hooks.py
+LOCK    = requirements/lock.txt
 # Two workers on two cores: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 # Bytecode is kept even where the environment says otherwise: the tests start hundreds of processes, each of which would
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo check test lint types imports words fast unit package realtime fuzz coverage docs lock model clean
+.PHONY: demo check test lint types imports fast unit package realtime fuzz coverage docs docs-figures lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
 	$(BIN)/python -m tactophone demo $(if $(RECORDING),--recording '$(RECORDING)')
 
-check: lint types words fast  ## lint, types, retired words and the fast tests
+check: lint types fast  ## lint, types and the fast tests
 
 # What needs one processor runs two at once; the tests share both.
 test: $(READY)  ## everything that CI checks
-	$(MAKE) --jobs 2 --output-sync=target package types lint imports words
+	$(MAKE) --jobs 2 --output-sync=target package types lint imports
 	$(MAKE) unit realtime
 
-$(READY): pyproject.toml constraints.txt scripts/system-packages
+$(READY): pyproject.toml $(LOCK) scripts/system-packages
 	scripts/system-packages
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet torch==2.13.0  # not in constraints.txt: its build, and so its hash, differs by machine
-	$(BIN)/python -m pip install --quiet --require-hashes --requirement constraints.txt
+	$(BIN)/python -m pip install --quiet torch==2.13.0  # not in the lock: its build, and so its hash, differs by machine
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement $(LOCK)
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	-command -v npm >/dev/null && npm install --silent --no-audit --no-fund --fetch-retries 0 --fetch-timeout 20000 --prefix tests/node  # axe-core, Foxglove's client
 	touch $@
@@ -41,9 +42,6 @@ types: $(READY)
 
 imports: $(READY)
 	$(BIN)/lint-imports
-
-words: $(READY)
-	$(BIN)/python scripts/retired_words
 
 fast: $(READY)
 	$(PYTEST) -n 2 -m 'not realtime and not slow and not package' tests
@@ -79,53 +77,16 @@ coverage: $(READY)
 docs: $(READY)  ## the documentation site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
-# Resolves constraints.txt anew from pyproject.toml, with the newest versions it allows.
+# Runs each script whose figures or pictures the docs print, but those that need a data set (benchmarks/README.md marks them).
+FIGURES = help_time live_compute simulation link demo_scores touch_events scale latency latency_figure page pictures
+docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
+	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
+
+# Resolves the lock anew from pyproject.toml, with the newest versions it allows.
 lock:
 	scripts/lock
 
-# Trains the shipped models again, on the authors' 20 training objects: one for the pad, one for the stylus, and the
-# paper's network; about 25 minutes of one core, each step under 15. With TACTOPHONE_RECORDINGS set to a folder of real
-# recordings, the stylus learns from its `lmt` too.
-SETS   = build/sets
-MODELS = src/tactophone/perception/models
-RENDER = $(BIN)/python -m tactophone simulate dataset --seconds 6
-OBJECTS = --objects $(shell seq -s, 0 19)
-TRAIN  = $(BIN)/python -m tactophone train --opus-bitrate 96
-PAD    = $(SETS)/pad-train --also $(SETS)/pad-hall
-PAPER  = --recipe paper-fast --precision bfloat16
-SCORE  = $(BIN)/python -m tactophone evaluate
-TEST   = --objects 23,24,25,26,27,28,29,30,31,32 --takes long_medium,short_light,wiggle
-LMT    = $(wildcard $(TACTOPHONE_RECORDINGS)/lmt)
-.PHONY: sets model-texture model-stylus model-paper model-paper-mono scores
-model: sets model-texture model-stylus model-paper model-paper-mono scores
-
-sets: $(READY)
-	$(RENDER) $(OBJECTS) $(SETS)/pad-train --takes long_medium,short_light,wiggle --seed 21
-	$(RENDER) $(OBJECTS) $(SETS)/pad-hall --takes long_loud,short_medium --hall --seed 24
-	$(RENDER) $(OBJECTS) $(SETS)/stylus-train --tip stylus --takes long_medium,short_light,wiggle --seed 22
-	$(RENDER) $(OBJECTS) $(SETS)/stylus-hall --tip stylus --takes long_loud,short_medium --hall --seed 25
-	$(RENDER) $(TEST) $(SETS)/pad-test --seed 31
-	$(RENDER) $(TEST) $(SETS)/stylus-test --tip stylus --seed 32
-
-model-texture: sets
-	$(TRAIN) $(PAD) --recipe texture --out $(MODELS)/texture.onnx
-
-model-stylus: sets
-	$(TRAIN) $(SETS)/stylus-train --also $(SETS)/stylus-hall $(addprefix --also ,$(LMT)) --recipe texture --channels 1 \
-	  --microphone air --tip stylus --out $(MODELS)/stylus.onnx
-
-model-paper: sets
-	$(TRAIN) $(PAD) $(PAPER) --out $(MODELS)/paper.onnx
-
-model-paper-mono: sets
-	$(TRAIN) $(PAD) $(PAPER) --variant one-channel --out $(MODELS)/paper-mono.onnx
-
-# Writes the scores on held-out simulated objects into the models' cards.
-scores: sets
-	for model in texture paper paper-mono; do \
-	  $(SCORE) $$model --data $(SETS)/pad-test --note "simulated, held out" || exit; \
-	done
-	$(SCORE) stylus --data $(SETS)/stylus-test --note "simulated, held out"
+include models.mk
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache

@@ -28,7 +28,6 @@ from typing import cast
 
 import psutil
 
-from demo_series import busy_processes
 from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 from tactophone import config
 from tactophone.config import Settings
@@ -93,6 +92,25 @@ class Victims:
 
 
 @contextmanager
+@contextmanager
+def busy_processes(count: int) -> Iterator[None]:
+    """Keep so many processes computing."""
+    processes = [multiprocessing.Process(target=_compute, args=(os.getpid(),), daemon=True) for _ in range(count)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def _compute(parent: int) -> None:
+    while os.getppid() == parent:
+        sum(range(100_000))
+
+
 def victims(*, second: bool = False) -> Iterator[Victims]:
     """Run both sides, connected through a relay, with no actuator."""
     with ExitStack() as stack:

@@ -1,6 +1,6 @@
 """Encoding and decoding of packets: lossless PCM for a local network, Opus for the rest.
 
-The settings of Opus and why (measured with libopus 1.3.1; ``benchmarks/codec.py`` prints the cost of each):
+The settings of Opus and why (measured with libopus 1.3.1):
 
 - *Restricted low delay*: look-ahead of 2.5 ms instead of 6.5 ms.
 - *Two uncoupled streams*, never coupled stereo: the encoder would mix the microphones, and at 5 ms and constant

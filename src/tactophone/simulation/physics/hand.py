@@ -1,6 +1,6 @@
 """A simulated hand: fingers with contacts of their own, and what of each contact reaches its neighbours.
 
-No published figure for a robot's hand was found, so the levels here are reasoned, and `benchmarks/hand.py` measures
+No published figure for a robot's hand was found, so the levels here are reasoned; docs/guide/hand.md has
 false touches over a range of them.
 
 *Through the structure.* A finger's force shakes the palm through its last joint, and the palm shakes the next finger's.
