@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from tactophone.link import BlockEncoder, Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendSession, Session
+from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendGroup, Session
 from tactophone.link.connection import RENEW_AFTER
 from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, VirtualLink
@@ -66,21 +66,21 @@ def soak(hours: float, *, duty: float, report: Callable[[str], None]) -> list[Ro
     robot, operator = Identity.create("robot"), Identity.create("operator")
     renew_after = min(RENEW_AFTER, 3600 * hours / 3.5)
     calling = Session(robot, Peers({operator.fingerprint: "op"}), call=OPERATOR_ADDRESS, renew_after=renew_after)
-    sender = SendSession(calling, BlockEncoder(Codec("pcm16", channels=1, packet_size=240)))
+    sender = SendGroup([calling], Codec("pcm16", channels=1, packet_size=240))
     receiver = ReceiveSession(Session(operator, Peers({robot.fingerprint: "robot"})))
     link = VirtualLink(sender, receiver, ImpairedLink(NetworkProfile(loss=0.01)), ImpairedLink(NetworkProfile()))
     begun = link.connect(1000.0)
-    assert sender._packetizer is not None
-    sender._packetizer.encoder.origin = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
+    assert sender.members[0].stream is not None
+    sender.members[0].stream.encoder.origin = (1 << 32) - round(BEFORE_WRAP * LIVE_SAMPLE_RATE)
     sound, found, sent = _second_of_noise(), Soak(), 0
-    position, number, shown = 0, sender._packetizer._sequence, time.monotonic()
+    position, number, shown = 0, sender.members[0].stream._sequence, time.monotonic()
     process = psutil.Process()
     while position < hours * 3600 * LIVE_SAMPLE_RATE:
         block = AudioBlock(sound[np.arange(position, position + PACKET) % LIVE_SAMPLE_RATE], LIVE_SAMPLE_RATE, position)
         sender.push(block)
         position += PACKET
         _compare(link.carry(begun + position / LIVE_SAMPLE_RATE), sound, found)
-        before, number = number, sender._packetizer._sequence
+        before, number = number, sender.members[0].stream._sequence
         found.wraps += number < before
         sent += PACKET
         if position % MINUTE >= duty * MINUTE:

@@ -22,7 +22,7 @@ from tactophone.link import (
     Playout,
     PlayoutController,
     ReceiveSession,
-    SendSession,
+    SendGroup,
     parse_packet,
 )
 from tactophone.pipeline import open_pipeline
@@ -255,7 +255,7 @@ def hostile(count: int) -> Iterator[Row]:
     now, sound = link.connect(0.0), noise(1)
     for start in range(0, RATE // 2, 120):
         link.robot.push(AudioBlock(sound[start : start + 120], RATE, start))
-    genuine = [datagram for datagram, _ in link.robot.outgoing()]
+    genuine = [datagram for datagram, _ in link.robot.members[0].session.outgoing()]
     link.operator.receive([(datagram, ROBOT_ADDRESS) for datagram in genuine], now=now)
     before, accepted = state(link.operator), 0
     hello = untrusted_hello()
@@ -281,10 +281,10 @@ def state(end: ReceiveSession) -> tuple[object, ...]:
 
 
 def untrusted_hello() -> bytes:
-    robot: SendSession
+    robot: SendGroup
     robot, _ = paired_sessions(OPUS)
     robot.poll(0.0)
-    return robot.outgoing()[0][0]
+    return robot.members[0].session.outgoing()[0][0]
 
 
 def attacks(genuine: list[bytes], hello: bytes, count: int) -> Iterator[bytes]:

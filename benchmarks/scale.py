@@ -113,7 +113,7 @@ def packet_costs(numbers: list[int], *, packets: int = 1500) -> dict[int, float]
                 begun = time.thread_time()
                 group.push(AudioBlock(sound, LIVE_SAMPLE_RATE, 120 * packet))
                 for member, socket in zip(group.members, sockets, strict=False):
-                    socket.send([(datagram, sink.address) for datagram, _ in member.outgoing()])
+                    socket.send([(datagram, sink.address) for datagram, _ in member.session.outgoing()])
                 costs[number].append(1e6 * (time.thread_time() - begun))
     return {number: statistics.median(found[packets // 5 :]) for number, found in costs.items()}
 
@@ -127,11 +127,11 @@ def connected_group(operators: int) -> "SendGroup":
     group = SendGroup(calling, Codec("opus", packet_size=120))
     for step in range(20):
         for number, (member, answerer) in enumerate(zip(group.members, answering, strict=True)):
-            group.poll(number, step / 100)
-            for datagram, _ in member.outgoing():
+            group.poll(step / 100, operator=number)
+            for datagram, _ in member.session.outgoing():
                 answerer.receive(datagram, source=("192.0.2.2", 5000), now=step / 100)
             replies = [(datagram, ("192.0.2.1", 6000)) for datagram, _ in answerer.outgoing()]
-            group.receive(number, replies, now=step / 100)
+            group.receive(replies, now=step / 100, operator=number)
     assert len(group.connected) == operators
     return group
 

@@ -145,8 +145,8 @@ def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_en
     assert "one-channel model" in endpoint.refusal
     operator.session.hang_up(endpoint.refusal)
     link.carry(begun + 0.1)
-    assert robot.session.failure
-    assert "one-channel model" in robot.session.failure
+    assert robot.members[0].session.failure
+    assert "one-channel model" in robot.members[0].session.failure
 
 
 def calls(tree: ast.AST) -> Iterator[str]:

@@ -162,5 +162,5 @@ def test_an_operator_with_another_number_of_fingers_refuses_in_words(
     assert f"the robot has {robot_has} finger" in endpoint.refusal
     operator.session.hang_up(endpoint.refusal)
     link.carry(begun + 1)
-    assert robot.session.failure
-    assert f"this operator {operator_has}: give both ends the same --fingers" in robot.session.failure
+    assert robot.members[0].session.failure
+    assert f"this operator {operator_has}: give both ends the same --fingers" in robot.members[0].session.failure

@@ -24,7 +24,6 @@ from tactophone.link import (
     ReceiveEvent,
     ReceiveSession,
     SendGroup,
-    SendSession,
 )
 from tactophone.perception import AnyTouchDetector, process_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
@@ -39,9 +38,9 @@ class RobotEndpoint:
 
     Parameters
     ----------
-    session
-        With one operator or, as a group, with several. Whoever owns the socket also passes what arrives to the session,
-        polls it and fetches its datagrams.
+    group
+        The sessions with one or more operators. Whoever owns the sockets also passes what arrives to it, polls it and
+        fetches the datagrams of its sessions.
     detector
         Makes the predictions here, for links too narrow for sound; one for each finger of a hand. ``None`` sends the
         sound.
@@ -51,40 +50,33 @@ class RobotEndpoint:
 
     def __init__(
         self,
-        session: SendSession | SendGroup,
+        group: SendGroup,
         detector: AnyTouchDetector | Sequence[AnyTouchDetector] | None = None,
         *,
         channels: Sequence[int] = (),
     ) -> None:
-        self.session, self._channels = session, channels
+        self.group, self._channels = group, channels
         self.detectors = list(detector) if isinstance(detector, Sequence) else [detector] if detector else []
 
     def push(self, block: AudioBlock) -> list[PipelineStep]:
         """Send a block, or the predictions that it completes; returns each finger's step with those predictions."""
         blocks = split_fingers(block, self._channels) if self._channels else [block]
         if not self.detectors:
-            self.session.push(block)
+            self.group.push(block)
             return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
         together = zip(self.detectors, blocks, strict=True)
         found = list(map(tuple, process_together([detector.process(part) for detector, part in together])))
-        if len(found) > 1:
-            self._send_hand(found)
-        else:
-            for prediction in found[0]:
-                self.session.send_prediction(prediction)
-        return [
-            PipelineStep(part, predictions, (), finger)
-            for finger, (part, predictions) in enumerate(zip(blocks, found, strict=True))
-        ]
-
-    def _send_hand(self, found: list[tuple[Prediction, ...]]) -> None:
-        """Send predictions whose windows end together in one packet, oldest first."""
+        # Predictions whose windows end together travel in one packet, oldest first.
         by_end: dict[float, dict[int, Prediction]] = {}
         for finger, predictions in enumerate(found):
             for prediction in predictions:
                 by_end.setdefault(prediction.end, {})[finger] = prediction
-        for _, together in sorted(by_end.items()):
-            self.session.send_hand(together, fingers=len(found))
+        for _, predicted in sorted(by_end.items()):
+            self.group.send_predictions(predicted, fingers=len(found))
+        return [
+            PipelineStep(part, predictions, (), finger)
+            for finger, (part, predictions) in enumerate(zip(blocks, found, strict=True))
+        ]
 
 
 class OperatorEndpoint:

@@ -21,7 +21,7 @@ from tactophone.link import (
 )
 from tactophone.link.codec import open_decoder
 from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
-from tactophone.link.prediction_payload import read_hand, read_prediction, write_hand
+from tactophone.link.prediction_payload import read_prediction, read_predictions, write_predictions
 from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
 from tactophone.link.session_log import read_event, write_event
@@ -65,8 +65,8 @@ def predictions() -> tuple[Sequence[bytes], Run]:
 
 def hand_predictions() -> tuple[Sequence[bytes], Run]:
     touch = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.75, -20.5, 1.0, 1.256)
-    hand = write_hand({0: touch, 4: touch}, fingers=5)
-    return [hand, hand[:17]], lambda data: read_hand(data, end=1.0)
+    kind, hand = write_predictions({0: touch, 4: touch}, fingers=5)
+    return [hand, hand[:17]], lambda data: read_predictions(Payload(kind, 0, data), end=1.0)
 
 
 def logged_events() -> tuple[Sequence[bytes], Run]:
@@ -196,7 +196,7 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
     pair = Pair()
     pair.connect()
     end = SendGroup([pair.robot], Codec("pcm16"), follow=True)
-    end.members[0]._handle([_connected(pair.robot)], 0.0)
+    end._handle(end.members[0], [_connected(pair.robot)], 0.0)
 
     def run(data: bytes) -> None:
         for delay, packet in _packets_in(data, _ssrc(pair.operator)):
@@ -204,8 +204,8 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
             _send(pair.operator, packet)
             for to, datagram, source in pair.carry():
                 if to is pair.robot:
-                    end.receive(0, [(datagram, source)], now=pair.now)
-            end.poll(0, pair.now)
+                    end.receive([(datagram, source)], now=pair.now)
+            end.poll(pair.now)
         _keep(pair)
 
     return [_script(report) for report in _REPORTS], run

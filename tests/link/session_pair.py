@@ -5,18 +5,11 @@ from dataclasses import dataclass, field
 from itertools import chain, repeat
 
 from tactophone.link import (
-    Address,
-    Codec,
-    Connected,
-    Datagrams,
-    Disconnected,
     Event,
     Identity,
     Peers,
-    SendGroup,
     Session,
 )
-from tactophone.types import AudioBlock
 
 ROBOT, OPERATOR, UNTRUSTED = (Identity.create(name) for name in ("robot", "operator", "untrusted"))
 AT_ROBOT, AT_OPERATOR = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
@@ -65,30 +58,3 @@ class SessionPair:
                     self.at_operator += self.operator.receive(datagram, source=AT_ROBOT, now=self.now)
                 elif target == AT_ROBOT:
                     self.at_robot += self.robot.receive(datagram, source=AT_OPERATOR, now=self.now)
-
-
-class GroupMember:
-    """One operator's session of a group, as a link takes it."""
-
-    def __init__(self, group: SendGroup, number: int = 0) -> None:
-        self._group, self._number = group, number
-
-    @property
-    def peer(self) -> str | None:
-        return self._group.members[self._number].peer
-
-    @property
-    def codec(self) -> Codec:
-        return self._group.codec
-
-    def push(self, block: AudioBlock) -> None:
-        self._group.push(block)
-
-    def receive(self, datagrams: Datagrams, *, now: float) -> list[Connected | Disconnected]:
-        return self._group.receive(self._number, datagrams, now=now)
-
-    def poll(self, now: float) -> list[Connected | Disconnected]:
-        return self._group.poll(self._number, now)
-
-    def outgoing(self) -> list[tuple[bytes, Address]]:
-        return self._group.members[self._number].outgoing()

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tactophone.link import (
-    BlockEncoder,
     Codec,
     Connected,
     DecodedAudio,
@@ -13,12 +12,11 @@ from tactophone.link import (
     ReceiveSession,
     RedundancyRule,
     SendGroup,
-    SendSession,
 )
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 
-from .session_pair import GroupMember, answering, calling
+from .session_pair import answering, calling
 
 RATE = 48_000
 PCM = Codec("pcm16", packet_size=120)
@@ -30,7 +28,7 @@ class Call:
     def __init__(
         self, codec: Codec = PCM, *, profile: NetworkProfile | None = None, rule: RedundancyRule | None = None
     ) -> None:
-        self.link = VirtualLink(SendSession(calling(), BlockEncoder(codec), rule=rule), ReceiveSession(answering()))
+        self.link = VirtualLink(SendGroup([calling()], codec, rule=rule), ReceiveSession(answering()))
         self.robot, self.operator = self.link.robot, self.link.operator
         self.now = self.link.connect(100.0)
         self.link.to_operator = ImpairedLink(profile or NetworkProfile(), seed=1)
@@ -45,9 +43,8 @@ class Call:
                 self.robot.push(AudioBlock(sound[self.position - 120 : self.position], RATE, self.position - 120))
             if predictions:
                 end = self.position / RATE
-                self.robot.send_prediction(
-                    Prediction((0.0, 0.25, 0.75), Touch.ROUGH, 0.75, -20.0, max(0.0, end - 0.256), end)
-                )
+                prediction = Prediction((0.0, 0.25, 0.75), Touch.ROUGH, 0.75, -20.0, max(0.0, end - 0.256), end)
+                self.robot.send_predictions({0: prediction})
             self.step()
 
     def step(self) -> None:
@@ -73,7 +70,7 @@ def test_reports_contain_loss_and_round_trip_time() -> None:
     call = Call(profile=NetworkProfile(delay=0.01, loss=0.05))
     call.run(4, sound=noise(4))
     assert call.robot.round_trip == pytest.approx(0.02, abs=0.006)
-    assert call.robot.redundancy.depth == 2
+    assert call.robot.members[0].redundancy.depth == 2
     counters = call.operator.counters
     assert counters["packets_lost"] == pytest.approx(80, rel=0.5)
     assert counters["packets_recovered"] > 0.8 * counters["packets_lost"]
@@ -83,20 +80,20 @@ def test_reports_contain_loss_and_round_trip_time() -> None:
 def test_redundancy_is_dropped_on_a_clean_link() -> None:
     call = Call()
     call.run(11, sound=noise(11))
-    assert call.robot.redundancy.depth == 0
+    assert call.robot.members[0].redundancy.depth == 0
     assert call.operator.gauges["bitrate_bps"] == pytest.approx(8 * 400 * (480 + 12 + 16 + 28), rel=0.03)
 
 
 def test_fixed_redundancy_stays() -> None:
     call = Call(codec=Codec("opus", packet_size=120), rule=RedundancyRule(least=2, most=2))
     call.run(11, sound=noise(11))
-    assert call.robot.redundancy.depth == 2
+    assert call.robot.members[0].redundancy.depth == 2
 
 
 def test_every_new_session_begins_a_new_stream() -> None:
     call, sound = Call(), noise(2)
     call.run(0.5, sound=sound)
-    call.link.robot = call.robot = SendSession(calling(), BlockEncoder(PCM))
+    call.link.robot = call.robot = SendGroup([calling()], PCM)
     call.run(0.5, sound=sound)
     begun = [event for _, event in call.events if isinstance(event, Connected)]
     assert len(begun) == 1
@@ -157,9 +154,9 @@ def test_non_finite_sound_is_counted_and_sent_as_silence() -> None:
 
 
 def test_nothing_is_sent_while_nobody_is_connected() -> None:
-    robot = SendSession(calling(), BlockEncoder(PCM))
+    robot = SendGroup([calling()], PCM)
     robot.push(AudioBlock(noise(0.01), RATE))
-    assert robot.outgoing() == []
+    assert robot.members[0].session.outgoing() == []
 
 
 def test_the_clocked_buffer_returns_the_sound_at_the_listeners_rate() -> None:
@@ -177,8 +174,7 @@ def test_the_clocked_buffer_returns_the_sound_at_the_listeners_rate() -> None:
 @pytest.mark.parametrize(("follow", "passed"), [(True, True), (False, False)])
 def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -> None:
     call = Call(Codec("opus", packet_size=120))
-    group = SendGroup([calling()], Codec("opus", packet_size=120), follow=follow)
-    call.link.robot = call.robot = GroupMember(group)
+    call.link.robot = call.robot = SendGroup([calling()], Codec("opus", packet_size=120), follow=follow)
     call.operator.bandwidth = 7_600
     tone = 0.3 * np.sin(2 * np.pi * 6_000 * np.arange(2 * RATE) / RATE)
     call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))

@@ -12,7 +12,7 @@ import pytest
 
 from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.packet import PayloadType
-from tactophone.link.prediction_payload import write_hand, write_prediction
+from tactophone.link.prediction_payload import write_prediction, write_predictions
 from tactophone.link.srtp import KEY_SIZE, SALT_SIZE, Secrets, SrtpCrypto
 from tactophone.types import FloatArray, Prediction, Touch
 from tests.link.test_interop import (
@@ -42,8 +42,8 @@ def test_the_dissector_reads_predictions(tmp_path: Path) -> None:
         bytes(packetizer.wrap(PayloadType.PREDICTION, round(each.end * RATE), write_prediction(each)))
         for each in PREDICTIONS
     ]
-    hand = write_hand(dict(enumerate(PREDICTIONS)), fingers=5)
-    sent.append(bytes(packetizer.wrap(PayloadType.HAND_PREDICTION, 0, hand)))
+    kind, hand = write_predictions(dict(enumerate(PREDICTIONS)), fingers=5)
+    sent.append(bytes(packetizer.wrap(kind, 0, hand)))
     first, second, together, cut = dissected(tmp_path / "a.pcap", [*sent, sent[0][:-3]])
     found = first["tactophone"]
     assert found["tactophone.touch"] == "2"

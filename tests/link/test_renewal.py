@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from tactophone.link import (
-    BlockEncoder,
     Codec,
     Connected,
     DecodedAudio,
     Disconnected,
     Peers,
     ReceiveSession,
-    SendSession,
+    SendGroup,
     Session,
 )
 from tactophone.link.connection import MAX_KEY_AGE, OVERLAP, RENEW_AFTER
@@ -30,7 +29,7 @@ class Stream:
     def __init__(self, *, renew_after: float) -> None:
         peers = Peers({OPERATOR.fingerprint: "operator"}), Peers({ROBOT.fingerprint: "robot"})
         caller = Session(ROBOT, peers[0], call=AT_OPERATOR, renew_after=renew_after)
-        self.robot = SendSession(caller, BlockEncoder(Codec("pcm16", packet_size=PACKET)))
+        self.robot = SendGroup([caller], Codec("pcm16", packet_size=PACKET))
         self.operator = ReceiveSession(Session(OPERATOR, peers[1]))
         self.now, self.position = 0.0, 0
         self.events: list[object] = []
@@ -43,7 +42,7 @@ class Stream:
     def run(self, seconds: float, *, packets: bool = True) -> None:
         for _ in range(round(seconds * 200)):
             self.now += PACKET / 48_000
-            if packets and self.robot.peer:
+            if packets and self.robot.peers:
                 ramp = (np.arange(self.position, self.position + PACKET) % 32_768) / 32_768
                 self.robot.push(AudioBlock(np.stack([ramp, ramp], 1).astype(np.float32), 48_000, self.position))
                 self.position += PACKET
@@ -52,7 +51,7 @@ class Stream:
             self.events += self.operator.poll(self.now)
 
     def _exchange(self) -> None:
-        for datagram, _ in self.robot.outgoing():
+        for datagram, _ in self.robot.members[0].session.outgoing():
             if self._passes(datagram):
                 self.events += self.operator.receive([(datagram, AT_ROBOT)], now=self.now)
         for datagram, _ in self.operator.outgoing():
@@ -93,7 +92,7 @@ def test_renewed_keys_lose_no_sample(lost: int) -> None:
 def test_old_keys_are_refused_after_the_overlap() -> None:
     stream = Stream(renew_after=2.0)
     stream.run(1.9)
-    old = stream.robot.session._current
+    old = stream.robot.members[0].session._current
     assert old is not None
     stream.run(0.5)
     assert len(list(stream.operator.session._keys)) == 2
@@ -137,9 +136,9 @@ def test_keys_that_cannot_be_renewed_end_the_session() -> None:
 def test_keys_are_not_renewed_shortly_before_the_sequence_wraps() -> None:
     stream = Stream(renew_after=1.0)
     stream.run(0.1)
-    packetizer = stream.robot._packetizer
+    packetizer = stream.robot.members[0].stream
     assert packetizer is not None
-    assert stream.robot.session._current is not None
+    assert stream.robot.members[0].session._current is not None
     packetizer._sequence = 0xFFFF - 300
     stream.events.clear()
     before = stream.keys()

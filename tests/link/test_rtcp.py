@@ -12,7 +12,7 @@ from tactophone.link.rtcp import (
     Report,
     SenderReport,
     parse_report,
-    round_trip,
+    round_trip_time,
 )
 
 REPORT = ReceiverReport(1, 2, fraction_lost=0.25, lost=300, highest=70_000, jitter=0.001, last_report=9, since=0.5)
@@ -41,5 +41,5 @@ def test_no_bytes_crash_the_parser(content: bytes) -> None:
 def test_the_round_trip_excludes_the_time_at_the_peer() -> None:
     sent = SenderReport(1, 100.0, 0, 0, 0)
     answer = ReceiverReport(2, 1, 0, 0, 0, 0, last_report=sent.stamp, since=0.2)
-    assert round_trip(answer, now=100.23) == pytest.approx(0.03, abs=1e-3)
-    assert round_trip(ReceiverReport(2, 1, 0, 0, 0, 0), now=100.0) is None
+    assert round_trip_time(answer, now=100.23) == pytest.approx(0.03, abs=1e-3)
+    assert round_trip_time(ReceiverReport(2, 1, 0, 0, 0, 0), now=100.0) is None

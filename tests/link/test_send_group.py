@@ -26,8 +26,6 @@ from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualL
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS
 from tactophone.types import AudioBlock, Prediction, Touch
 
-from .session_pair import GroupMember
-
 OPUS = Codec("opus", packet_size=120)
 PACKET = 0.0025
 
@@ -49,7 +47,7 @@ class GroupCall:
             ReceiveSession(Session(each, Peers({self.robot.fingerprint: "robot"} if number < trusting else {})))
             for number, each in enumerate(identities)
         ]
-        self.links = [VirtualLink(GroupMember(self.group, number), each) for number, each in enumerate(answerers)]
+        self.links = [VirtualLink(self.group, each, number=number) for number, each in enumerate(answerers)]
         self.events = [[] for _ in range(operators)]
         self.now, self.start = 0.0, 0
 
@@ -192,7 +190,7 @@ def test_a_fifth_operator_is_refused() -> None:
 def test_predictions_go_to_all() -> None:
     call = GroupCall(2)
     call.connect(2)
-    call.group.send_prediction(Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1))
+    call.group.send_predictions({0: Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.8, -20.0, 0.0, 0.1)})
     call.carry()
     first, second = ([e for e in events if isinstance(e, PredictionReceived)] for events in call.events)
     assert len(first) == 1
@@ -239,24 +237,24 @@ def test_an_operator_under_two_addresses_is_connected_once_and_the_second_refuse
         for step in range(round(begin * 50), round(end * 50)):
             now = step / 50
             for number, member in enumerate(group.members):
-                group.poll(number, now)
-                sent = [] if number in unreachable else [datagram for datagram, _ in member.outgoing()]
+                group.poll(now, operator=number)
+                sent = [] if number in unreachable else [datagram for datagram, _ in member.session.outgoing()]
                 for datagram in sent:
                     connected.extend(answerer.receive(datagram, source=("192.0.2.2", number), now=now))
             answerer.poll(now)
             for datagram, (_, number) in answerer.outgoing():
                 if number not in unreachable:
-                    group.receive(number, [(datagram, addresses[number])], now=now)
+                    group.receive([(datagram, addresses[number])], now=now, operator=number)
 
     run(0.0, 4.5)
     assert group.peers == ["trainer"]
-    (left_out,) = [member for member in group.members if member.peer is None]
+    (left_out,) = [member for member in group.members if member.session.peer is None]
     assert left_out.session.failure == (
         "it is 'trainer', connected already under another address: name each operator once"
     )
     assert sum(isinstance(event, Connected) for event in connected) == 1
     # Once the address in use fails, the other one takes over.
-    in_use = next(number for number, member in enumerate(group.members) if member.peer)
+    in_use = next(number for number, member in enumerate(group.members) if member.session.peer)
     run(4.5, 20.0, unreachable=(in_use,))
-    assert group.members[1 - in_use].peer == "trainer"
-    assert group.members[in_use].peer is None
+    assert group.members[1 - in_use].session.peer == "trainer"
+    assert group.members[in_use].session.peer is None

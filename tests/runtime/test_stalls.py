@@ -15,7 +15,7 @@ import pytest
 
 from tactophone import config
 from tactophone.config import Settings
-from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendSession
+from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendGroup
 from tactophone.link.depacketizer import STALENESS
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
@@ -42,7 +42,7 @@ class World:
     def __init__(self, stalls: dict[str, tuple[tuple[float, float], ...]]) -> None:
         self.now = 0.0
         self.stalls = stalls
-        self.robot: SendSession
+        self.robot: SendGroup
         self.robot, self.operator = paired_sessions(Codec("pcm16", channels=1, packet_size=240))
         self.to_operator: list[tuple[bytes, tuple[str, int]]] = []
         self.to_robot: list[tuple[bytes, tuple[str, int]]] = []
@@ -68,7 +68,7 @@ class World:
                 self.robot.receive(self.to_robot, now=self.now)
                 self.to_robot = []
             self.robot.poll(self.now)
-            self.to_operator += [(datagram, ROBOT_ADDRESS) for datagram, _ in self.robot.outgoing()]
+            self.to_operator += [(datagram, ROBOT_ADDRESS) for datagram, _ in self.robot.members[0].session.outgoing()]
         if not (self.stalled("link") or self.stalled("operator")):
             events = [*self.operator.receive(self.to_operator, now=self.now), *self.operator.poll(self.now)]
             self.to_operator = []
@@ -88,7 +88,7 @@ class World:
             self.queues.append((self.now, (newest - playout._position) / LIVE_SAMPLE_RATE))
 
     def run(self, duration: float) -> None:
-        while self.robot.peer is None or self.operator.peer is None:
+        while not self.robot.peers or self.operator.peer is None:
             self.sleep(TICK)
         # Only now, as a recording is held back until the operator is there.
         self.began = self.now

@@ -4,7 +4,7 @@ All modules compute on values, with the time as an argument; only :mod:`~tactoph
 """
 
 from tactophone.link.block_encoder import BlockEncoder
-from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder, round_trip
+from tactophone.link.codec import NARROW_BAND, Codec, encode_and_decode, open_decoder, open_encoder
 from tactophone.link.depacketizer import DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
 from tactophone.link.handshake import Address
@@ -14,8 +14,7 @@ from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
 from tactophone.link.playout import Playout
 from tactophone.link.playout_clock import PlayoutController
 from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
-from tactophone.link.send_group import MOST_OPERATORS, SendGroup
-from tactophone.link.send_session import Datagrams, SendSession
+from tactophone.link.send import MOST_OPERATORS, Datagrams, SendGroup
 from tactophone.link.session import Session
 from tactophone.link.session_log import LoggedSession, write_event
 from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
@@ -51,14 +50,13 @@ __all__ = [
     "RedundancyRule",
     "Renewed",
     "SendGroup",
-    "SendSession",
     "Session",
     "UdpSocket",
+    "encode_and_decode",
     "open_decoder",
     "open_encoder",
     "parse_packet",
     "resolve",
     "resolve_all",
-    "round_trip",
     "write_event",
 ]

@@ -167,11 +167,11 @@ def _default_bitrate(codec: Codec) -> int:
     return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
 
 
-def round_trip(samples: FloatArray, codec: Codec) -> FloatArray:
+def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
     """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is aligned and of the same shape.
 
     >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
-    >>> bool(np.abs(round_trip(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
+    >>> bool(np.abs(encode_and_decode(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
     True
     """
     # The codec delays by its look-ahead: the sound is padded at the end and the result cut at the start.

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from tactophone.errors import PacketError
-from tactophone.link.packet import CLOCK_RATE
+from tactophone.link.packet import CLOCK_RATE, Payload, PayloadType
 from tactophone.types import MOST_FINGERS, Prediction, Touch
 
 _LAYOUT = struct.Struct("!BBHHHHhI")
@@ -63,24 +63,28 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
     )
 
 
-def write_hand(predictions: Mapping[int, Prediction], *, fingers: int) -> bytes:
+def write_predictions(predictions: Mapping[int, Prediction], *, fingers: int) -> tuple[PayloadType, bytes]:
     """Encode predictions by finger, of windows that end together.
 
     >>> silence = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -60.0, 0.0, 0.256)
-    >>> write_hand({1: silence}, fingers=5).hex(" ")[:8]
-    '51 00 00'
+    >>> kind, content = write_predictions({1: silence}, fingers=5)
+    >>> kind.name, content[:3].hex(" ")
+    ('HAND_PREDICTION', '51 00 00')
     """
-    return b"".join(
-        bytes([fingers << 4 | finger]) + write_prediction(prediction) for finger, prediction in predictions.items()
-    )
+    if fingers == 1:
+        return PayloadType.PREDICTION, write_prediction(predictions[0])
+    records = [bytes([fingers << 4 | finger]) + write_prediction(each) for finger, each in predictions.items()]
+    return PayloadType.HAND_PREDICTION, b"".join(records)
 
 
-def read_hand(content: bytes, *, end: float) -> tuple[dict[int, Prediction], int]:
+def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Prediction], int]:
     """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
 
     Raises `PacketError` when the bytes are not predictions of one hand, each of another finger.
     """
-    size = 1 + _LAYOUT.size
+    if payload.kind == PayloadType.PREDICTION:
+        return {0: read_prediction(payload.content, end=end)}, 1
+    content, size = payload.content, 1 + _LAYOUT.size
     records = [content[start : start + size] for start in range(0, len(content), size)]
     predictions = {record[0] & 15: read_prediction(record[1:], end=end) for record in records}
     counts = {record[0] >> 4 for record in records}

@@ -12,9 +12,9 @@ from tactophone.link.events import Connected, Disconnected, Event, PacketReceive
 from tactophone.link.handshake import Address
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType, TimestampUnwrapper, parse_packet
 from tactophone.link.playout import Playout
-from tactophone.link.prediction_payload import read_hand, read_prediction
+from tactophone.link.prediction_payload import read_predictions
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
-from tactophone.link.send_session import REPORT_INTERVAL, Datagrams
+from tactophone.link.send import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Session
 from tactophone.link.stats import StreamStats
 from tactophone.types import FloatArray, Prediction
@@ -251,11 +251,8 @@ class _PredictionStream:
 
     def push(self, payload: Payload, *, now: float) -> list[PredictionReceived]:
         samples = self._timestamps.position(payload.timestamp)
-        end, fingers = samples / CLOCK_RATE, 1
-        if payload.kind == PayloadType.HAND_PREDICTION:
-            found, fingers = read_hand(payload.content, end=end)
-        else:
-            found = {0: read_prediction(payload.content, end=end)}
+        end = samples / CLOCK_RATE
+        found, fingers = read_predictions(payload, end=end)
         fresh = {finger: each for finger, each in found.items() if samples > self._newest.get(finger, -1)}
         if not fresh:
             return []

@@ -133,14 +133,14 @@ def parse_report(packet: bytes) -> Report:
     raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; 200, 201, 203 and 204 are known")
 
 
-def round_trip(report: ReceiverReport, *, now: float) -> float | None:
+def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
     """Return the round-trip time in s, by the answer to a `SenderReport` (RFC 3550, 6.4.1); ``None`` before one.
 
     Examples
     --------
     >>> sent = SenderReport(1, ntp=1000.0, timestamp=0, packets=0, octets=0)
     >>> answer = ReceiverReport(2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25)
-    >>> round_trip(answer, now=1000.5)
+    >>> round_trip_time(answer, now=1000.5)
     0.25
     """
     if not report.last_report:

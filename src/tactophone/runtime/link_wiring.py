@@ -17,10 +17,8 @@ from tactophone.link import (
     Endpoint,
     Identity,
     Peers,
-    ReceiveSession,
     RedundancyRule,
     SendGroup,
-    SendSession,
     Session,
     resolve_all,
 )
@@ -100,9 +98,9 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 
-def send_outgoing(session: SendSession | ReceiveSession, socket: DatagramSocket) -> None:
+def send_outgoing(session: Session, socket: DatagramSocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the new preference.
-    socket.follow(cast("tuple[Endpoint, frozenset[int]] | None", session.session.remote))
+    socket.follow(cast("tuple[Endpoint, frozenset[int]] | None", session.remote))
     if outgoing := session.outgoing():
         socket.send(cast("list[tuple[bytes, Endpoint]]", outgoing))

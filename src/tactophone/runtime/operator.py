@@ -123,7 +123,7 @@ class Operator:
         if not self._thread.is_alive():
             self._deferred.write()
         self._session.session.hang_up()
-        send_outgoing(self._session, self._socket)
+        send_outgoing(self._session.session, self._socket)
         self._resources.close()
 
     def stop(self) -> None:
@@ -206,7 +206,7 @@ class Operator:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
             if polled or step is None:
-                send_outgoing(self._session, self._socket)
+                send_outgoing(self._session.session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
             if self._deferred.due(received):
                 self._deferred.write(self._local_robot.truth)

@@ -145,7 +145,7 @@ class Robot:
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why."""
         for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
-            if member.peer is None:
+            if member.session.peer is None:
                 reason = member.session.failure or "start `tactophone receive` there"
                 code = "link" if len(self._operators) == 1 else f"link-{number}"
                 yield Fault(code, f"no operator at {host}:{port} yet: {reason}")
@@ -241,21 +241,21 @@ class Robot:
     def _follow_network(self, operator: int) -> None:
         name_thread("tactophone-net")
         prioritize_thread(self._settings.process.priority)
-        member, socket = self._group.members[operator], self._sockets[operator]
+        session, socket = self._group.members[operator].session, self._sockets[operator]
         while not self.ended.is_set():
             datagrams = socket.receive(LONGEST_RECEIVE)
             now = time.monotonic()
             # A few at a time: whatever an operator sends, the sound for the others waits for no more than these.
             for start in range(0, len(datagrams), MOST_AT_ONCE):
                 with self._lock:
-                    self._group.receive(operator, datagrams[start : start + MOST_AT_ONCE], now=now)
+                    self._group.receive(datagrams[start : start + MOST_AT_ONCE], now=now, operator=operator)
             with self._lock:
-                self._group.poll(operator, now)
-                send_outgoing(member, socket)
+                self._group.poll(now, operator=operator)
+                send_outgoing(session, socket)
 
     def _send_outgoing(self) -> None:
         for member, socket in zip(self._group.members, self._sockets, strict=True):
-            send_outgoing(member, socket)
+            send_outgoing(member.session, socket)
 
     def _warn(self, code: str, warning: str) -> None:
         if warning:

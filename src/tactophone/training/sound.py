@@ -9,7 +9,7 @@ import soundfile
 
 from tactophone.dataset import Recording, channel_order
 from tactophone.errors import DatasetError
-from tactophone.link import Codec, round_trip
+from tactophone.link import Codec, encode_and_decode
 from tactophone.perception import Resampler
 from tactophone.training.network.settings import NETWORK_RATE
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
@@ -88,4 +88,4 @@ def _through(codec: Codec, samples: FloatArray, path: Path, sample_rate: int) ->
         raise DatasetError(
             f"{path}: {sample_rate} Hz, but Opus works at {LIVE_SAMPLE_RATE} Hz; leave out --opus-bitrate"
         )
-    return round_trip(samples, codec)
+    return encode_and_decode(samples, codec)

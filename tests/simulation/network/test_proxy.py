@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from tactophone.link import (
-    BlockEncoder,
     Codec,
     DecodedAudio,
     Endpoint,
     Identity,
     Peers,
     ReceiveSession,
-    SendSession,
+    SendGroup,
     Session,
     UdpSocket,
 )
@@ -53,13 +52,13 @@ def test_a_session_over_real_sockets_and_a_bad_link_survives_a_restart() -> None
     ):
         for start in range(1, 3):
             session = Session(robot_identity, Peers({operator_identity.fingerprint: "operator"}), call=proxy.address)
-            robot = SendSession(session, BlockEncoder(Codec("opus", packet_size=240)))
+            robot = SendGroup([session], Codec("opus", packet_size=240))
             assert call(robot, robots, operator, operators, seconds=1.5) > 150
             assert operator.counters["handshakes"] == start
 
 
 def call(
-    robot: SendSession,
+    robot: SendGroup,
     robots: UdpSocket,
     operator: ReceiveSession,
     operators: UdpSocket,
@@ -73,7 +72,7 @@ def call(
         robot.push(AudioBlock(np.zeros((240, 2), np.float32), 48_000, step * 240))
         robot.receive(robots.receive(0), now=now)
         robot.poll(now)
-        robots.send(cast(list[tuple[bytes, Endpoint]], robot.outgoing()))
+        robots.send(cast(list[tuple[bytes, Endpoint]], robot.members[0].session.outgoing()))
         events = operator.receive(operators.receive(0), now=now) + operator.poll(now)
         decoded += sum(isinstance(event, DecodedAudio) for event in events)
         operators.send(cast(list[tuple[bytes, Endpoint]], operator.outgoing()))

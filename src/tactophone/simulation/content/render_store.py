@@ -16,7 +16,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset import Segment
-from tactophone.link import Codec, round_trip
+from tactophone.link import Codec, encode_and_decode
 from tactophone.simulation.physics.scene import Scene
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
@@ -79,7 +79,7 @@ def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[tuple
 
 def through_opus(samples: FloatArray) -> FloatArray:
     """Encode and decode by the link's codec and remove its look-ahead, as the paper did with its training sound."""
-    return round_trip(samples, Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000))
+    return encode_and_decode(samples, Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000))
 
 
 def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:

@@ -6,14 +6,13 @@ from typing import Generic, Protocol, TypeVar
 
 from tactophone.link import (
     Address,
-    BlockEncoder,
     Codec,
     Datagrams,
     Identity,
     Peers,
     ReceiveSession,
     RedundancyRule,
-    SendSession,
+    SendGroup,
     Session,
 )
 from tactophone.simulation.network.impairments import ImpairedLink, NetworkProfile
@@ -46,24 +45,30 @@ class Receiver(Protocol[T_co]):
 
 def paired_sessions(
     codec: Codec, *, rule: RedundancyRule | None = None, reorder: int = 1
-) -> tuple[SendSession, ReceiveSession]:
+) -> tuple[SendGroup, ReceiveSession]:
     """Make a robot's and an operator's session that trust each other, with fresh keys."""
     robot, operator = Identity.create("robot"), Identity.create("operator")
     calling = Session(robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS)
     answering = Session(operator, Peers({robot.fingerprint: "robot"}))
-    return SendSession(calling, BlockEncoder(codec), rule=rule), ReceiveSession(answering, reorder=reorder)
+    return SendGroup([calling], codec, rule=rule), ReceiveSession(answering, reorder=reorder)
 
 
 @dataclass
 class VirtualLink(Generic[T]):
     """A robot and an operator with an impaired link each way."""
 
-    robot: SendSession
+    robot: SendGroup
     operator: Receiver[T]
     """Its session alone, or its whole endpoint; `carry` returns what that returns."""
     to_operator: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
     to_robot: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
     """`to_operator` and `to_robot`: the two directions of the link."""
+    number: int = 0
+    """Which of the robot's operators this one is."""
+
+    @property
+    def _session(self) -> Session:
+        return self.robot.members[self.number].session
 
     def connect(self, now: float) -> float:
         """Let both ends connect; return the time at which they have.
@@ -71,7 +76,7 @@ class VirtualLink(Generic[T]):
         Raises `TimeoutError` when they have not connected within ten seconds.
         """
         begun = now
-        while self.operator.peer is None or self.robot.peer is None:
+        while self.operator.peer is None or self._session.peer is None:
             self.carry(now)
             now += 0.005
             if now - begun > _CONNECT_TIMEOUT:
@@ -80,19 +85,19 @@ class VirtualLink(Generic[T]):
 
     def carry(self, now: float) -> list[T]:
         """Run both ends and the link until nothing more happens at ``now``; return what the operator received."""
-        self.robot.poll(now)
+        self.robot.poll(now, operator=self.number)
         received = list(self.operator.poll(now))
         while self._pass(now, received):
             pass
         return received
 
     def _pass(self, now: float, received: list[T]) -> bool:
-        for datagram, _ in self.robot.outgoing():
+        for datagram, _ in self._session.outgoing():
             self.to_operator.push(datagram, now=now)
         for datagram, _ in self.operator.outgoing():
             self.to_robot.push(datagram, now=now)
         to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)]
         to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)]
         received += self.operator.receive(to_operator, now=now)
-        self.robot.receive(to_robot, now=now)
+        self.robot.receive(to_robot, now=now, operator=self.number)
         return bool(to_operator or to_robot)
