@@ -35,7 +35,7 @@ class WatchedLoopback:
     def newest_prediction(self) -> float:
         """End of the newest prediction's window, in s."""
         rows, _ = self._watcher.predictions()
-        return float(rows["end"][-1])
+        return float(rows["window_end"][-1])
 
 
 @contextmanager

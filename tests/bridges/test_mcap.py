@@ -23,8 +23,8 @@ from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, decoded_sessions, joined, write_replay, write_sound
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, layout, prediction_of
-from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch
+from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, layout
+from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, prediction_of
 from tests.bridges.recorded_run import RecordedOperator, record
 from tests.models import write_tiny_model
 
@@ -282,9 +282,9 @@ def test_logs_of_others_and_of_the_future_are_refused(tmp_path: Path) -> None:
 
 def some_predictions() -> list[tuple[Prediction, HapticCommand]]:
     rows = np.zeros(3, PREDICTION)
-    rows["end"], rows["start"] = (0.256, 0.266, 0.279), (0.0, 0.01, 0.0230001)
-    rows["time"] = rows["end"] + 1 / 2823
-    rows["probabilities"] = np.array([[1, 0, 0], [0.1, 0.2, 0.7], [1e-30, 1 / 3, 2 / 3]])
+    rows["window_end"], rows["window_start"] = (0.256, 0.266, 0.279), (0.0, 0.01, 0.0230001)
+    rows["time"] = rows["window_end"] + 1 / 2823
+    rows["none"], rows["smooth"], rows["rough"] = np.transpose([[1, 0, 0], [0.1, 0.2, 0.7], [1e-30, 1 / 3, 2 / 3]])
     rows["level_dbfs"], rows["roughness"], rows["touch"] = (-np.inf, -21.234, 0), (0, 0.7, 0.123456), (0, 2, 1)
     rows["amplitude"], rows["frequency"] = (np.nan, 0.25, 0.5), (np.nan, 60.02, 120)
     rows["event"][1], rows["event_time"][1] = 1 + EVENT_KINDS.index("slip"), 0.25

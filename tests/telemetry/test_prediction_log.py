@@ -23,11 +23,19 @@ from tactophone.telemetry import (
     follower,
     layout,
     memory,
-    prediction_of,
     read_timeline,
 )
 from tactophone.telemetry.prediction_log import COLUMNS, row
-from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
+from tactophone.types import (
+    EVENT_KINDS,
+    AudioBlock,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+    TouchEvent,
+    prediction_of,
+)
 
 BLOCK = AudioBlock(np.zeros((1, 1), np.float32), 48_000)
 
@@ -196,8 +204,8 @@ def test_a_killed_loopback_leaves_a_log_that_lacks_at_most_a_second(tmp_path: Pa
         loopback.kill()
     log = read_timeline(tmp_path / "log.csv")
     assert set(log) == set(COLUMNS)
-    assert rows["end"][-1] - log["window_end"][-1] < 1.0
-    np.testing.assert_allclose(log["window_end"], rows["end"][: len(log["window_end"])], atol=1e-6)
+    assert rows["window_end"][-1] - log["window_end"][-1] < 1.0
+    np.testing.assert_allclose(log["window_end"], rows["window_end"][: len(log["window_end"])], atol=1e-6)
     assert np.isfinite(log["amplitude"]).all()
     assert count >= 150
 

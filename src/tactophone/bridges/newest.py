@@ -4,8 +4,8 @@ import math
 import time
 from dataclasses import dataclass, replace
 
-from tactophone.telemetry import State, Watcher, prediction_of
-from tactophone.types import HapticCommand, Prediction, Touch
+from tactophone.telemetry import State, Watcher
+from tactophone.types import HapticCommand, Prediction, Touch, prediction_of
 
 SILENCE = 0.1
 """Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""

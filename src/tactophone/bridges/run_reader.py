@@ -21,10 +21,9 @@ from tactophone.telemetry import (
     RunStart,
     State,
     Watcher,
-    prediction_of,
     read_records,
 )
-from tactophone.types import HapticCommand, Prediction, Touch
+from tactophone.types import HapticCommand, Prediction, Touch, prediction_of
 
 HEALTH_INTERVAL = 5.0
 """Seconds between two messages with counters and gauges."""
@@ -183,7 +182,7 @@ class RunReader:
         if len(rows):
             # A prediction carries the time of its stream. The least delay seen until it was read turns that into the
             # time of the day, evenly, where the time of reading would be a staircase.
-            self._lead = min(self._lead, now - float(rows["end"][-1]))
+            self._lead = min(self._lead, now - float(rows["window_end"][-1]))
         for row in rows:
             prediction, command = prediction_of(row)
             if self._in_columns:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.json_numbers import finite
-from tactophone.telemetry import Snapshot
+from tactophone.telemetry import STEP_FIELDS, Snapshot
 from tactophone.types import FloatArray
 
 BUCKET = 0.01
@@ -31,7 +31,7 @@ STEP_INTERVAL = 0.01
 SCOPE_STEP = 12
 """Every twelfth sample of the vibration is sent, 4 kHz: its band ends at 1 kHz."""
 
-STEP_COLUMNS = ("none", "smooth", "rough", "roughness", "level_dbfs", "amplitude", "frequency", "touch", "truth")
+STEP_COLUMNS = (*(field.name for field in STEP_FIELDS), "truth")
 
 Tables = Mapping[str, NDArray[Any]]
 
@@ -75,9 +75,9 @@ def step_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:
     """Return rows of time and `STEP_COLUMNS`, at most one every `STEP_INTERVAL`; the newest step is always included."""
     slots = np.floor(steps["time"] / STEP_INTERVAL)
     chosen = steps[np.append(np.flatnonzero(np.diff(slots)), len(steps) - 1)] if len(steps) else steps
-    columns = {name: chosen[name] for name in STEP_COLUMNS[3:]}
+    columns = {name: chosen[name] for name in STEP_COLUMNS}
     columns["frequency"] = np.where(chosen["amplitude"] > 0, chosen["frequency"], 0)  # silence has no frequency
-    return np.column_stack([chosen["time"] - origin, *chosen["probabilities"].T, *columns.values()])
+    return np.column_stack([chosen["time"] - origin, *columns.values()])
 
 
 def event_table(steps: NDArray[np.void], origin: float) -> NDArray[np.float64]:

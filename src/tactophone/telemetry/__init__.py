@@ -6,9 +6,9 @@ cannot delay the sound. Requests lie in a mailbox that the runtime empties; the 
 """
 
 from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.layout import LARGEST_RECORD, MARK, PREDICTION, STEP
+from tactophone.telemetry.layout import LARGEST_RECORD, MARK, PREDICTION, STEP, STEP_FIELDS
 from tactophone.telemetry.memory import is_alive, remove_leftovers, remove_memory
-from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, prediction_of, read_timeline
+from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
 from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, FingerState, Request, State
 from tactophone.telemetry.session_log import (
     ARRIVAL_DIGITS,
@@ -32,6 +32,7 @@ __all__ = [
     "PREDICTION",
     "STAGES",
     "STEP",
+    "STEP_FIELDS",
     "Action",
     "Controls",
     "EventBatch",
@@ -49,7 +50,6 @@ __all__ = [
     "TimelineWriter",
     "Watcher",
     "is_alive",
-    "prediction_of",
     "read_records",
     "read_timeline",
     "remove_leftovers",

@@ -18,6 +18,7 @@ import zlib
 import numpy as np
 
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS
+from tactophone.types import PREDICTION_FIELDS
 
 SOUND_CAPACITY = 1 << 17
 """Samples of sound and of vibration kept: 2.7 s at 48 kHz."""
@@ -43,17 +44,14 @@ LARGEST_WRITE = 1 << 14
 STATE_SIZE = 1 << 14
 """Bytes for the state as JSON: some forty faults of 300 letters."""
 
+STEP_FIELDS = tuple(field for field in PREDICTION_FIELDS if field.step)
+
 STEP = np.dtype(
     [
         ("time", "f8"),
         ("sound_end", "u8"),
         ("vibration_end", "u8"),
-        ("probabilities", "f4", 3),
-        ("roughness", "f4"),
-        ("level_dbfs", "f4"),
-        ("amplitude", "f4"),
-        ("frequency", "f4"),
-        ("touch", "i1"),
+        *((field.name, field.dtype.replace("f8", "f4")) for field in STEP_FIELDS),
         ("event", "i1"),
         ("truth", "i1"),
         ("concealed", "?"),
@@ -61,27 +59,11 @@ STEP = np.dtype(
     align=True,
 )
 """One pipeline step: stream time (s), the counts of sound and vibration at that time, the newest prediction and
-command. ``event`` is this step's newest touch event, counted from 1 in `EVENT_KINDS`, or 0. ``truth`` is the known
-`Touch`, or -1; ``probabilities`` are NaN before the first prediction."""
+command (`PREDICTION_FIELDS`; NaN before the first prediction). ``event`` is the newest touch event of this step alone.
+``truth`` is the known `Touch`, or -1."""
 
-PREDICTION = np.dtype(
-    [
-        ("time", "f8"),
-        ("start", "f8"),
-        ("end", "f8"),
-        ("probabilities", "f8", 3),
-        ("roughness", "f8"),
-        ("level_dbfs", "f8"),
-        ("amplitude", "f8"),
-        ("frequency", "f8"),
-        ("event_time", "f8"),
-        ("touch", "i1"),
-        ("event", "i1"),
-    ],
-    align=True,
-)
-"""One prediction and the command computed from it; ``amplitude`` and ``frequency`` are NaN where there was none.
-``event`` is its touch event, counted from 1 in `EVENT_KINDS`, or 0."""
+PREDICTION = np.dtype([(field.name, field.dtype) for field in PREDICTION_FIELDS], align=True)
+"""One prediction and the command computed from it."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
 """The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""

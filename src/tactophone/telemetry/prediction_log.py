@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.json_numbers import finite
 from tactophone.telemetry.follower import RunFollower
-from tactophone.types import EVENT_KINDS, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
+from tactophone.types import (
+    PREDICTION_FIELDS,
+    HapticCommand,
+    PipelineStep,
+    Prediction,
+    Touch,
+    prediction_of,
+)
 
-COLUMNS = (
-    "time", "window_end", "none", "smooth", "rough", "touch", "contact",
-    "level_dbfs", "roughness", "frequency", "amplitude", "event", "event_time",
-)  # fmt: skip
+COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
 """Of the CSV file, and the keys of each entry of the JSON file; without a touch event the last two are empty."""
 
 _WORDS = ("touch", "event", "event_time")
@@ -37,21 +41,17 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
 
     Examples
     --------
+    >>> from tactophone.types import TouchEvent
     >>> tap = TouchEvent("tap", 0.23)
     >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))
     >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 tap 0.23
     """
-    none, smooth, rough = prediction.probabilities
-    numbers = {
-        "time": command.time, "window_end": prediction.end, "none": none, "smooth": smooth, "rough": rough,
-        "touch": prediction.touch.name.lower(), "contact": int(prediction.touch is not Touch.NONE),
-        "level_dbfs": prediction.level_dbfs, "roughness": prediction.roughness,
-        "frequency": command.frequency, "amplitude": command.amplitude, "event": "", "event_time": "",
-    }  # fmt: skip
-    if prediction.events:
-        numbers |= {"event": prediction.events[-1].kind, "event_time": prediction.events[-1].time}
-    return {name: round(value, _DIGITS) if isinstance(value, float) else value for name, value in numbers.items()}
+    entries: dict[str, Any] = {field.name: field.of(prediction, command) for field in PREDICTION_FIELDS}
+    entries |= {"touch": prediction.touch.name.lower(), "contact": int(entries["contact"])}
+    event = prediction.events[-1] if prediction.events else None
+    entries |= {"event": event.kind if event else "", "event_time": event.time if event else ""}
+    return {key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in COLUMNS}
 
 
 class TimelineWriter:
@@ -168,23 +168,8 @@ class PredictionLog(RunFollower):
     def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
         if missed > 0:
             self.missed += missed
-            until = f" before {rows[0]['end']:.3f} s" if len(rows) else ""
+            until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
             self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
-
-
-def prediction_of(entry: Any) -> tuple[Prediction, HapticCommand]:
-    """Return a row of telemetry's predictions as prediction and command; the command is NaN where there was none."""
-    none, smooth, rough = (float(share) for share in entry["probabilities"])
-    prediction = Prediction(
-        (none, smooth, rough), Touch(int(entry["touch"])), float(entry["roughness"]), float(entry["level_dbfs"]),
-        start=float(entry["start"]), end=float(entry["end"]), events=_events_of(entry),
-    )  # fmt: skip
-    return prediction, HapticCommand(float(entry["amplitude"]), float(entry["frequency"]), float(entry["time"]))
-
-
-def _events_of(entry: Any) -> tuple[TouchEvent, ...]:
-    number = int(entry["event"])
-    return (TouchEvent(EVENT_KINDS[number - 1], float(entry["event_time"])),) if number else ()
 
 
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactophone.telemetry import layout
 from tactophone.telemetry.memory import Memory
 from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
-from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction
+from tactophone.types import EVENT_KINDS, PREDICTION_FIELDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}
@@ -26,6 +26,9 @@ def _packer(row: np.dtype[np.void]) -> struct.Struct:
 
 
 _STEP, _PREDICTION, _MARK = map(_packer, (layout.STEP, layout.PREDICTION, layout.MARK))
+
+_NOTHING = Prediction((math.nan,) * 3, Touch.NONE, math.nan, -math.inf, start=math.nan, end=math.nan)
+_SILENCE = HapticCommand(0.0, 0.0, math.nan)
 
 REQUEST_AGE = 10.0
 """Seconds for which a request in the mailbox holds: a process that was stopped for longer does not act on what somebody
@@ -69,8 +72,8 @@ class Telemetry:
         self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
         self._gauges = _view(self._memory["gauges"])
         self._beat = self._memory["beat"]
-        nothing: tuple[tuple[float, ...], float, float, int] = (math.nan,) * 3, math.nan, -math.inf, 0
-        self._newest, self._commands = [nothing] * fingers, [(0.0, 0.0)] * fingers
+        self._newest = [(_NOTHING, _SILENCE)] * fingers
+        self._values = [_step_values(_NOTHING, _SILENCE)] * fingers
         self._request_counts = self._memory["requests"]["count"]
         self._seen = self._request_counts.tobytes()
         self.state = State()
@@ -114,13 +117,11 @@ class Telemetry:
         self._append("sound", _stereo(block.samples), finger)
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
-        probabilities, roughness, level_dbfs, touch = self._newest[finger]
         vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
         row = finger * layout.STEP_CAPACITY + self._counts["step"][finger] % layout.STEP_CAPACITY
         _STEP.pack_into(
             self._rows["steps"], row * _STEP.size, block.end / block.sample_rate, self._counts["sound"][finger],
-            vibrated, *probabilities, roughness, level_dbfs, *self._commands[finger], touch, event, truth,
-            block.concealed,
+            vibrated, *self._values[finger], event, truth, block.concealed,
         )  # fmt: skip
         self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
@@ -204,24 +205,18 @@ class Telemetry:
 
     def _renew(self, step: PipelineStep) -> int:
         """Keep a step's newest prediction and command; return its newest event, 0 without one."""
-        if step.predictions:
-            newest = step.predictions[-1]
-            self._newest[step.finger] = newest.probabilities, newest.roughness, newest.level_dbfs, newest.touch
-        if step.command is not None:
-            self._commands[step.finger] = step.command.amplitude, step.command.frequency
+        prediction, command = self._newest[step.finger]
+        prediction = step.predictions[-1] if step.predictions else prediction
+        self._newest[step.finger] = prediction, step.command or command
+        self._values[step.finger] = _step_values(*self._newest[step.finger])
         events = [event for prediction in step.predictions for event in prediction.events]
         return 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
 
     def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int) -> None:
-        time, amplitude, frequency = (
-            (command.time, command.amplitude, command.frequency) if command else (prediction.end, math.nan, math.nan)
-        )
+        command = command or HapticCommand(math.nan, math.nan, prediction.end)
         row = finger * layout.PREDICTION_CAPACITY + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
-        _PREDICTION.pack_into(
-            self._rows["predictions"], row * _PREDICTION.size, time, prediction.start, prediction.end,
-            *prediction.probabilities, prediction.roughness, prediction.level_dbfs, amplitude, frequency,
-            *_event(prediction),
-        )  # fmt: skip
+        values = [field.of(prediction, command) for field in PREDICTION_FIELDS]
+        _PREDICTION.pack_into(self._rows["predictions"], row * _PREDICTION.size, *values)
         self._advance("prediction", 1, finger)
 
     def _append(self, name: str, samples: FloatArray, finger: int) -> None:
@@ -257,12 +252,8 @@ def _stereo(samples: FloatArray) -> FloatArray:
     return samples if samples.shape[1] == 2 else np.repeat(samples[:, :1], 2, axis=1)
 
 
-def _event(prediction: Prediction) -> tuple[float, int, int]:
-    """Return the time of a prediction's newest event, its touch, and the event's number."""
-    if not prediction.events:
-        return math.nan, prediction.touch, 0
-    event = prediction.events[-1]
-    return event.time, prediction.touch, 1 + EVENT_KINDS.index(event.kind)
+def _step_values(prediction: Prediction, command: HapticCommand) -> list[float]:
+    return [field.of(prediction, command) for field in layout.STEP_FIELDS]
 
 
 def _request(index: int, slot: NDArray[np.void], *, finger: int) -> Request | None:

@@ -16,7 +16,7 @@ const CLIPPED = 0.999;
 const CALM = 250; // ms between frames when the system asks for reduced motion
 const TOUCHES = ["no contact", "smooth", "rough"];
 // Columns of the table of steps: time, then STEP_COLUMNS of message.py.
-const [, NONE, SMOOTH, ROUGH, ROUGHNESS, LEVEL, AMPLITUDE, FREQUENCY, TOUCH, TRUTH] = Array(10).keys();
+const [, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
 
 // Kinds of touch events, counted from 1: EVENT_KINDS of types.py.
 const EVENTS = ["", "contact", "tap", "knock in the air", "stroke", "slip", "lift-off"];

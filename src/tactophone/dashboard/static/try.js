@@ -11,7 +11,7 @@ const SMOOTH = 1;
 const ROUGH = 2;
 const HELD = 30; // steps, 0.3 s in all: a stroke, not a touch in passing
 // Columns of the table of steps and of sound: message.py.
-const [, , , , ROUGHNESS, , AMPLITUDE, , TOUCH] = Array(9).keys();
+const [, , , , TOUCH, , ROUGHNESS, , AMPLITUDE] = Array(9).keys();
 const [, LOW, HIGH, LEVEL] = Array(4).keys();
 
 const meter = new Meter($("microphone-meter"), "Level");

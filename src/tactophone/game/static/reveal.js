@@ -6,7 +6,7 @@ import { lay, place } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
 const [, X, Y, FORCE, TRUTH] = Array(5).keys(); // of a row of the track
-const [, , , , ROUGHNESS, LEVEL, AMPLITUDE, , TOUCH] = Array(10).keys(); // of a row of the steps
+const [, , , , TOUCH, LEVEL, ROUGHNESS, , AMPLITUDE] = Array(10).keys(); // of a row of the steps
 let span = 10;
 let charts = null;
 let shown = null; // {result, track} of the round on the screen
