@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tactophone.dataset import Dataset, Recording, kin_of, open_dataset, with_kin
 from tactophone.evaluation import model_predictor
-from tactophone.evaluation.event_metrics import decided_touches
+from tactophone.evaluation.events import decided_touches
 from tactophone.perception import Model, read_model
 from tactophone.training import RECIPES, TrainingOptions, extract_features
 from tactophone.training.features.feature_tracks import FeatureSpec

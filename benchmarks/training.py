@@ -29,7 +29,7 @@ from torch import nn
 from tactophone import Touch
 from tactophone.dataset import Fold, open_dataset, split
 from tactophone.evaluation.metrics import measure
-from tactophone.evaluation.predictions import TakePredictions, scores_of
+from tactophone.evaluation.predict import TakePredictions, scores_of
 from tactophone.perception import magnitudes
 from tactophone.training import NetworkSettings, network_settings, read_signals
 from tactophone.training.network.model import PaperNetwork

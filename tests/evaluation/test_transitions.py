@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.evaluation.transitions import FADE, HALF, LEAD, SOURCES, join_edges
+from tactophone.evaluation.events import FADE, HALF, LEAD, SOURCES, join_edges
 from tactophone.types import Touch
 from tests.surfaces import RATE, surfaces
 

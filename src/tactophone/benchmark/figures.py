@@ -9,7 +9,7 @@ import numpy as np
 
 from tactophone.benchmark.height_regression import Heights
 from tactophone.benchmark.result import MethodResult
-from tactophone.evaluation.transitions import HALF
+from tactophone.evaluation.events import HALF
 from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
 
 _STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(

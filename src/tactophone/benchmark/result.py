@@ -49,7 +49,7 @@ class MethodResult:
     """Share of smooth updates classified as rough, at the threshold with the reference's rough recall."""
     bumps_per_minute: float
     calibration_error: float
-    """`bumps_per_minute` and `calibration_error`: see :mod:`tactophone.evaluation.event_metrics`."""
+    """`bumps_per_minute` and `calibration_error`: see :mod:`tactophone.evaluation.events`."""
     contact_ms: tuple[float, float, float]
     edge_ms: tuple[float, float, float]
     """`contact_ms` and `edge_ms`: p50 and p95 of the time to a correct decision, in ms, over all changes (infinite

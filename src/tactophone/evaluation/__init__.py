@@ -1,16 +1,46 @@
 """Metrics, intervals, event metrics and reports: every number with its definition."""
 
-from tactophone.evaluation.bootstrap import Estimate, estimate, interval
-from tactophone.evaluation.event_metrics import (
+from tactophone.evaluation.bootstrap import (
+    Change,
+    Difference,
+    Estimate,
+    accuracy_of,
+    by_surface,
+    by_take,
+    compare_models,
+    correct_for_number,
+    estimate,
+    interval,
+    paired_difference,
+)
+from tactophone.evaluation.events import (
+    SOURCES,
     Delays,
     calibration_error,
     contact_delays,
     edge_delays,
     false_bumps_per_minute,
+    join_edges,
 )
-from tactophone.evaluation.metrics import RULES, Rule, Scores, false_positives_at_recall, measure, rough_score
-from tactophone.evaluation.model_comparison import Change, accuracy_of, by_surface, by_take, compare_models
-from tactophone.evaluation.operating_point import (
+from tactophone.evaluation.metrics import (
+    RULES,
+    Rule,
+    Scores,
+    balanced_accuracy,
+    false_positives_at_recall,
+    measure,
+    rough_score,
+)
+from tactophone.evaluation.predict import (
+    Predictor,
+    TakePredictions,
+    in_true_contact,
+    model_predictor,
+    scores_of,
+    streaming_predictor,
+)
+from tactophone.evaluation.report import RENDERED, Rendered, Report, make_report, rendered_scores
+from tactophone.evaluation.rules import (
     Goal,
     OperatingPoint,
     candidate_rules,
@@ -19,18 +49,6 @@ from tactophone.evaluation.operating_point import (
     measure_rule,
     try_rules,
 )
-from tactophone.evaluation.paired import Difference, correct_for_number, paired_difference
-from tactophone.evaluation.predictions import (
-    Predictor,
-    TakePredictions,
-    model_predictor,
-    scores_of,
-    streaming_predictor,
-)
-from tactophone.evaluation.rendered import RENDERED, Rendered, rendered_scores
-from tactophone.evaluation.report import Report, make_report
-from tactophone.evaluation.transitions import SOURCES, join_edges
-from tactophone.evaluation.true_contact import in_true_contact
 
 __all__ = [
     "RENDERED",
@@ -49,6 +67,7 @@ __all__ = [
     "Scores",
     "TakePredictions",
     "accuracy_of",
+    "balanced_accuracy",
     "by_surface",
     "by_take",
     "calibration_error",

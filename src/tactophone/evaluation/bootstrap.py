@@ -1,19 +1,45 @@
-"""Confidence intervals of scores, by resampling surfaces: windows of one surface are not independent samples."""
+"""Confidence intervals of scores and of differences between two methods, by resampling surfaces.
+
+Windows of one surface are not independent samples, so surfaces are drawn, with replacement. Rough and smooth ones are
+drawn apart, so that no draw lacks a class (stratified percentile bootstrap; Efron & Tibshirani, "An Introduction to
+the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4).
+"""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.evaluation.metrics import Counts, Scores, count_by_surface, measure, measure_counts
+from tactophone.dataset import Recording
+from tactophone.errors import DatasetError
+from tactophone.evaluation.metrics import (
+    Floats,
+    Scores,
+    balanced_accuracy,
+    count_by_surface,
+    measure,
+    measure_counts,
+    rough_score,
+)
+from tactophone.evaluation.predict import TakePredictions
+from tactophone.types import Touch
 
 DRAWS = 1000
 COVERAGE = 0.90
 
 BINS = 2048
 """Bins of scores, used in draws alone: they move an interval's end by less than 0.001 and make a draw 100x faster."""
+
+Statistic = Callable[[Floats], Mapping[str, Floats]]
+"""From tables summed over surfaces, any number of cases side by side, to each case's scores by name."""
+
+Strata = Sequence[NDArray[np.intp]]
+"""Rows of the table that are drawn among themselves: those of smooth surfaces, and those of rough ones."""
+
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,25 +54,56 @@ class Estimate:
         return "-" if math.isnan(self.value) else f"{self.value:.3f} ({self.low:.2f}-{self.high:.2f})"
 
 
-def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
-    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval from ``draws`` of surfaces.
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One method's score less another's."""
 
-    Surfaces are drawn with replacement, rough and smooth ones apart, so that no draw lacks a class (stratified
-    percentile bootstrap; Efron & Tibshirani, "An Introduction to the Bootstrap", 1993, chapters 8 and 13).
+    estimate: Estimate
+    """The difference with its 90 % interval."""
+    p: float
+    """Two-sided: twice the share of draws on the rarer side of zero, at least one draw."""
+    corrected: float = math.nan
+    """The same, corrected for the number of differences in its table: see :func:`correct_for_number`. NaN before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A score before and after, and their difference over the same draws."""
+
+    before: Estimate
+    after: Estimate
+    difference: Estimate
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain dictionaries."""
+        return asdict(self)
+
+
+def bootstrap(
+    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS, seed: int = 0
+) -> dict[str, Estimate]:
+    """Compute the scores of a table with a row for each surface, each with its interval."""
+    drawn = resample(table, statistic, strata=strata, draws=draws, seed=seed)
+    return {name: interval(float(value), drawn[name]) for name, value in statistic(table.sum(axis=0)).items()}
+
+
+def resample(
+    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS, seed: int = 0
+) -> Mapping[str, Floats]:
+    """Compute the scores of each draw of a table's rows.
+
+    The same seed and strata draw the same rows of any table: so two methods are compared in pairs.
     """
     rng = np.random.default_rng(seed)
-    strata = [surfaces for rough in (False, True) if len(surfaces := np.unique(scores.surface[scores.rough == rough]))]
-    times = np.array([draw_surfaces(strata, surfaces=len(scores.names), rng=rng) for _ in range(draws)])
-    drawn = measure_draws(count_by_surface(scores, bins=BINS), times)
-    return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
+    times = np.zeros((draws, len(table)))
+    for row in times:
+        for stratum in strata:
+            if len(stratum):
+                np.add.at(row, rng.choice(stratum, len(stratum)), 1.0)
+    return statistic(np.tensordot(times, table, axes=1))
 
 
-def measure_draws(counts: Counts, times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Compute every score of each draw of surfaces, which ``times``, shape ``(draws, surfaces)``, counts."""
-    return measure_counts(counts.times(times.reshape(-1, len(counts.rough))))
-
-
-def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Estimate:
+def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
     """Return a score with the interval that the middle 90 % of its draws span."""
     if not len(drawn) or np.isnan(drawn).all():
         return Estimate(value, float("nan"), float("nan"))
@@ -54,11 +111,129 @@ def interval(value: float, drawn: Sequence[float] | NDArray[np.float64]) -> Esti
     return Estimate(value, float(low), float(high))
 
 
-def draw_surfaces(
-    strata: Sequence[NDArray[np.intp]], *, surfaces: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Draw as many surfaces of each stratum as it has, with replacement; return how often each was drawn."""
-    times = np.zeros(surfaces)
-    for stratum in strata:
-        np.add.at(times, rng.choice(stratum, len(stratum)), 1.0)
-    return times
+def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
+    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval."""
+    table, called = count_by_surface(scores, bins=BINS)
+    strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
+    drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws, seed=seed)
+    return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
+
+
+def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Difference]:
+    """Compute every score of the first method less the second's, over the surfaces that both have scores of."""
+    common = []
+    for label in (False, True):
+        found = ({each.names[k] for k in np.unique(each.surface[each.rough == label])} for each in (first, second))
+        common.append(sorted(set.intersection(*found)))
+    rows = sorted({name for names in common for name in names})
+    strata = [np.array([rows.index(name) for name in names], np.intp) for names in common]
+
+    def scored(scores: Scores) -> tuple[dict[str, float], Mapping[str, Floats]]:
+        """Scores over all common surfaces once, and in each draw."""
+        # The two methods number their surfaces differently, so rows are ordered by name.
+        counts, called = count_by_surface(scores, bins=BINS)
+        table = counts[[scores.names.index(name) for name in rows]]
+        weights = np.array([float(sum(names.count(name) for names in common)) for name in scores.names])
+        drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws, seed=seed)
+        return measure(scores, weights[scores.surface]), drawn
+
+    (value, drawn), (other, other_drawn) = scored(first), scored(second)
+    differences = {name: drawn[name] - other_drawn[name] for name in value}
+    return {name: Difference(interval(value[name] - other[name], each), _p(each)) for name, each in differences.items()}
+
+
+def _p(drawn: Floats) -> float:
+    known = drawn[~np.isnan(drawn)]
+    if not len(known):
+        return float("nan")
+    rarer = min((known <= 0).mean(), (known >= 0).mean())
+    return float(min(1.0, 2 * max(rarer, 1 / len(known))))
+
+
+def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Difference]:
+    """Correct the p-values of a table of differences, so that the chance of *any* false one is bounded.
+
+    Source: Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Statist. 6, 65 (1979).
+
+    >>> found = {name: Difference(Estimate(0, 0, 0), p) for name, p in {"a": 0.01, "b": 0.04, "c": 0.03}.items()}
+    >>> {name: round(each.corrected, 3) for name, each in correct_for_number(found).items()}
+    {'a': 0.03, 'b': 0.06, 'c': 0.06}
+    """
+    known = sorted((each.p, place) for place, each in enumerate(differences.values()) if not math.isnan(each.p))
+    corrected, highest = dict.fromkeys(range(len(differences)), math.nan), 0.0
+    for rank, (p, place) in enumerate(known):
+        highest = max(highest, min(1.0, p * (len(known) - rank)))
+        corrected[place] = highest
+    return {key: replace(each, corrected=corrected[place]) for place, (key, each) in enumerate(differences.items())}
+
+
+def by_surface(recording: Recording) -> str:
+    """Cluster by surface: windows of one surface are correlated."""
+    return recording.surface
+
+
+def by_take(recording: Recording) -> str:
+    """Cluster by take, where a few new objects leave nothing else to draw: intervals hold for these objects only."""
+    return str(recording.path)
+
+
+def compare_models(
+    before: Sequence[TakePredictions],
+    after: Sequence[TakePredictions],
+    *,
+    by: Callable[[Recording], str],
+    seed: int = 0,
+) -> dict[str, Change]:
+    """Compare two models on the same recordings, such as before and after fine-tuning.
+
+    Over windows in contact, by the two-class rule; ``by`` names the cluster of a recording, which the bootstrap draws.
+
+    Returns
+    -------
+    dict
+        ``balanced_accuracy``: mean over the classes present of the share of windows classified correctly.
+        ``false_positive_rate``: share of smooth windows classified as rough; NaN without smooth recordings.
+
+    Raises
+    ------
+    DatasetError
+        If neither model detected contact.
+    """
+    tables = [_count(predictions, by) for predictions in (before, after)]
+    if not tables[0].any():
+        raise DatasetError("the contact gate never opened on these recordings; lower the threshold, or calibrate")
+    rough = tables[0][:, 1].sum(axis=-1) > 0
+    strata = [np.flatnonzero(rough == label) for label in (False, True)]
+    old, new = (_rates(table.sum(axis=0)) for table in tables)
+    drawn_old, drawn_new = (resample(table, _rates, strata=strata, seed=seed) for table in tables)
+    return {
+        name: Change(
+            interval(float(old[name]), drawn_old[name]),
+            interval(float(new[name]), drawn_new[name]),
+            interval(float(new[name] - old[name]), drawn_new[name] - drawn_old[name]),
+        )
+        for name in old
+    }
+
+
+def accuracy_of(predictions: Sequence[TakePredictions]) -> float:
+    """Balanced accuracy of a model on recordings, over the classes present, by the two-class rule."""
+    return float(_rates(_count(predictions, lambda recording: "").sum(axis=0))["balanced_accuracy"])
+
+
+def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str]) -> Floats:
+    """Windows in contact by cluster, label (smooth, rough) and class (smooth, rough): ``(clusters, 2, 2)``."""
+    names = sorted({by(take.recording) for take in predictions})
+    table = np.zeros((len(names), 2, 2))
+    for take in predictions:
+        called_rough = rough_score(take.probabilities[take.contact], "two-class") >= 0.5
+        row = table[names.index(by(take.recording)), int(take.recording.label is Touch.ROUGH)]
+        row += np.bincount(called_rough, minlength=2)
+    return table
+
+
+def _rates(table: Floats) -> dict[str, Floats]:
+    with np.errstate(invalid="ignore"):
+        share = table / table.sum(axis=-1, keepdims=True)
+    right = balanced_accuracy(share[..., 0, 0], share[..., 1, 1], either=True)
+    return {"balanced_accuracy": right, "false_positive_rate": share[..., 0, 1]}

@@ -33,21 +33,6 @@ class Scores:
     """The surfaces' names by number."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Counts:
-    """Number of windows at each score, or in each bin of scores, in ascending order."""
-
-    rough: Floats
-    smooth: Floats
-    """`rough` and `smooth`: windows of either class, shape ``(..., bins)``: any number of cases side by side."""
-    called: NDArray[np.bool_]
-    """Which bins are classified as rough, shape ``(bins,)``; no bin lies on both sides of 0.5."""
-
-    def times(self, weights: Floats) -> "Counts":
-        """Weigh surfaces: with weights ``(draws, surfaces)``, return the counts of each draw."""
-        return Counts(weights @ self.rough, weights @ self.smooth, self.called)
-
-
 def rough_score(probabilities: NDArray[np.float32], rule: Rule) -> NDArray[np.float64]:
     """Score windows by one of two rules.
 
@@ -96,38 +81,51 @@ def measure(scores: Scores, weights: Floats | None = None) -> dict[str, float]:
     """
     every = np.ones(len(scores.score)) if weights is None else weights
     place, called = _bins(scores, len(scores.score))
-    rough, smooth = (_count(place, every * kind, len(called)) for kind in (scores.rough, ~scores.rough))
-    return {name: float(value) for name, value in measure_counts(Counts(rough, smooth, called)).items()}
+    counts = [np.bincount(place, every * kind, len(called)) for kind in (~scores.rough, scores.rough)]
+    return {name: float(value) for name, value in measure_counts(np.array(counts, float), called).items()}
 
 
-def count_by_surface(scores: Scores, *, bins: int) -> Counts:
-    """Count each surface's windows in bins of about equally many windows; equal scores share a bin."""
+def count_by_surface(scores: Scores, *, bins: int) -> tuple[Floats, NDArray[np.bool_]]:
+    """Count windows in bins of about equally many, for :func:`measure_counts`; equal scores share a bin.
+
+    Returns the table, shape ``(surfaces, 2, bins)``, smooth windows first, and which bins are classified as rough.
+    """
     place, called = _bins(scores, bins)
-    shape = len(scores.names), len(called)
-    cell = scores.surface * len(called) + place
-    rough, smooth = (_count(cell, kind, shape[0] * shape[1]).reshape(shape) for kind in (scores.rough, ~scores.rough))
-    return Counts(rough, smooth, called)
+    cell, size = scores.surface * len(called) + place, len(scores.names) * len(called)
+    counts = [np.bincount(cell, kind, size).reshape(-1, len(called)) for kind in (~scores.rough, scores.rough)]
+    return np.stack(counts, axis=1).astype(np.float64), called
 
 
-def measure_counts(counts: Counts) -> dict[str, Floats]:
-    """Compute the metrics of :func:`measure` for each case of counts."""
-    rough, smooth, called = counts.rough, counts.smooth, counts.called
+def measure_counts(table: Floats, called: NDArray[np.bool_]) -> dict[str, Floats]:
+    """Compute the metrics of :func:`measure` for each of any number of cases, tables ``(..., 2, bins)``."""
+    smooth, rough = table[..., 0, :], table[..., 1, :]
     all_rough, all_smooth = rough.sum(axis=-1), smooth.sum(axis=-1)
     total = all_rough + all_smooth
     hits, bumps = rough @ called, smooth @ called
     recall, quiet = _divide(hits, all_rough), _divide(all_smooth - bumps, all_smooth)
+    # Mann-Whitney's statistic over all pairs; pairs within a bin are ties.
+    below = np.cumsum(smooth, axis=-1) - smooth / 2
     return {
         "smooth_accuracy": quiet,
         "rough_accuracy": recall,
-        "balanced_accuracy": (quiet + recall) / 2,
+        "balanced_accuracy": balanced_accuracy(quiet, recall),
         "false_positive_rate": 1 - quiet,
-        "auc": _auc(rough, smooth),
+        "auc": _divide((rough * below).sum(axis=-1), all_rough * all_smooth),
         "recall_at_1": _recall_at(rough, smooth),
         "rough_as_rough": _divide(hits, total),
         "rough_as_smooth": _divide(all_rough - hits, total),
         "smooth_as_rough": _divide(bumps, total),
         "smooth_as_smooth": _divide(all_smooth - bumps, total),
     }
+
+
+def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) -> Floats:
+    """Mean of the shares of smooth and of rough that are classified correctly.
+
+    NaN where a class is missing; with ``either``, the share of the other class there.
+    """
+    mean = (smooth + rough) / 2
+    return np.where(np.isnan(smooth), rough, np.where(np.isnan(rough), smooth, mean)) if either else mean
 
 
 def false_positives_at_recall(scores: Scores, recall: float, weights: Floats | None = None) -> float:
@@ -149,16 +147,6 @@ def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_
     # The last bit keeps the two sides of 0.5 in different bins.
     codes, place = np.unique(2 * (tied * min(bins, count) // max(count, 1)) + called, return_inverse=True)
     return place, codes % 2 == 1
-
-
-def _count(place: NDArray[np.intp], weights: NDArray[np.generic], size: int) -> Floats:
-    return np.asarray(np.bincount(place, weights, size), np.float64)
-
-
-def _auc(rough: Floats, smooth: Floats) -> Floats:
-    """Mann-Whitney's statistic over all pairs; pairs within a bin are ties."""
-    below = np.cumsum(smooth, axis=-1) - smooth / 2
-    return _divide((rough * below).sum(axis=-1), rough.sum(axis=-1) * smooth.sum(axis=-1))
 
 
 def _recall_at(rough: Floats, smooth: Floats) -> Floats:

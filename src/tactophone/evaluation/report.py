@@ -1,18 +1,43 @@
-"""Scores of a detector on one set of recordings: both rules, with intervals, by surface and by recording."""
+"""Scores of a detector on one set of recordings: as rendered and by both rules, with intervals, by surface and take.
 
-from collections.abc import Sequence
+What is rendered is what the operator's finger gets: contact gate, abstention and decision rule inside, over true
+contact. A moment in which nothing is rendered is a *gap*, and counts as wrong for either class; so does a rough touch
+that is rendered as plain contact, because the sound is unknown or not confirmed yet.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from tactophone.evaluation.bootstrap import DRAWS, Estimate, estimate
-from tactophone.evaluation.metrics import RULES, Rule, rough_score
-from tactophone.evaluation.predictions import TakePredictions, scores_of
-from tactophone.evaluation.rendered import Rendered, rendered_scores
-from tactophone.evaluation.true_contact import in_true_contact
+from tactophone.errors import DatasetError
+from tactophone.evaluation.bootstrap import DRAWS, Estimate, bootstrap, estimate
+from tactophone.evaluation.events import decided_touches
+from tactophone.evaluation.metrics import RULES, Floats, Rule, balanced_accuracy, rough_score
+from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
 from tactophone.perception import DecisionRule
 from tactophone.types import Touch
+
+RENDERED = ("balanced_accuracy", "rough_as_rough", "smooth_as_smooth", "smooth_as_rough", "wrong", "gaps")
+"""Names of the scores, in the order of tables."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """Shares of true contact, each with its 90 % interval over surfaces."""
+
+    balanced_accuracy: Estimate
+    """Mean of the two classes' shares that are rendered as that class."""
+    rough_as_rough: Estimate
+    smooth_as_smooth: Estimate
+    smooth_as_rough: Estimate
+    """`rough_as_rough`, `smooth_as_smooth` and `smooth_as_rough`: of the contact with rough and with smooth
+    surfaces."""
+    wrong: Estimate
+    """Rendered as the other class, of all contact: the time that false bumps and missed rough last."""
+    gaps: Estimate
+    """Not rendered at all, of all contact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +78,46 @@ class Report:
         return asdict(self)
 
 
+def rendered_scores(
+    predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS, seed: int = 0
+) -> Rendered:
+    """Score what is rendered by a decision rule; recordings without the label smooth or rough are left out.
+
+    Raises `DatasetError` if there is no labelled contact.
+    """
+    takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
+    # Updates by surface, label (smooth, rough) and what was rendered (none, smooth, rough).
+    names = sorted({take.recording.surface for take in takes})
+    table = np.zeros((len(names), 2, 3))
+    for take in takes:
+        rendered = decided_touches(take, rule)[true_contact(take)]
+        row = table[names.index(take.recording.surface), int(take.recording.label is Touch.ROUGH)]
+        row += np.bincount(rendered, minlength=3)
+    if not table.any():
+        raise DatasetError("no recording has contact with a surface labelled smooth or rough: nothing can be scored")
+    strata = [np.flatnonzero(table[:, label].any(axis=-1)) for label in (0, 1)]
+    return Rendered(**bootstrap(table, _shares, strata=strata, draws=draws, seed=seed))
+
+
+def _shares(counts: Floats) -> Mapping[str, Floats]:
+    """Compute the scores of counts ``(..., 2, 3)``."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_label = counts / counts.sum(axis=-1, keepdims=True)
+        total = counts.sum(axis=(-2, -1))
+        wrong = (counts[..., 0, Touch.ROUGH] + counts[..., 1, Touch.SMOOTH]) / total
+        gaps = counts[..., Touch.NONE].sum(axis=-1) / total
+    smooth, rough = by_label[..., 0, Touch.SMOOTH], by_label[..., 1, Touch.ROUGH]
+    return {
+        # A set of one class has the accuracy of that class.
+        "balanced_accuracy": balanced_accuracy(smooth, rough, either=True),
+        "rough_as_rough": rough,
+        "smooth_as_smooth": smooth,
+        "smooth_as_rough": by_label[..., 0, Touch.ROUGH],
+        "wrong": wrong,
+        "gaps": gaps,
+    }
+
+
 def make_report(
     predictions: Sequence[TakePredictions], *, decision: DecisionRule | None = None, draws: int = DRAWS
 ) -> Report:
@@ -62,13 +127,13 @@ def make_report(
     """
     labelled = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
     rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}
+    opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
-    total = _score("", labelled)
     return Report(
         len(labelled),
         len(surfaces),
-        total.updates,
-        total.contact,
+        len(opened),
+        float(opened.mean()),
         rendered_scores(labelled, decision or DecisionRule(), draws=draws),
         rules,
         tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
@@ -79,20 +144,13 @@ def make_report(
 def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
     labels = {take.recording.known("label") for take in takes}
     contact = np.concatenate([take.contact for take in takes])
-    return GroupScore(
-        name,
-        labels.pop() if len(labels) == 1 else "mixed",
-        len(contact),
-        float(contact.mean()) if len(contact) else float("nan"),
-        _accuracy(takes, "authors"),
-        _accuracy(takes, "two-class"),
-    )
-
-
-def _accuracy(takes: Sequence[TakePredictions], rule: Rule) -> float:
-    correct = [
-        (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.label is Touch.ROUGH)
-        for take in map(in_true_contact, takes)
-    ]
-    every = np.concatenate(correct)
-    return float(every.mean()) if len(every) else float("nan")
+    touching = [in_true_contact(take) for take in takes]
+    right = [
+        np.concatenate([
+            (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.label is Touch.ROUGH)
+            for take in touching
+        ])
+        for rule in RULES
+    ]  # fmt: skip
+    shares = (float(each.mean()) if len(each) else float("nan") for each in (contact, *right))
+    return GroupScore(name, labels.pop() if len(labels) == 1 else "mixed", len(contact), *shares)

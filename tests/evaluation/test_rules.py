@@ -13,7 +13,7 @@ from tactophone.evaluation import (
     measure_rule,
     try_rules,
 )
-from tactophone.evaluation.operating_point import rates
+from tactophone.evaluation.rules import rates
 from tactophone.perception import Decision, DecisionRule
 from tactophone.types import Touch
 

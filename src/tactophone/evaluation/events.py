@@ -2,24 +2,31 @@
 
 All are computed from a detector's predictions at each update, through its own contact gate and decision rule, as the
 live system acts on them.
+
+Edges between smooth and rough without a lift-off are rare in recordings, because the finger lifts between objects. So
+:func:`join_edges` makes them from recordings of held-out surfaces: the middle of a touch on one surface, cross-faded
+into the middle of a touch on another over the time that a fingertip takes to cross an edge.
 """
 
 import functools
+import hashlib
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
+import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Segment
-from tactophone.dataset.motion_intervals import first_slide, slides_over
+from tactophone.dataset import Recording, Segment
+from tactophone.dataset.motion_intervals import MotionInterval, cut_slides, first_slide, slides_over, write_slides
 from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predictions import TakePredictions
-from tactophone.evaluation.true_contact import true_contact
+from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
 from tactophone.perception import Decision, DecisionRule
-from tactophone.types import Touch
+from tactophone.types import FloatArray, Touch
 
 BRIDGE = 0.03
 """Seconds; two bumps closer than the shortest perceptible burst are perceived as one (Sci. Rep. 2025, 15:5057)."""
@@ -32,6 +39,23 @@ SHORTEST_TOUCH = 0.3
 
 BINS = 10
 """Of equal width, for the calibration error (Guo et al., ICML 2017, section 2)."""
+
+HALF = 0.6
+"""Seconds of each surface at an edge that is joined."""
+
+FADE = 0.02
+"""Seconds of cross-fade: 2 mm of contact at 10 cm/s."""
+
+LEAD = 0.2
+"""Seconds of silence before, so that running statistics begin empty."""
+
+_VERSION = 2
+"""Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
+
+_WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
+
+SOURCES = "sources"
+"""Property of an edge: the paths of the two recordings that it is joined from, by line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +105,9 @@ def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: Decisio
         if take.recording.label is not Touch.SMOOTH or len(take.time) < 2:
             continue
         touching = true_contact(take)
-        bumps += _count_bumps((decided_touches(take, rule) == Touch.ROUGH) & touching, take.time)
+        stretches = _stretches((decided_touches(take, rule) == Touch.ROUGH) & touching)
+        gaps = [take.time[begin] - take.time[end] for (_, end), (begin, _) in itertools.pairwise(stretches)]
+        bumps += len(stretches) - sum(gap < BRIDGE for gap in gaps)
         duration += float(touching.mean() * (take.time[-1] - take.time[0]))
     return 60 * bumps / duration if duration else float("nan")
 
@@ -96,8 +122,11 @@ def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *
         _delay(take, start, segment.end, take.recording.label, rule=rule)
         for take in predictions
         if take.recording.label is not None
-        for segment in _touches_after_silence(take.recording.segments)
-        if (start := first_slide(take.recording, segment.start, segment.end)) is not None
+        for before, segment in itertools.pairwise(take.recording.segments)
+        if segment.contact
+        and segment.label is not None
+        and not before.contact
+        and (start := first_slide(take.recording, segment.start, segment.end)) is not None
         and segment.end - start >= SHORTEST_TOUCH
     ]
     return _delays(found, latency)
@@ -110,7 +139,7 @@ def edge_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, l
     """
     found = []
     for take in predictions:
-        for before, after in zip(take.recording.segments, take.recording.segments[1:], strict=False):
+        for before, after in itertools.pairwise(take.recording.segments):
             changes = {before.label, after.label} == {Touch.SMOOTH, Touch.ROUGH}
             if changes and slides_over(take.recording, after.start):
                 found.append(_delay(take, after.start, after.end, after.label, rule=rule))
@@ -132,19 +161,6 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
 
 
-def _count_bumps(rough: NDArray[np.bool_], time: NDArray[np.float64]) -> int:
-    """Number of stretches of updates that are rough; stretches closer than a perceptible gap count as one."""
-    stretches = _stretches(rough)
-    joined = sum(time[begin] - time[end] < BRIDGE for (_, end), (begin, _) in itertools.pairwise(stretches))
-    return len(stretches) - int(joined)
-
-
-def _touches_after_silence(segments: Sequence[Segment]) -> list[Segment]:
-    """Labelled touches that begin after a segment without contact."""
-    pairs = itertools.pairwise(segments)
-    return [touch for before, touch in pairs if touch.contact and touch.label is not None and not before.contact]
-
-
 def _delay(take: TakePredictions, start: float, end: float, label: Touch | None, *, rule: DecisionRule) -> float | None:
     here = (take.time > start) & (take.time <= end)
     time, correct = take.time[here], decided_touches(take, rule)[here] == label
@@ -164,3 +180,86 @@ def _stretches(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _delays(found: Sequence[float | None], latency: float) -> Delays:
     times = [delay + latency for delay in found if delay is not None]
     return Delays(np.array(times), len(found) - len(times))
+
+
+def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
+    """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
+
+    The recordings are held out, of one sample rate. The files are named by
+    content and written once; ``most`` limits the number of edges. Raises `ValueError` if the two recordings of a pair
+    differ in sample rate.
+    """
+    pools = {label: list(_touches(recordings, label)) for label in _WORDS}
+    if not all(pools.values()):
+        return []
+    rng = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    edges = []
+    for number in range(min(most, 2 * min(map(len, pools.values())))):
+        order = (Touch.SMOOTH, Touch.ROUGH) if number % 2 == 0 else (Touch.ROUGH, Touch.SMOOTH)
+        pair = [pools[label][int(rng.integers(len(pools[label])))] for label in order]
+        if pair[0][0].channels == pair[1][0].channels:
+            edges.append(_join(pair, order, folder))
+    return edges
+
+
+def _touches(recordings: Sequence[Recording], label: Touch) -> Iterator[tuple[Recording, float]]:
+    """Each touch long enough, with the start in s of its middle part."""
+    for recording in recordings:
+        if recording.label is not label:
+            continue
+        touches = touches_of(recording)
+        for start, end in ((0.0, soundfile.info(recording.path).duration),) if touches is None else touches:
+            if end - start >= HALF + 0.1:
+                yield recording, (start + end - HALF) / 2
+
+
+def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folder: Path) -> Recording:
+    name = hashlib.sha256(
+        repr([_VERSION, *((str(recording.path), start) for recording, start in pair)]).encode()
+    ).hexdigest()[:16]
+    path = folder / f"{name}.flac"
+    first, second = (recording.read(start=start, duration=HALF) for recording, start in pair)
+    rate = first.sample_rate
+    if rate != second.sample_rate:
+        raise ValueError(
+            f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {second.sample_rate} Hz: edges join equal rates"
+        )
+    if not path.is_file():
+        soundfile.write(path, _fade(first.samples, second.samples, rate), rate, subtype="PCM_16")
+    middle, end = LEAD + HALF - FADE / 2, LEAD + 2 * HALF - FADE
+    segments = (
+        Segment(0.0, LEAD, "none"),
+        Segment(LEAD, middle, _WORDS[order[0]]),
+        Segment(middle, end, _WORDS[order[1]]),
+    )
+    sources = {SOURCES: "\n".join(str(take.path) for take, _ in pair)}
+    return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
+                     segments=segments, properties=MappingProxyType(_motion(pair) | sources))  # fmt: skip
+
+
+def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
+    """The slides of the joined recording, if both recordings have them labelled."""
+    places = (LEAD, LEAD + HALF - FADE)
+    cuts = [cut_slides(recording, start, start + HALF, place=place)
+            for (recording, start), place in zip(pair, places, strict=True)]  # fmt: skip
+    if cuts[0] is None or cuts[1] is None:
+        return {}
+    # A slide that continues over the edge is one slide.
+    last, first = cuts[0][-1:], cuts[1][:1]
+    if last and first and first[0].start <= last[0].end:
+        return {"slides": write_slides((*cuts[0][:-1], MotionInterval(last[0].start, first[0].end), *cuts[1][1:]))}
+    return {"slides": write_slides((*cuts[0], *cuts[1]))}
+
+
+def _fade(first: FloatArray, second: FloatArray, rate: int) -> FloatArray:
+    """Fade in from silence, then cross-fade with constant power, because the two sounds are uncorrelated.
+
+    Sound cut into digital silence would begin with a click that no finger makes.
+    """
+    size = round(FADE * rate)
+    angle = np.linspace(0, np.pi / 2, size, dtype=np.float32)[:, None]
+    landing = first[:size] * np.sin(angle) ** 2
+    crossing = first[-size:] * np.cos(angle) + second[:size] * np.sin(angle)
+    silence = np.zeros((round(LEAD * rate), first.shape[1]), np.float32)
+    return np.concatenate((silence, landing, first[size:-size], crossing, second[size:]))

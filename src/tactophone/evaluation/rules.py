@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from tactophone.dataset import Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation.bootstrap import DRAWS, Estimate, interval
-from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predictions import TakePredictions
+from tactophone.evaluation.bootstrap import Estimate, bootstrap
+from tactophone.evaluation.metrics import Floats, rough_score
+from tactophone.evaluation.predict import TakePredictions
 from tactophone.perception import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
 from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.types import Touch
@@ -125,30 +125,34 @@ def choose_rule(outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: 
     return int(min(best, key=lambda place: (rules[place].confirm, rules[place].rough_on - rules[place].rough_off)))
 
 
-def rates(outcomes: RuleOutcomes, times: NDArray[np.float64] | None = None) -> dict[str, NDArray[np.float64]]:
-    """Compute the rates of every rule, each of shape ``(rules,)``; see :class:`OperatingPoint`."""
-    weight = np.ones(len(outcomes.recordings)) if times is None else times
-    smooth, rough = weight * ~outcomes.is_rough, weight * outcomes.is_rough
+def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Floats]:
+    """Compute the rates of every rule, each of shape ``(..., rules)``; see :class:`OperatingPoint`.
+
+    ``weights``, shape ``(..., recordings)``, says how often each recording counts, once by default.
+    """
+    every = np.ones(len(outcomes.recordings)) if weights is None else weights
+    smooth, rough = every * ~outcomes.is_rough, every * outcomes.is_rough
     with np.errstate(invalid="ignore", divide="ignore"):
         return {
-            "false_bumps_per_minute": smooth @ outcomes.bumps / (smooth @ outcomes.minutes),
-            "false_positive_rate": smooth @ outcomes.rough / (smooth @ outcomes.updates),
-            "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates),
+            "false_bumps_per_minute": smooth @ outcomes.bumps / (smooth @ outcomes.minutes)[..., None],
+            "false_positive_rate": smooth @ outcomes.rough / (smooth @ outcomes.updates)[..., None],
+            "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates)[..., None],
         }
 
 
 def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule, *, seed: int = 0) -> OperatingPoint:
     """Compute the rates of one rule, each with its 90 % interval over draws of the surfaces."""
-    single = RuleOutcomes(
-        outcomes.recordings, outcomes.minutes, outcomes.updates,
-        *(array[:, place : place + 1] for array in (outcomes.rough, outcomes.bumps, outcomes.delay)),
-    )  # fmt: skip
-    rng = np.random.default_rng(seed)
-    drawn = [rates(single, _draw(single, rng)) for _ in range(DRAWS)]
-    estimates = {
-        name: interval(float(value[0]), [draw[name][0] for draw in drawn]) for name, value in rates(single).items()
-    }
-    delays = single.delay[single.is_rough, 0]
+    keys = [(take.label is Touch.ROUGH, take.surface) for take in outcomes.recordings]
+    rows = sorted(set(keys))
+    # A surface's row says which recordings are of it, so that rows that are drawn sum to weights of recordings.
+    table = np.array([[float(key == row) for key in keys] for row in rows])
+    estimates = bootstrap(
+        table,
+        lambda weights: {name: rate[..., place] for name, rate in rates(outcomes, weights).items()},
+        strata=[np.array([n for n, row in enumerate(rows) if row[0] == rough], np.intp) for rough in (False, True)],
+        seed=seed,
+    )
+    delays = outcomes.delay[outcomes.is_rough, place]
     delay = float(np.nanmedian(delays)) if not np.isnan(delays).all() else float("nan")
     return OperatingPoint(rule, **estimates, delay=delay)
 
@@ -194,7 +198,11 @@ def _probability(logit: float) -> float:
 
 
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
-    """Decide over a recording by all rules at once; the same steps as :class:`tactophone.perception.Decision`."""
+    """Decide over a recording by all rules at once.
+
+    Beware: these are the steps of :class:`tactophone.perception.Decision` written again, for arrays of rules. A change
+    there belongs here too; a test holds them equal.
+    """
     on, off, confirm, abstain = (
         np.array([getattr(rule, name) for rule in rules])
         for name in ("rough_on", "rough_off", "confirm", "abstain_from")
@@ -228,15 +236,3 @@ def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...
     hop = float(np.median(np.diff(take.time))) if len(take.time) > 1 else 0.0
     updates = int(take.contact.sum())
     return updates * hop / 60, updates, rough, bumps, mean_delay
-
-
-def _draw(outcomes: RuleOutcomes, rng: np.random.Generator) -> NDArray[np.float64]:
-    """How often each recording counts in a draw of surfaces, rough and smooth ones apart."""
-    surfaces = np.array([recording.surface for recording in outcomes.recordings])
-    times = np.zeros(len(surfaces))
-    for rough in (False, True):
-        of_class = outcomes.is_rough == rough
-        present = np.unique(surfaces[of_class])
-        for name in rng.choice(present, len(present)):
-            times += (surfaces == name) & of_class
-    return times

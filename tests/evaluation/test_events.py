@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.dataset import Segment
-from tactophone.evaluation.event_metrics import (
+from tactophone.evaluation.events import (
     calibration_error,
     contact_delays,
     decided_touches,
