@@ -29,8 +29,6 @@ from typing import cast
 import psutil
 
 from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.devices import DummyServer
 from tactophone.errors import TactophoneError
 from tactophone.link import Identity, Peers, Session, UdpSocket
@@ -45,6 +43,7 @@ from tactophone.measurement import (
     measure_time_to_silence,
 )
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+from tactophone.settings import Settings, change
 from tactophone.telemetry import Watcher
 
 HOST = "127.0.0.1"
@@ -115,7 +114,7 @@ def victims(*, second: bool = False) -> Iterator[Victims]:
     """Run both sides, connected through a relay, with no actuator."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-attack-")))
-        settings = config.change(Settings(), ["detector.check_microphones=false", "output.actuator=none"])
+        settings = change(Settings(), ["detector.check_microphones=false", "output.actuator=none"])
         robot, operator = pair_on_one_machine(settings, folder, name=f"attack-{secrets.token_hex(3)}")
         if second:
             other = Identity.create("second")
@@ -522,7 +521,7 @@ def faults(count: int) -> Iterator[str]:
     for end in (kill_robot, freeze_robot, kill_operator, freeze_operator):
         times = []
         with DummyServer(128, synchronous=False) as server:
-            settings = config.change(Settings(), [f"process.name=attack-{os.getpid()}"])
+            settings = change(Settings(), [f"process.name=attack-{os.getpid()}"])
             for _ in range(count):
                 with suppress(TactophoneError):  # on a busy machine it may not vibrate when it is to be stopped
                     times.append(1_000 * measure_time_to_silence(settings, Graph(server.name), end))

@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import peers
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.devices import DummyServer
 from tactophone.haptics import Oscillator
 from tactophone.link import Codec, open_decoder
@@ -35,6 +33,7 @@ from tactophone.measurement import (
 )
 from tactophone.measurement.impulse_latency import ImpulsePlayer
 from tactophone.pipeline import open_pipeline
+from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.types import AudioBlock
 
@@ -135,7 +134,7 @@ def pcm(samples: int) -> tuple[str, ...]:
 
 
 def settings(*changes: str) -> Settings:
-    return config.change(Settings(), [f"process.name=benchmark-{os.getpid()}", *changes])
+    return change(Settings(), [f"process.name=benchmark-{os.getpid()}", *changes])
 
 
 @contextmanager

@@ -22,10 +22,8 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import numpy as np
     import psutil
 
-    from tactophone import config
-    from tactophone.config import Settings
     from tactophone.devices import DummyServer
-    from tactophone.hand_file import with_fingers
+    from tactophone.hand import with_fingers
     from tactophone.link import Codec, Identity, Peers, SendGroup, Session, UdpSocket
     from tactophone.measurement import Graph, ImpulseLatency, measure, running_sides
     from tactophone.pipeline import Hand, open_pipeline
@@ -37,6 +35,7 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
         temporary_keys,
         with_operator,
     )
+    from tactophone.settings import Settings, change
     from tactophone.telemetry import Watcher
     from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
@@ -142,10 +141,10 @@ def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) ->
     free = ["capture.contact=-", "capture.air=-", "capture.source=jack", "detector.check_microphones=false"]
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(period))
-        settings = config.change(settings_of(1, changes), [*free, f"process.jack_server={server.name}"])
+        settings = change(settings_of(1, changes), [*free, f"process.jack_server={server.name}"])
         folder = stack.enter_context(temporary_keys())
         robot, first = pair_on_one_machine(
-            config.change(settings, ["output.actuator=none"]), folder, name=f"scale-{os.getpid()}-1"
+            change(settings, ["output.actuator=none"]), folder, name=f"scale-{os.getpid()}-1"
         )
         receiving = [first]
         for number in range(2, operators + 1):
@@ -165,7 +164,7 @@ def robot_row(name: str, operators: int, packet_cost: float, *, seconds: int) ->
 
 
 def settings_of(fingers: int, changes: tuple[str, ...]) -> "Settings":
-    settings = config.change(Settings(), [f"process.name=scale-{os.getpid()}", *changes])
+    settings = change(Settings(), [f"process.name=scale-{os.getpid()}", *changes])
     return with_fingers(settings, str(fingers)) if fingers > 1 else settings
 
 

@@ -2,10 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger, finger_named, of_finger, with_fingers
+from tactophone.hand import each_finger, finger_named, of_finger, with_fingers
+from tactophone.settings import Settings, change
 
 
 def hand(tmp_path: Path, text: str) -> Settings:
@@ -15,7 +14,7 @@ def hand(tmp_path: Path, text: str) -> Settings:
 
 
 def test_a_finger_has_its_own_settings_and_shares_the_rest(tmp_path: Path) -> None:
-    settings = config.change(
+    settings = change(
         hand(tmp_path, '[thumb]\nprofile = "lra"\nceiling = 0.2\n[index]\nair = ""\nthreshold_dbfs = -34'),
         ["link.codec=pcm16"],
     )
@@ -74,5 +73,5 @@ def test_a_missing_file_and_a_missing_finger() -> None:
 
 @pytest.mark.parametrize("given", ["capture.contact=a:b", 'capture.air=""', "output.port=a:b", "output.channel=3"])
 def test_a_port_that_fingers_cannot_share_is_refused_and_not_ignored(given: str) -> None:
-    with pytest.raises(ConfigError, match="is of one finger: with --fingers, write"):
-        with_fingers(config.change(Settings(), [given]), "2")
+    with pytest.raises(ConfigError, match="applies to a single finger; with --fingers, set"):
+        with_fingers(change(Settings(), [given]), "2")

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone import config
 from tactophone.bridges import McapLog
-from tactophone.config import Settings
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
-from tactophone.hand_file import channels_of, each_finger, with_fingers
+from tactophone.hand import channels_of, each_finger, with_fingers
 from tactophone.link import Address, Codec, Datagrams
 from tactophone.pipeline import Hand
 from tactophone.runtime import OutputGate, SessionRecorder, open_pipeline_for
+from tactophone.settings import Settings, change
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.telemetry import ARRIVAL_DIGITS, Telemetry
 from tactophone.types import AudioBlock
@@ -84,7 +83,7 @@ def record(
     """
     codec = codec or Codec("pcm16", channels=1, packet_size=120)
     switches = ["detector.check_microphones=false", f"detector.model={model}", *changes]
-    settings = config.change(Settings(), switches)
+    settings = change(Settings(), switches)
     settings = with_fingers(settings, fingers) if fingers else settings
     hand = each_finger(settings) if fingers else []
     robot, session = paired_sessions(codec)

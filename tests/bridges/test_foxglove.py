@@ -11,9 +11,9 @@ import pytest
 
 from tactophone.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
 from tactophone.bridges.schemas import TOPICS
-from tactophone.config import Settings
 from tactophone.errors import ConfigError
 from tactophone.runtime import SessionRecorder
+from tactophone.settings import Settings
 from tactophone.telemetry import State, Telemetry
 from tests.bridges.test_osc import STEP
 from tests.node import NODE, needs_node

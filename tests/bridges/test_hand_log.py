@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone import config
 from tactophone.bridges import protobuf, read_log
 from tactophone.cli import main
 from tactophone.errors import DatasetError
 from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Replay, decoded_sessions, joined, settings_of, write_replay, write_sound
+from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
 from tactophone.telemetry import RunStart, read_timeline
 from tactophone.types import FloatArray
@@ -89,7 +89,7 @@ def test_pcm_and_predictions_of_a_hand_are_replayed_to_the_bit(
 
 def test_what_is_chosen_for_a_replay_holds_for_every_finger(log: Path) -> None:
     assert main(["replay", str(log), "--profile", "paper", "--json"]) == 0
-    replay = Replay(read_log(log), lambda settings: config.change(settings, ["rendering.ceiling=0.1"]))
+    replay = Replay(read_log(log), lambda settings: change(settings, ["rendering.ceiling=0.1"]))
     commands = [command for step in replay.steps() for command in step.commands]
     assert max(command.amplitude for command in commands) == pytest.approx(0.1)
     assert replay.comparison.different > 20

@@ -14,7 +14,6 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactophone import config
 from tactophone.bridges import LogEnd, LoggedPrediction, McapLog, is_mcap, read_log
 from tactophone.bridges.mcap_log import CHUNK_INTERVAL
 from tactophone.bridges.prediction_rows import RowChecks, entries_of, read_columns, write_columns
@@ -22,6 +21,7 @@ from tactophone.errors import ConfigError, DatasetError
 from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, decoded_sessions, joined, write_replay, write_sound
+from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
 from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, layout
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, prediction_of
@@ -98,7 +98,7 @@ def test_mutes_ceilings_profiles_and_thresholds_set_meanwhile_are_replayed_to_th
 
 
 def test_another_profile_or_ceiling_is_computed_instead(log: Path) -> None:
-    replay = Replay(read_log(log), lambda settings: config.change(settings, ["rendering.ceiling=0.1"]))
+    replay = Replay(read_log(log), lambda settings: change(settings, ["rendering.ceiling=0.1"]))
     commands = [command for step in replay.steps() for command in step.commands]
     assert max(command.amplitude for command in commands) == pytest.approx(0.1)
     assert replay.comparison.different > 20

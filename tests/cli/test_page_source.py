@@ -1,8 +1,7 @@
 import pytest
 
-from tactophone import config
 from tactophone.cli._support.page_source import for_one_microphone
-from tactophone.config import Settings
+from tactophone.settings import Settings, change
 
 
 @pytest.mark.parametrize(
@@ -15,5 +14,5 @@ from tactophone.config import Settings
     ],
 )
 def test_one_air_microphone_has_the_model_for_it_and_that_models_tip(chosen: list[str], model: str, tip: str) -> None:
-    settings = for_one_microphone(config.change(Settings(), chosen))
+    settings = for_one_microphone(change(Settings(), chosen))
     assert (settings.detector.model, settings.capture.tip) == (model, tip)

@@ -5,18 +5,17 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone import config
 from tactophone.capture import FileSource
 from tactophone.cli._support.sources import open_source, recorded
-from tactophone.config import Settings
 from tactophone.errors import ConfigError, DatasetError
+from tactophone.settings import Settings, change
 from tactophone.types import Source, Touch
 
 from ..dataset.folders import audiofolder, write_sound
 
 
 def source(*changes: str) -> Source:
-    return open_source(config.change(Settings(), changes))
+    return open_source(change(Settings(), changes))
 
 
 def test_a_recording_is_resampled_to_the_live_rate_and_looped(tmp_path: Path) -> None:

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tactophone import config
 from tactophone.cli import main
 from tactophone.cli._support.measure_actuator import as_toml
 from tactophone.devices import DummyServer, JackClient, SweepRecorder, fit, sweep
 from tactophone.errors import DeviceError
+from tactophone.settings import read_settings
 from tactophone.types import FloatArray
 
 RATE = 48_000
@@ -48,7 +48,7 @@ def test_noise_alone_is_refused_with_what_to_do() -> None:
 def test_the_file_is_read_as_settings(tmp_path: Path) -> None:
     path = tmp_path / "actuator.toml"
     path.write_text(as_toml(fit(through(sweep(0.2), resonance=168.0, quality=3.0))))
-    actuator = config.read(path).actuator
+    actuator = read_settings(path).actuator
     assert actuator.resonance == pytest.approx(168.0, rel=0.03)
     assert actuator.lowest < actuator.resonance < actuator.highest
     assert actuator.response
@@ -97,6 +97,6 @@ def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
             assert main(command) == 0
         finally:
             resonator.close()
-    actuator = config.read(tmp_path / "actuator.toml").actuator
+    actuator = read_settings(tmp_path / "actuator.toml").actuator
     assert actuator.resonance == pytest.approx(150.0, rel=0.03)
     assert actuator.lowest < 150 < actuator.highest

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone import config
 from tactophone.capture import FileSource
 from tactophone.dashboard.requests import parse_request
 from tactophone.dataset import open_dataset
@@ -21,9 +20,10 @@ from tactophone.game.rounds import read_results
 from tactophone.link import Identity, Peers
 from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE
 from tactophone.perception import default_model, model_path, read_model
-from tactophone.perception.calibration import Calibration
 from tactophone.perception.model_file import ModelCard
+from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.recording.safe_writer import _read_entry
+from tactophone.settings import Settings, change, read_settings
 from tactophone.telemetry import State
 from tactophone.telemetry.prediction_log import read_timeline
 
@@ -79,12 +79,12 @@ def page_requests() -> tuple[Sequence[bytes], Run]:
 
 def settings() -> tuple[Sequence[bytes], Run]:
     toml = b'[link]\nport = 48471\npacket_duration = 0.005\nhost = ""\n[rendering]\nceiling = 0.5\nmuted = true\n'
-    return [toml], _file("settings.toml", config.read)
+    return [toml], _file("settings.toml", read_settings)
 
 
 def assignments() -> tuple[Sequence[bytes], Run]:
     def run(data: bytes) -> None:
-        config.change(config.Settings(), [data.decode(errors="replace")])
+        change(Settings(), [data.decode(errors="replace")])
 
     return [b"link.port=48471", b"rendering.ceiling=0.3", b"link.peer=robot"], run
 

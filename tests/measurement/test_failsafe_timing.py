@@ -4,8 +4,8 @@ import math
 import numpy as np
 import pytest
 
-from tactophone.config import Settings
 from tactophone.measurement.failsafe_timing import EndlessStroke, PeakRecorder
+from tactophone.settings import Settings
 
 
 @pytest.fixture

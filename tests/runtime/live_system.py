@@ -12,11 +12,10 @@ from uuid import uuid4
 
 import numpy as np
 
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.errors import TactophoneError
 from tactophone.link import Identity, Peers
 from tactophone.runtime import Operator, ProcessInfo, Robot
+from tactophone.settings import Settings, change
 from tactophone.telemetry import Snapshot, Watcher
 from tactophone.types import AudioBlock
 
@@ -57,11 +56,9 @@ class LiveSystem:
         Peers({operator.fingerprint: "operator"}).save(folder / "robot")
         Peers({robot.fingerprint: "robot"}).save(folder / "operator")
         common = [f"link.port={free_port()}", f"detector.model={model}", "link.peer=127.0.0.1", "output.actuator=none"]
-        settings = config.change(
-            Settings(), [*common, "link.host=127.0.0.1", "detector.check_microphones=false", *changes]
-        )
-        self.robot_settings = config.change(settings, [f"link.identity={folder / 'robot'}"])
-        self.operator_settings = config.change(settings, [f"link.identity={folder / 'operator'}"])
+        settings = change(Settings(), [*common, "link.host=127.0.0.1", "detector.check_microphones=false", *changes])
+        self.robot_settings = change(settings, [f"link.identity={folder / 'robot'}"])
+        self.operator_settings = change(settings, [f"link.identity={folder / 'operator'}"])
         self.names = (f"test-robot-{uuid4().hex[:8]}", f"test-operator-{uuid4().hex[:8]}")
         self.source = Strokes()
 

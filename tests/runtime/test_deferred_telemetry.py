@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.config import Settings
 from tactophone.link import PacketReceived
 from tactophone.runtime.deferred_telemetry import BATCH, LONGEST_DEFERRAL, DeferredTelemetry
 from tactophone.runtime.session_recorder import SessionRecorder
+from tactophone.settings import Settings
 from tactophone.telemetry import MARKS, Controls, EventBatch, Telemetry, Watcher, read_records
 from tactophone.types import AudioBlock, PipelineStep, Prediction, Touch
 

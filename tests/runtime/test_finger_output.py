@@ -1,9 +1,9 @@
-from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Oscillator
 from tactophone.link import Identity, Peers, ReceiveSession, Session
 from tactophone.pipeline import Hand, open_pipeline
 from tactophone.runtime.finger_output import FingerOutput
+from tactophone.settings import Settings
 from tactophone.telemetry import Request
 
 

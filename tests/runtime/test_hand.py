@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone import config
-from tactophone.hand_file import with_fingers
+from tactophone.hand import with_fingers
+from tactophone.settings import change
 from tactophone.telemetry import State, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 from tests.models import write_tiny_model
@@ -34,7 +34,7 @@ class Hand(Strokes):
 @pytest.fixture
 def system(tmp_path: Path) -> LiveSystem:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3), "link.packet_duration=0.0025")
-    checked = config.change(system.robot_settings, ["detector.check_microphones=true"])
+    checked = change(system.robot_settings, ["detector.check_microphones=true"])
     system.robot_settings = with_fingers(checked, "3")
     system.operator_settings = with_fingers(system.operator_settings, "3")
     system.source = Hand()

@@ -2,9 +2,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tactophone.config import Settings
 from tactophone.link import Identity, Peers
 from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
+from tactophone.settings import Settings
 
 
 def test_both_sides_trust_each_other_and_nobody_else(tmp_path: Path) -> None:

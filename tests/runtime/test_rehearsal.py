@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import ProcessInfo, Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
 from tactophone.runtime.supervisor import Main
+from tactophone.settings import Settings, change
 from tactophone.telemetry import Telemetry, Watcher
 
 pytestmark = pytest.mark.realtime
@@ -43,7 +42,7 @@ def audited(main: Main, path: Path, settings: Settings, info: ProcessInfo) -> No
 def test_a_run_loads_nothing(profile: str, tmp_path: Path) -> None:
     name = f"test-rehearsal-{os.getpid()}-{profile}"
     changes = ["output.actuator=none", f"rendering.profile={profile}"]
-    robot, operator = pair_on_one_machine(config.change(Settings(), changes), tmp_path, name=name)
+    robot, operator = pair_on_one_machine(change(Settings(), changes), tmp_path, name=name)
     send = partial(run_robot, open_source=EndlessStroke)
     with supervised(
         Supervisor(partial(audited, run_operator, tmp_path / "operator.txt"), operator, name=name),

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.devices import DummyServer, JackClient
 from tactophone.measurement import (
     ENDLESS_TONE,
@@ -26,13 +24,14 @@ from tactophone.measurement import (
     running_sides,
 )
 from tactophone.runtime.output_gate import RESTARTED
+from tactophone.settings import Settings, change
 from tactophone.telemetry import Watcher
 
 from .live_system import eventually, writer_of
 
 pytestmark = pytest.mark.realtime
 
-SETTINGS = config.change(Settings(), ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"])
+SETTINGS = change(Settings(), ["detector.check_microphones=false", *ENDLESS_TONE, "process.name=test-safety"])
 
 
 def stop_operator(sides: Sides) -> None:

@@ -8,13 +8,12 @@ from uuid import uuid4
 import numpy as np
 import pytest
 
-from tactophone import config
 from tactophone.cli import send
 from tactophone.cli._support import flags
-from tactophone.config import Link
 from tactophone.errors import ConfigError
 from tactophone.runtime import Operator, ProcessInfo, with_operator
 from tactophone.runtime.link_wiring import open_send_group, operators_of
+from tactophone.settings import Link, change
 from tactophone.telemetry import Watcher
 
 from ..models import write_tiny_model
@@ -41,10 +40,10 @@ def test_operators_that_cannot_be_called_are_refused(peer: str, message: str) ->
 
 def test_two_names_of_one_operator_are_refused(tmp_path: Path) -> None:
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
-    settings = config.change(system.robot_settings, ["link.peer=127.0.0.1,127.0.0.1 "])
+    settings = change(system.robot_settings, ["link.peer=127.0.0.1,127.0.0.1 "])
     with pytest.raises(ConfigError, match=r"names 127\.0\.0\.1 twice"):
         open_send_group(settings, 2)
-    settings = config.change(system.robot_settings, ["link.peer=127.0.0.1,127.1"])
+    settings = change(system.robot_settings, ["link.peer=127.0.0.1,127.1"])
     with pytest.raises(ConfigError, match=r"two names in link\.peer lead to 127\.0\.0\.1"):
         open_send_group(settings, 2)
 
@@ -61,7 +60,7 @@ def test_trainer_and_trainee_feel_the_same_robot_each_below_its_own_ceiling(tmp_
     system = LiveSystem(tmp_path, write_tiny_model(tmp_path / "tiny.onnx", gain=1e3))
     name = f"second-{uuid4().hex[:8]}"
     system.robot_settings, second = with_operator(system.robot_settings, system.operator_settings, tmp_path, name=name)
-    second = config.change(second, ["rendering.ceiling=0.1"])
+    second = change(second, ["rendering.ceiling=0.1"])
     with ExitStack() as stack:
         stack.enter_context(system.both())
         robot = Watcher(system.names[0])

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone import config
-from tactophone.config import Settings
 from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendGroup
 from tactophone.link.depacketizer import STALENESS
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import MAIN_PRIORITY, prioritize_thread
+from tactophone.settings import Settings, change
 from tactophone.simulation.network import paired_sessions
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, ROBOT_ADDRESS
 from tactophone.telemetry import Watcher
@@ -220,7 +219,7 @@ def is_permitted() -> bool:
 def test_a_process_that_was_stopped_is_fresh_again_soon(side: str, tmp_path: Path) -> None:
     name = f"test-stall-{os.getpid()}-{side}"
     changes = ["output.actuator=none", "detector.check_microphones=false", "process.watchdog=false"]
-    robot, operator = pair_on_one_machine(config.change(Settings(), changes), tmp_path, name=name)
+    robot, operator = pair_on_one_machine(change(Settings(), changes), tmp_path, name=name)
     receiving = Supervisor(run_operator, operator, name=name)
     sending = Supervisor(partial(run_robot, open_source=EndlessStroke), robot, name=robot.process.name)
     with supervised(receiving, sending):

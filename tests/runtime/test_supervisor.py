@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from tactophone.config import Settings
 from tactophone.errors import DeviceError, TactophoneError
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
+from tactophone.settings import Settings
 from tactophone.telemetry import State, Telemetry, Watcher
 
 from .live_system import writer_of

@@ -11,13 +11,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactophone import config
 from tactophone.cli._support import console, dashboard_options, flags, log_option, record_option, run_summary, terminal
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
-from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger
+from tactophone.hand import each_finger
+from tactophone.settings import Finger, Settings, change
 
 if TYPE_CHECKING:
     from tactophone.capture import FileSource
@@ -69,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     make_folder(args.out)
     settings = _with_sound(args, flags.settings_of(args))
     name = settings.process.name or "demo"
-    settings = config.change(settings, [*RECORDED, f"process.name={name}"])
+    settings = change(settings, [*RECORDED, f"process.name={name}"])
     names = [finger.name for finger in settings.fingers]
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)
@@ -106,7 +105,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
             from tactophone.simulation import write_demonstration
 
             sound = write_demonstration(args.out, seed=args.seed, tip=tip)
-        return config.change(settings, [f"capture.device={sound}"])
+        return change(settings, [f"capture.device={sound}"])
     if args.recording:
         raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
     if all(own.capture.device for own in each_finger(settings)):

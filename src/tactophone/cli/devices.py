@@ -5,9 +5,9 @@ from dataclasses import asdict
 
 from rich.table import Table
 
-from tactophone import config
 from tactophone.cli._support import flags, measure_actuator, terminal
 from tactophone.devices import SurveyedDevice, survey
+from tactophone.settings import change
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the list, or measure the actuator."""
     if args.step == "measure":
         server = [f"process.jack_server={args.jack_server}"] if args.jack_server else []
-        return measure_actuator.measure(args, config.change(flags.settings_of(args), server))
+        return measure_actuator.measure(args, change(flags.settings_of(args), server))
     found = survey(jack_server=args.jack_server)
     if args.json:
         terminal.print_json([asdict(device) for device in found])

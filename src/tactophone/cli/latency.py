@@ -10,7 +10,7 @@ from rich.table import Table
 
 from tactophone.cli._support import flags, terminal
 from tactophone.cli._support.ranges import Within
-from tactophone.config import Settings
+from tactophone.settings import Settings
 from tactophone.telemetry import STAGES
 from tactophone.types import LIVE_SAMPLE_RATE
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli._support import dashboard_options, flags, live_run, terminal
 from tactophone.cli._support.ranges import SEED
-from tactophone.config import Settings
+from tactophone.settings import Settings
 
 if TYPE_CHECKING:
     from tactophone.runtime import OpenSource, Supervisor

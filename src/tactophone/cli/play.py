@@ -6,11 +6,11 @@ from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 
-from tactophone import config
 from tactophone.cli._support import dashboard_options, flags
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
 from tactophone.errors import ConfigError
+from tactophone.settings import change
 
 ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.game import GameSettings, open_finger, serve_game
     from tactophone.simulation.content.stone_order import shuffled  # not by the door, which loads numba
 
-    settings = config.change(flags.settings_of(args, NEAR), SIMULATED)
+    settings = change(flags.settings_of(args, NEAR), SIMULATED)
     if args.results.is_dir():
         raise ConfigError(f"--results {args.results}: a folder; name a file")
     make_folder(args.results.parent, "--results")

@@ -6,11 +6,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone import config
 from tactophone.cli._support import dashboard_options, extras, haptic_file_option, terminal
 from tactophone.cli._support.ranges import CEILING
-from tactophone.config import Finger, Settings
 from tactophone.errors import ConfigError
+from tactophone.settings import Finger, Settings, change
 
 if TYPE_CHECKING:
     from tactophone.bridges import LogEntry
@@ -47,15 +46,15 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--plot and --to need a folder for their files: add --out DIR")
     changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
 
-    def change(settings: Settings) -> Settings:
-        changed, names = config.change(settings, changes), [text.partition("=")[0] for text in changes]
+    def changed(settings: Settings) -> Settings:
+        common, names = change(settings, changes), [text.partition("=")[0] for text in changes]
         # What is chosen here holds for every finger, also for those with a model, profile or ceiling of their own.
         fingers = (
             Finger(each.name, tuple(own for own in each.settings if own[0] not in names)) for each in settings.fingers
         )
-        return replace(changed, fingers=tuple(fingers))
+        return replace(common, fingers=tuple(fingers))
 
-    replay = Replay(_with_progress(args.log, read_log(args.log)), change)
+    replay = Replay(_with_progress(args.log, read_log(args.log)), changed)
     files: dict[str, Path] = {}
     rendered: list[RenderedFinger] = []
     if args.to_rosbag:
@@ -67,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
         rendered = _write(replay, args, files)
     _print(args, replay, rendered, files, changed=bool(changes))
     if dashboard_options.wanted(args):
-        _show(args, change)
+        _show(args, changed)
     return 1 if replay.comparison.different and not changes else 0
 
 
@@ -115,7 +114,7 @@ def _show(args: argparse.Namespace, change: Any) -> None:
     from tactophone.bridges import read_log
     from tactophone.capture import FileSource
     from tactophone.cli._support import recording_playback
-    from tactophone.hand_file import names_of
+    from tactophone.hand import names_of
     from tactophone.offline.replay import LoggedEndpoint, write_sound
     from tactophone.telemetry import RunStart
 

@@ -5,7 +5,7 @@ import math
 from itertools import groupby
 from typing import Any
 
-from tactophone import config
+from tactophone.settings import SETTINGS
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -15,11 +15,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(_: argparse.Namespace) -> int:
     """Print the file."""
-    for section, entries in groupby(config.entries(), key=lambda entry: entry.name.partition(".")[0]):
+    for section, entries in groupby(SETTINGS.values(), key=lambda entry: entry.name.partition(".")[0]):
         print(f"[{section}]")
         for entry in entries:
-            choices = f": {', '.join(entry.choices)}" if entry.choices else ""
-            print(f"# {entry.words}{choices}")
+            print(f"# {entry.help}")
             print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
     return 0
 

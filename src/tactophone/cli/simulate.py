@@ -65,7 +65,7 @@ def _hand_arguments(add: Callable[..., object]) -> None:
 
 
 def _operator_arguments(add: Callable[..., object]) -> None:
-    from tactophone.haptics.profiles import PROFILES
+    from tactophone.haptics.mapping import PROFILES
 
     add("--model", default="", metavar="NAME|FILE", help="default: the shipped one for two channels")
     add("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
@@ -199,8 +199,8 @@ def _objects_named(names: str) -> "list[SimulatedObject]":
 
 
 def _hand(args: argparse.Namespace) -> int:
-    from tactophone.config import Settings
-    from tactophone.hand_file import names_of, with_fingers
+    from tactophone.hand import names_of, with_fingers
+    from tactophone.settings import Settings
     from tactophone.simulation import demonstrate_hand
 
     names = names_of(with_fingers(Settings(), args.fingers))

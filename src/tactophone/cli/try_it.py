@@ -2,10 +2,10 @@
 
 import argparse
 
-from tactophone import config
 from tactophone.cli._support import console, dashboard_options, flags, log_option, run_summary
 from tactophone.cli._support.page_source import for_one_microphone, source_of
 from tactophone.cli.loopback import both_sides
+from tactophone.settings import change
 
 FLAGS = {
     "--device": "capture.device",
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
 
     settings = for_one_microphone(flags.settings_of(args, [*USUAL, f"capture.source={args.source}"]))
     if settings.output.actuator == "none":  # a stalled process then harms nobody
-        settings = config.change(settings, ["process.watchdog=false"])
+        settings = change(settings, ["process.watchdog=false"])
     name = settings.process.name or "try"
     source = source_of(settings)
     with watch(name, microphone=source.microphone, **dashboard_options.place(args)) as page:

@@ -4,9 +4,9 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
-from tactophone.config import Settings
 from tactophone.dashboard import Page
 from tactophone.game.rounds import GameSettings
+from tactophone.settings import Settings
 from tactophone.types import Source
 
 if TYPE_CHECKING:

@@ -15,11 +15,11 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from tactophone.config import Settings, change
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulse_latency import PEAK, TONE
 from tactophone.measurement.latency import Graph, Sides, running_sides, vibration_port
+from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 
 BLOCK = 128

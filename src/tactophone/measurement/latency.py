@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.config import Finger, Settings
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulse_latency import ImpulseLatency, ImpulsePlayer, analyse
@@ -30,6 +29,7 @@ from tactophone.runtime import (
     supervised,
     temporary_keys,
 )
+from tactophone.settings import Finger, Settings
 from tactophone.telemetry import MARKS, Watcher
 
 COLLECT_EVERY = 1.0

@@ -4,9 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tactophone.capture import jack_hand_source, jack_source, portaudio_hand_source, portaudio_source
-from tactophone.config import Settings
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger, names_of
+from tactophone.hand import each_finger, names_of
 from tactophone.haptics import (
     PASSTHROUGH,
     Actuator,
@@ -22,6 +21,7 @@ from tactophone.haptics import (
     parse_levels,
     portaudio_hand_actuator,
 )
+from tactophone.settings import Settings
 from tactophone.types import FloatArray, Source
 
 OpenSource = Callable[[Settings], Source]

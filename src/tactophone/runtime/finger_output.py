@@ -2,13 +2,13 @@
 
 import math
 
-from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Renderer
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.device_wiring import actuator_response
 from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.requests import RequestHandler
+from tactophone.settings import Settings
 from tactophone.telemetry import FingerState
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
@@ -16,7 +16,7 @@ from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 class FingerOutput:
     """From a pipeline's commands to what one actuator renders.
 
-    ``settings`` are of this finger (`tactophone.hand_file.of_finger`); ``name`` is empty for a single finger.
+    ``settings`` are of this finger (`tactophone.hand.of_finger`); ``name`` is empty for a single finger.
     ``renderer`` drives the actuator, from another thread. ``muted_because`` is why it starts muted; empty to start
     armed.
 

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-from tactophone.config import Link, Settings
 from tactophone.errors import ConfigError
 from tactophone.link import (
     IDENTITY_FOLDER,
@@ -22,6 +21,7 @@ from tactophone.link import (
     Session,
     resolve_all,
 )
+from tactophone.settings import Link, Settings
 from tactophone.types import LIVE_SAMPLE_RATE
 
 

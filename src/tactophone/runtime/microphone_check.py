@@ -3,11 +3,11 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 
-from tactophone.config import Settings
-from tactophone.hand_file import each_finger, names_of
+from tactophone.hand import each_finger, names_of
 from tactophone.perception import FALLBACK_MESSAGES, AnyTouchDetector, FallbackDetector, FaultDetector
 from tactophone.runtime.pipeline_wiring import read_calibration
 from tactophone.runtime.rehearsal import rehearse_microphone_check
+from tactophone.settings import Settings
 from tactophone.telemetry import Fault
 from tactophone.types import LIVE_SAMPLE_RATE, PipelineStep
 

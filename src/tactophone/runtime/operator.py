@@ -15,8 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.config import Settings
-from tactophone.hand_file import each_finger, names_of
+from tactophone.hand import each_finger, names_of
 from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.device_wiring import open_actuator, open_renderer
@@ -31,6 +30,7 @@ from tactophone.runtime.realtime_priority import lock_memory, name_thread, prior
 from tactophone.runtime.rehearsal import open_endpoint, rehearse_renderer, rehearse_statistics
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo
+from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 

@@ -5,12 +5,12 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
-from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics import Actuator
 from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer, operator_stages
 from tactophone.runtime.microphone_check import microphone_faults
+from tactophone.settings import Settings
 from tactophone.telemetry import Fault, State, Telemetry, Watcher
 
 BUDGET_INTERVAL = 1.0

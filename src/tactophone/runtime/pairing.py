@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from tactophone.config import Link, Settings
 from tactophone.link import Identity, Peers
+from tactophone.settings import Link, Settings
 from tactophone.telemetry import is_alive
 
 _KEYS = "tactophone-keys-"

@@ -3,7 +3,6 @@
 import math
 from pathlib import Path
 
-from tactophone.config import Settings
 from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, open_profile
 from tactophone.perception import (
     AnyTouchDetector,
@@ -15,6 +14,7 @@ from tactophone.perception import (
 )
 from tactophone.pipeline import Pipeline, open_events
 from tactophone.runtime.device_wiring import actuator_response
+from tactophone.settings import Settings
 from tactophone.types import LIVE_SAMPLE_RATE
 
 

@@ -9,15 +9,15 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tactophone.config import Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ModelError, PacketError
-from tactophone.hand_file import channels_of, each_finger
+from tactophone.hand import channels_of, each_finger
 from tactophone.haptics import Renderer
 from tactophone.link import Codec, ReceiveSession, open_decoder, open_encoder
 from tactophone.perception import AnyTouchDetector, FaultDetector
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.pipeline_wiring import open_pipeline_for
+from tactophone.settings import Settings
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 DURATION = 0.6

@@ -14,10 +14,9 @@ from functools import partial
 from typing import Self
 
 from tactophone.capture import LiveSource
-from tactophone.config import Settings
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
-from tactophone.hand_file import channels_of, each_finger
+from tactophone.hand import channels_of, each_finger
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.device_wiring import OpenSource, open_device
@@ -31,6 +30,7 @@ from tactophone.runtime.rehearsal import open_rehearsed_pipeline, rehearse_encod
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.source_abilities import RehearsableSource, truth_of
 from tactophone.runtime.supervisor import ProcessInfo
+from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 

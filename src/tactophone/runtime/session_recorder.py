@@ -10,11 +10,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import tactophone
-from tactophone.config import Settings
-from tactophone.hand_file import each_finger
+from tactophone.hand import each_finger
 from tactophone.json_numbers import finite
 from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
+from tactophone.settings import Settings
 from tactophone.telemetry import LARGEST_RECORD, Controls, EventBatch, Record, RunStart, Telemetry, write_record
 
 _MOST_WAITING = 32

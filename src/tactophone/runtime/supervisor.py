@@ -18,12 +18,12 @@ from multiprocessing.connection import Connection
 from typing import Self, TypeAlias
 
 from tactophone.child_processes import ChildContext, ChildProcess
-from tactophone.config import Settings
 from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.runtime.realtime_priority import prioritize_thread
 from tactophone.runtime.start_progress import StartProgress
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
+from tactophone.settings import Settings
 from tactophone.telemetry import Watcher, remove_leftovers, remove_memory
 
 RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0

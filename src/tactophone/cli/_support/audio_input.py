@@ -6,9 +6,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
-from tactophone import config
 from tactophone.cli._support import flags
 from tactophone.cli._support.ranges import SEED, Within
+from tactophone.settings import change
 
 if TYPE_CHECKING:
     from tactophone.types import AudioBlock, Source
@@ -74,7 +74,7 @@ class AudioInput:
         else:
             from tactophone.cli._support.sources import open_source
 
-            self.source = open_source(config.change(settings, ["capture.loop=false"]))
+            self.source = open_source(change(settings, ["capture.loop=false"]))
         self._resources = ExitStack()
 
     @property

@@ -4,9 +4,8 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tactophone import config
-from tactophone.config import Settings
-from tactophone.hand_file import finger_named, with_fingers
+from tactophone.hand import finger_named, with_fingers
+from tactophone.settings import SETTINGS, Settings, change, read_settings
 
 REPEATED = ("link.peer",)
 """Settings whose flag may be given more than once; the values are joined by commas."""
@@ -18,7 +17,6 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str], usua
     ``usual`` are the verb's own defaults, as in `settings_of`.
     """
     own = dict(setting.split("=", 1) for setting in usual)
-    known = {entry.name: entry for entry in config.entries()}
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
     group.add_argument(
         "--config",
@@ -29,16 +27,15 @@ def add_settings(parser: argparse.ArgumentParser, flags: Mapping[str, str], usua
         help="TOML file of settings; flags override it, and so does a later file",
     )
     for option, name in flags.items():
-        entry = known[name]
-        words = entry.words.replace("%", "%%")
+        entry = SETTINGS[name]
+        words = entry.help.replace("%", "%%")
         if isinstance(entry.default, bool):
             group.add_argument(option, dest=name, action="store_const", const="true", help=words)
             continue
-        choices = f": {', '.join(entry.choices)}" if entry.choices else ""
         value = own.get(name, entry.default)
         default = "" if value == "" else f" (default: {value})"
         action = "append" if name in REPEATED else "store"
-        group.add_argument(option, dest=name, action=action, metavar="VALUE", help=f"{words}{choices}{default}")
+        group.add_argument(option, dest=name, action=action, metavar="VALUE", help=f"{words}{default}")
     group.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
     )
@@ -69,16 +66,16 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
     """
     settings = Settings()
     for path in args.config:
-        settings = config.read(path, settings)
-    settings = config.change(settings, list(usual))
+        settings = read_settings(path, settings)
+    settings = change(settings, list(usual))
     for name, value in vars(args).items():
         if name == "capture.source" and value is not None and value.startswith("ros:"):
             # `ros:/topic` is short for the source `ros` and the device `/topic`.
-            settings = config.change(settings, ["capture.source=ros", f"capture.device={value[4:]}"])
+            settings = change(settings, ["capture.source=ros", f"capture.device={value[4:]}"])
         elif "." in name and value is not None:
             text = ",".join(value) if name in REPEATED else value
-            settings = config.change(settings, [f"{name}={text}"])
-    settings = config.change(settings, args.set)
+            settings = change(settings, [f"{name}={text}"])
+    settings = change(settings, args.set)
     fingers, chosen = getattr(args, "fingers", None), getattr(args, "of_hand", None)
     settings = with_fingers(settings, fingers) if fingers else settings
     return finger_named(settings, chosen or "") if chosen or (fingers and hasattr(args, "of_hand")) else settings

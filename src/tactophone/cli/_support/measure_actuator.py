@@ -5,10 +5,10 @@ from pathlib import Path
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.ranges import Within
-from tactophone.config import Settings
 from tactophone.devices import Device, JackClient, MeasuredResponse, PortAudioStream, Process, SweepRecorder, fit, sweep
 from tactophone.errors import ConfigError
 from tactophone.haptics import Limits
+from tactophone.settings import Settings
 from tactophone.types import FloatArray
 
 FLAGS = {

@@ -6,10 +6,9 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from tactophone import config
 from tactophone.capture import browser_source
-from tactophone.config import Settings
 from tactophone.errors import ConfigError
+from tactophone.settings import Settings, change
 from tactophone.types import DEFAULT_TIP, Source
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def for_one_microphone(settings: Settings) -> Settings:
     if settings.capture.source not in ("browser", "microphone") or settings.detector.model:
         return settings
     tip = [f"capture.tip={MODEL}"] if settings.capture.tip == DEFAULT_TIP else []
-    return config.change(settings, [f"detector.model={MODEL}", *tip])
+    return change(settings, [f"detector.model={MODEL}", *tip])
 
 
 def _open_browser(sound: Connection, _: Settings) -> Source:

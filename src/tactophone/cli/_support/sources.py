@@ -4,12 +4,12 @@ from functools import partial
 
 from tactophone.capture import CombinedSource, FileSource, RecordedSource
 from tactophone.cli._support import extras
-from tactophone.config import Settings
 from tactophone.dataset import ground_truth, touch_at
 from tactophone.errors import ConfigError
-from tactophone.hand_file import each_finger
+from tactophone.hand import each_finger
 from tactophone.perception import Resampler
 from tactophone.runtime import open_device
+from tactophone.settings import Settings
 from tactophone.types import LIVE_SAMPLE_RATE, Source
 
 

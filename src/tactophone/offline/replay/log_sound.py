@@ -10,7 +10,7 @@ import soundfile
 
 from tactophone.bridges import LogEntry, read_log
 from tactophone.errors import DatasetError
-from tactophone.hand_file import channels_of, names_of
+from tactophone.hand import channels_of, names_of
 from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
 from tactophone.offline.replay.logged_run import WakeUp, settings_of, wake_ups
 from tactophone.telemetry import RunStart

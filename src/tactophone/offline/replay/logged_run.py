@@ -8,17 +8,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
 
-from tactophone import config
 from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
-from tactophone.config import Finger, Settings
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import DatasetError
-from tactophone.hand_file import channels_of, each_finger
+from tactophone.hand import channels_of, each_finger
 from tactophone.haptics import PASSTHROUGH, GateProfile, open_profile
 from tactophone.link import Address, LoggedSession, ReceiveEvent, ReceiveSession, Session
 from tactophone.perception import model_path
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime import OutputGate, open_pipeline_for
+from tactophone.settings import Finger, Settings, change, set_value
 from tactophone.telemetry import Controls, EventBatch, RunStart
 from tactophone.types import PipelineStep
 
@@ -155,7 +154,7 @@ class _LoggedFinger:
         with TemporaryDirectory(prefix="tactophone-") as folder:
             path = Path(folder, "calibration.json")
             path.write_text(self._calibration)
-            settings = config.change(self._settings, [f"detector.calibration={path}"])
+            settings = change(self._settings, [f"detector.calibration={path}"])
             return open_pipeline_for(settings, channels=channels)
 
     def apply(self, controls: Controls, pipeline: Pipeline) -> None:
@@ -201,4 +200,4 @@ def _with(settings: Settings, name: str, value: Any) -> Settings:
     # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
     if value is None or name == _CALIBRATION:
         return settings
-    return config.replace(settings, name, value, where="the log")
+    return set_value(settings, name, value, where="the log")

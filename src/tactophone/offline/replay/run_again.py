@@ -13,7 +13,7 @@ import numpy as np
 
 from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction, RowChecks
 from tactophone.errors import DatasetError
-from tactophone.hand_file import names_of
+from tactophone.hand import names_of
 from tactophone.haptics import Limits
 from tactophone.offline.plots import draw_recording
 from tactophone.offline.process_recording import OfflineRenderer, OutputFiles, RunSummary

@@ -1,0 +1,1 @@
+"""Features of windows of sound: resampling, windows, bands, spectra, waveform shapes."""
