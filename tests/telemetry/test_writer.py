@@ -30,7 +30,7 @@ def test_a_step_contains_prediction_and_command(telemetry: Telemetry) -> None:
     telemetry.publish(step(), now=1.0, truth=Touch.ROUGH)
     row = Watcher(telemetry.name).snapshot().steps[0]
     assert row["time"] == pytest.approx(120 / 48_000)
-    assert row[["none", "smooth", "rough"]].tolist() == pytest.approx([0.1, 0.2, 0.7])
+    assert [row[name] for name in ("none", "smooth", "rough")] == pytest.approx([0.1, 0.2, 0.7])
     assert (row["touch"], row["truth"], row["sound_end"]) == (2, 2, 120)
     assert (row["amplitude"], row["frequency"]) == (0.5, 60.0)
 
@@ -40,7 +40,7 @@ def test_a_step_without_a_prediction_repeats_the_last(telemetry: Telemetry) -> N
     telemetry.publish(step(), now=1.0)
     telemetry.publish(step(predicted=False), now=1.0)
     steps = Watcher(telemetry.name).snapshot().steps
-    assert np.isnan(list(steps[0][["none", "smooth", "rough"]])).all()
+    assert np.isnan([steps[0][name] for name in ("none", "smooth", "rough")]).all()
     assert steps[2]["roughness"] == steps[1]["roughness"] == 0.75
     assert telemetry.counter("predictions") == 1
 
