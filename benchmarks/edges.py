@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.benchmark.entries import FEATURE_LATENCY
+from tactophone.benchmark.methods import FEATURE_LATENCY
 from tactophone.capture import FileSource
 from tactophone.dataset import Dataset, Recording, open_dataset, split, with_kin
 from tactophone.dataset.motion_intervals import slides_over

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.benchmark.entries import entries_for
+from tactophone.benchmark.methods import methods_for
 from tactophone.cli import main
 from tactophone.dataset import open_dataset, split
 from tactophone.errors import TactophoneError, did_you_mean
@@ -36,7 +36,7 @@ def test_objects_models_profiles_methods_and_splits_are_suggested(tmp_path: Path
         (lambda: find("polished marbel"), "polished marble"),
         (lambda: model_path("textur"), "texture"),
         (lambda: open_profile("perceptul"), "perceptual"),
-        (lambda: entries_for(dataset, ["textures"]), "texture"),
+        (lambda: methods_for(dataset, ["textures"]), "texture"),
         (lambda: split(dataset, "predefind"), "predefined"),
     ):
         with pytest.raises(TactophoneError, match=f"did you mean {hint}"):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactophone import Touch
-from tactophone.benchmark import Cache, cross_validate, permute_labels
+from tactophone.benchmark.folds import Cache, cross_validate, permute_labels
 from tactophone.dataset import Dataset, Recording, open_dataset, split
 from tactophone.evaluation import Predictor, TakePredictions
 from tests.dataset.folders import audiofolder

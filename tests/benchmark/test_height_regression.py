@@ -4,7 +4,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from tactophone.benchmark.height_regression import HIGHEST, LOWEST, HeightMethod, compare_heights, height_correlation
+from tactophone.benchmark.regression import HIGHEST, LOWEST, HeightMethod, compare_heights, height_correlation
 from tactophone.dataset import Recording
 from tactophone.evaluation import TakePredictions
 from tactophone.training import FeatureSpec

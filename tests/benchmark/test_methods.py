@@ -6,9 +6,8 @@ import pytest
 import soundfile
 
 from tactophone import Touch
-from tactophone.benchmark import method_of, recipe_method
-from tactophone.benchmark.methods import NetworkMethod, RegressionMethod
-from tactophone.benchmark.regression_features import HIGH_BAND_CONTROL, RENDERERS
+from tactophone.benchmark.methods import NetworkMethod, RegressionMethod, method_of, recipe_method
+from tactophone.benchmark.regression import HIGH_BAND_CONTROL, RENDERERS
 from tactophone.dataset import Recording, open_dataset
 from tactophone.evaluation import TakePredictions, measure, scores_of
 from tactophone.training import OPEN_GATE, NetworkJob, network_settings

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.benchmark import Cache, by_gate, predict_held_out, table_one, table_two
+from tactophone.benchmark.folds import Cache
 from tactophone.benchmark.paper_tables import (
     FINE_TUNED,
     GATES,
@@ -15,7 +15,11 @@ from tactophone.benchmark.paper_tables import (
     PAPER_ONE,
     SHARES,
     TWO_COLUMNS,
+    by_gate,
     loud_segments,
+    predict_held_out,
+    table_one,
+    table_two,
     training_takes,
 )
 from tactophone.dataset import Dataset, Recording, Segment, open_dataset

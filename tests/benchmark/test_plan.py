@@ -1,25 +1,24 @@
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 import pytest
 
-from tactophone.benchmark import (
-    Cache,
-    DatasetResults,
+from tactophone.benchmark.folds import Cache
+from tactophone.benchmark.methods import FAST_STEPS, NO_AIR, method_names, methods_for
+from tactophone.benchmark.plan import (
+    cost_of_model,
+    folds_with_edges,
     measure_costs,
     origin_of,
     plan_for,
     run_plan,
     splits_of,
-    write_report,
 )
-from tactophone.benchmark.costs import cost_of_model
-from tactophone.benchmark.entries import FAST_STEPS, NO_AIR, entries_for, entry_names
-from tactophone.benchmark.html_report import COLUMNS, row_of
-from tactophone.benchmark.plan import folds_with_edges
-from tactophone.benchmark.result import MethodResult
+from tactophone.benchmark.report import COLUMNS, row_of, write_report
+from tactophone.benchmark.results import DatasetResults, MethodResult
 from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError
 from tactophone.perception import model_path
@@ -100,21 +99,21 @@ def test_simulated_sound_is_named(dataset: Dataset) -> None:
     assert origin_of(replace(dataset, recordings=(simulated,))) == "SIMULATED sound"
 
 
-def test_entries(dataset: Dataset) -> None:
-    names = [entry.name for entry in entries_for(dataset)]
+def test_methods(dataset: Dataset) -> None:
+    names = [method.name for method in methods_for(dataset)]
     assert names[0] == "paper/general"
     assert names[-1] == "texture"
-    assert set(names) == set(entry_names(2))
+    assert set(names) == set(method_names(2))
     with pytest.raises(ConfigError, match="no method guesswork"):
-        entries_for(dataset, ["guesswork"])
+        methods_for(dataset, ["guesswork"])
 
 
 def test_a_fast_benchmark_trains_the_network_for_fewer_steps_and_with_one_seed(dataset: Dataset) -> None:
     full, fast = (plan_for(dataset, ["paper/general", "texture"], ["3-fold"], fast=fast) for fast in (False, True))
     assert (len(full.seeds), len(fast.seeds)) == (2, 0)
-    networks = [plan.entries[0].method.identity for plan in (full, fast)]
+    networks = [plan.methods[0].identity for plan in (full, fast)]
     assert networks[0] == networks[1].replace(f"least_steps={FAST_STEPS}", "least_steps=600") != networks[1]
-    assert full.entries[1] == fast.entries[1]
+    assert full.methods[1] == fast.methods[1]
 
 
 def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) -> None:
@@ -127,19 +126,18 @@ def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) 
     assert cost_of_model(model_path("paper-mono"), duration=0.5).parameters == 1_619_587
 
 
-def test_the_report_loads_nothing_and_has_every_result(
+def test_the_report_has_every_result_and_its_figures_beside_it(
     outcome: DatasetResults, tmp_path: Path, dataset: Dataset
 ) -> None:
     results = outcome.results
-    page = write_report(
-        [outcome], costs={dataset.name: measure_costs(dataset, ["level"], tmp_path)}, notes=["a <note>"]
-    )
-    assert all(result.method in page for result in results)
-    assert page.count("<svg") == 6
-    assert "&lt;note&gt;" in page
-    assert "labels permuted over the surfaces" in page
+    costs = {dataset.name: measure_costs(dataset, ["level"], tmp_path)}
+    page = write_report(tmp_path, [outcome], costs=costs, notes=["a note"]).read_text()
+    assert all(f"| {result.method} |" in page for result in results)
+    figures = re.findall(r"!\[.*\]\(<(.*)>\)", page)
+    assert len(figures) == 6
+    assert all((tmp_path / name).read_text().count("<svg") == 1 for name in figures)
+    assert "a note" in page
+    assert "permuted labels" in page
     assert "perceptual" in page
-    assert "src=" not in page
-    assert "@import" not in page
     assert len(row_of(results[0])) == len(COLUMNS)
     assert not math.isnan(results[0].bumps_per_minute)

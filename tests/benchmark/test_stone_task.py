@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.benchmark.stone_task import play_task, task_methods, vibration_of
+from tactophone.benchmark.paper_tables import play_task, task_methods, vibration_of
 from tactophone.errors import ConfigError
 from tactophone.haptics import PASSTHROUGH
 from tests.sounds import noise

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.benchmark import TableRow
-from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS
+from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.cli import main
 from tactophone.cli._support.paper_tables import print_rows
 from tactophone.dataset import write_metadata
@@ -38,7 +37,7 @@ def test_prints_a_table_and_writes_json_and_a_report(
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [result["method"] for result in results["datasets"][0]["results"]] == ["level", "texture"]
     assert set(results["costs"]["scrapes"]) == {"level", "texture"}
-    assert (tmp_path / "out" / "report.html").read_text().startswith("<!doctype html>")
+    assert (tmp_path / "out" / "report.md").read_text().startswith("# Tactophone benchmark")
 
 
 def test_impossible_options_end_in_one_line(data: str, capsys: pytest.CaptureFixture[str]) -> None:

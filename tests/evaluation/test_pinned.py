@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.benchmark import cross_validate, recipe_method
+from tactophone.benchmark.folds import cross_validate
+from tactophone.benchmark.methods import recipe_method
 from tactophone.dataset import KIN_SPLIT, Dataset, open_dataset, split, with_kin
 from tactophone.evaluation import in_true_contact, measure, scores_of
 from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tactophone.benchmark import recipe_method
+from tactophone.benchmark.methods import recipe_method
 from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.benchmark import graph_predictor, recipe_method
+from tactophone.benchmark.methods import graph_predictor, recipe_method
 from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of

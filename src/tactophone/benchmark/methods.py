@@ -1,25 +1,32 @@
-"""The methods of the benchmark behind one protocol, :class:`tactophone.benchmark.Method`.
+"""What a benchmark compares, by name: methods behind one protocol, :class:`tactophone.benchmark.folds.Method`.
 
 Every recipe of :data:`tactophone.training.recipes.RECIPES` is a method through :func:`method_of`. Renderers without a
-detector and the high-band control are :class:`RegressionMethod`; Ra from sound is in ``height_regression``.
+detector and the high-band control are :class:`RegressionMethod`; Ra from sound is in ``regression``.
+
+Besides what the protocol wants, each has ``rule``, the decision rule of the live system; ``latency``, the seconds from
+a window's end to its prediction; and ``control``, true for what should be at chance.
 """
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import ClassVar, TypeAlias, cast
 
 import numpy as np
 import onnxruntime
 
-from tactophone.benchmark.crossvalidation import Method
-from tactophone.benchmark.regression_features import REGRESSION_FEATURES
-from tactophone.dataset import Dataset, Recording
+from tactophone.benchmark.regression import HIGH_BAND_CONTROL, HIGH_BAND_EDGES, REGRESSION_FEATURES, RENDERERS
+from tactophone.dataset import Dataset, Recording, open_sound
+from tactophone.errors import ConfigError, did_you_mean
 from tactophone.evaluation import Predictor, TakePredictions, model_predictor
-from tactophone.perception import FEATURES, LOG_PROBABILITIES, read_model
+from tactophone.haptics import PASSTHROUGH
+from tactophone.perception import FEATURES, LOG_PROBABILITIES, DecisionRule, read_model
 from tactophone.training import (
+    FEATURE_RECIPES,
+    OPEN_GATE,
     RECIPES,
+    VARIANTS,
     FeatureJob,
     FeatureSpec,
     Job,
@@ -27,11 +34,28 @@ from tactophone.training import (
     TrainingSet,
     even_weights,
     extract_features,
+    tip_of,
 )
-from tactophone.types import Touch
+from tactophone.training.network.processor import fastest_precision
+from tactophone.types import AIR, Touch
 
 VERSION = 1
 """Raise it when a class here changes in a way that its settings do not show, so that cached folds are trained anew."""
+
+NO_AIR = "texture/no-air"
+"""An ablation: the model of ``texture`` with a silent air microphone."""
+
+NETWORK_CHANGES = {"hop": 21, "batch_size": 500, "least_steps": 600}
+"""Of the training of the paper's network, as in docs/research/scores.md: its score is flat in the number of steps."""
+
+FAST_STEPS = 200
+"""Least steps of the network in a fast benchmark, of which its nine folds would otherwise take most of the time."""
+
+REFERENCE_SEEDS = (0, 1, 2)
+"""Of the reference: one seed of a network says little about the next."""
+
+NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
+"""Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +63,16 @@ class NetworkMethod:
     """A training job that ends in a model file, which runs as the live system runs it: the paper's network."""
 
     job: Job
+    rule: DecisionRule = field(default_factory=DecisionRule)
+    latency: ClassVar[float] = NETWORK_LATENCY
+    control: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
-        """The job's name."""
         return self.job.name
 
     @property
     def identity(self) -> str:
-        """The job's identity, and the version of this class."""
         return f"model file {VERSION} {self.job.identity}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
@@ -69,6 +94,9 @@ class FeatureMethod:
     job: FeatureJob
     dropped: int | None = None
     """An ablation: this channel is silent after training. The same weights, one microphone less."""
+    rule: DecisionRule = field(default_factory=DecisionRule)
+    latency: ClassVar[float] = FEATURE_LATENCY
+    control: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -77,7 +105,6 @@ class FeatureMethod:
 
     @property
     def identity(self) -> str:
-        """The job's identity, and what is dropped."""
         return f"features {VERSION} {self.job.identity}" + ("" if self.dropped is None else f" without {self.dropped}")
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
@@ -92,10 +119,18 @@ class RegressionMethod:
 
     name: str
     """Of the features."""
+    rule: ClassVar[DecisionRule] = DecisionRule()
+
+    @property
+    def latency(self) -> float:
+        return 0.0 if self.control else PASSTHROUGH[RENDERERS[self.name]](None).latency
+
+    @property
+    def control(self) -> bool:
+        return self.name == HIGH_BAND_CONTROL
 
     @property
     def identity(self) -> str:
-        """The features, and the version of this class."""
         return f"regression {VERSION} {self.name}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
@@ -121,7 +156,10 @@ class RegressionMethod:
         return predict
 
 
-def method_of(job: Job) -> Method:
+BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RegressionMethod
+
+
+def method_of(job: Job) -> NetworkMethod | FeatureMethod:
     """Return the method that cross-validates a training job."""
     return FeatureMethod(job) if isinstance(job, FeatureJob) else NetworkMethod(job)
 
@@ -129,6 +167,59 @@ def method_of(job: Job) -> Method:
 def recipe_method(name: str, *, channels: int) -> FeatureMethod:
     """Return the method of a recipe on features, for sound of 1 or 2 channels."""
     return FeatureMethod(cast(FeatureJob, RECIPES[name].open_job(TrainingOptions(channels=channels))))
+
+
+def method_names(channels: int) -> tuple[str, ...]:
+    """List the names of all methods, the reference first."""
+    networks = [f"paper/{name}" for name in VARIANTS if channels == 2 or name == "one-channel"]
+    baselines = [name for name in FEATURE_RECIPES if name != "texture"]
+    return (*networks, *baselines, *RENDERERS, *((NO_AIR, "texture") if channels == 2 else ("texture",)))
+
+
+def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False) -> tuple[BenchmarkMethod, ...]:
+    """Make the methods for a data set, all by default, and the control where its sound has a band over 8 kHz.
+
+    With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises `ConfigError` if a name is unknown.
+    """
+    allowed = method_names(channels_of(dataset))
+    if unknown := [name for name in names if name not in (*allowed, *method_names(2))]:
+        raise ConfigError(
+            f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
+        )
+    chosen = [name for name in allowed if name in (names or allowed) and _is_possible(name, dataset)]
+    with open_sound(dataset.recordings[0].path) as file:
+        has_high_band = file.samplerate >= 2 * HIGH_BAND_EDGES[-1]
+    controls = (RegressionMethod(HIGH_BAND_CONTROL),) if has_high_band else ()
+    return (*(make_method(name, dataset, fast=fast) for name in chosen), *controls)
+
+
+def channels_of(dataset: Dataset) -> int:
+    """2 if every recording has contact and air, otherwise 1."""
+    return 2 if all(set(recording.channels) == {"contact", "air"} for recording in dataset.recordings) else 1
+
+
+def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = False) -> BenchmarkMethod:
+    """Make one of :func:`method_names`; only the paper's networks have a seed."""
+    if name in RENDERERS:
+        return RegressionMethod(name)
+    if name.startswith("paper/"):
+        # Without labelled segments every window is contact, both in training and in the model's gate.
+        gate = None if any(recording.segments for recording in dataset.recordings) else OPEN_GATE
+        changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
+        options = TrainingOptions(
+            variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
+            precision=fastest_precision(), gate=gate, seed=seed, changes=changes,
+        )  # fmt: skip
+        return method_of(RECIPES["paper-fast"].open_job(options))
+    recipe = name.partition("/")[0]
+    rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
+    dropped = AIR if name == NO_AIR else None
+    return replace(recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule)
+
+
+def _is_possible(name: str, dataset: Dataset) -> bool:
+    requires = RECIPES[name].requires if name in RECIPES else ""
+    return not requires or any(recording.known(requires) for recording in dataset.recordings)
 
 
 def graph_predictor(

@@ -1,8 +1,9 @@
-"""Tables I and II of the paper, on data in its authors' layout, with the paper's own numbers beside.
+"""The paper's three tables, with its own numbers beside.
 
-Scores follow the authors' rule: a window in contact is rough if P(rough) among all three classes is 0.5 or more; the
-same moments count for every method. Contact is either the authors' (a mean absolute value over 0.005) or the paper's
-text (an RMS over -26 dBFS): where a microphone's noise is over 0.005, the first counts rests as touch.
+Tables I and II are made on data in its authors' layout. Scores follow the authors' rule: a window in contact is rough
+if P(rough) among all three classes is 0.5 or more; the same moments count for every method. Contact is either the
+authors' (a mean absolute value over 0.005) or the paper's text (an RMS over -26 dBFS): where a microphone's noise is
+over 0.005, the first counts rests as touch.
 
 Models train on the training objects alone; the fine-tuned one on fewer, and on a sample of the competition's stones, as
 the paper has it. That sample is kin of the stones that it is tested with, which its row says.
@@ -10,25 +11,34 @@ the paper has it. That sample is kin of the stones that it is tested with, which
 There is one object a class to test with, so no draw of objects says what another pair of them would change. Intervals
 are of takes of a test object, and of pieces of a competition's run, drawn within each class: what other recordings of
 the same objects would change.
+
+Table III is the paper's task by a simulated operator: five stones, two of them rough, found by vibration alone. The
+operator is the same for every method and has no input but the vibration; it is a model, not a person.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.benchmark.crossvalidation import Cache, cross_validate
-from tactophone.benchmark.entries import entries_for
+from tactophone.benchmark.folds import Cache, cross_validate
+from tactophone.benchmark.methods import methods_for
+from tactophone.benchmark.regression import FULL_DRIVE
 from tactophone.dataset import REDUCED_OBJECTS, SPARE_OBJECT, Dataset, Fold, Recording, Segment
-from tactophone.errors import DatasetError
+from tactophone.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.evaluation import Estimate, TakePredictions, estimate, in_true_contact, scores_of
-from tactophone.perception import Gate
+from tactophone.evaluation.bootstrap import COVERAGE
+from tactophone.haptics import PASSTHROUGH, PROFILES, Oscillator
+from tactophone.perception import Gate, shipped_models
+from tactophone.pipeline import open_pipeline
+from tactophone.simulation import SoundToVibration, perceive_visits, play_rounds, render_visits
 from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
-from tactophone.types import Touch
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 
 GATES: Mapping[str, Gate] = MappingProxyType(
     {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}
@@ -73,6 +83,18 @@ PAPER_TWO: Mapping[str, tuple[float, ...]] = MappingProxyType(
 )
 """Table II: accuracy of each class."""
 
+BLOCK_SIZE = 512
+LIKE_PAPER = ("paper", "dualsense", "events")
+"""Profiles that render roughness as the paper's does: one row stands for them."""
+
+PAPER_THREE: Mapping[str, str] = MappingProxyType(
+    {"NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567"}
+)
+"""Table III: time in s from the begin of the task until a rough stone was fetched; of the rivals the paper's range."""
+
+VISITS = 12
+"""Visits of each label, for practice and for rounds; rounds draw from them."""
+
 
 @dataclass(frozen=True, slots=True)
 class TableRow:
@@ -82,7 +104,6 @@ class TableRow:
     values: dict[str, Estimate]
 
     def as_json(self) -> dict[str, Any]:
-        """Return a plain dictionary."""
         return asdict(self)
 
 
@@ -96,7 +117,7 @@ def predict_held_out(
     dataset
         In the authors' layout.
     names
-        Of entries; by default the paper's three variants and ``texture``.
+        Of methods; by default the paper's three variants and ``texture``.
     cache
         Where predictions are kept.
     report
@@ -118,13 +139,13 @@ def predict_held_out(
         take if take.segments else replace(take, segments=loud_segments(take)) for take in kept.recordings
     )
     predictions = {}
-    for entry in entries_for(replace(kept, recordings=recordings), names or METHODS):
-        if not entry.control:
-            report(entry.name)
-            train, with_kin = training_takes(recordings, entry.name)
+    for method in methods_for(replace(kept, recordings=recordings), names or METHODS):
+        if not method.control:
+            report(method.name)
+            train, with_kin = training_takes(recordings, method.name)
             test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
-            name = entry.name + KIN_NOTE * with_kin
-            predictions[name] = cross_validate(entry.method, [Fold("held out", train, test)], cache=cache)
+            name = method.name + KIN_NOTE * with_kin
+            predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
     return predictions
 
 
@@ -149,14 +170,14 @@ def by_gate(
     """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any."""
     if any(take.segments for take in labelled):
         return {LABELLED: {name: list(takes) for name, takes in predictions.items()}}
+
+    def relabelled(take: TakePredictions, gate: Gate) -> TakePredictions:
+        return replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
+
     return {
-        title: {name: [_relabelled(take, gate) for take in takes] for name, takes in predictions.items()}
+        title: {name: [relabelled(take, gate) for take in takes] for name, takes in predictions.items()}
         for title, gate in GATES.items()
     }
-
-
-def _relabelled(take: TakePredictions, gate: Gate) -> TakePredictions:
-    return replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
 
 
 def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[TableRow]:
@@ -176,13 +197,15 @@ def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     """Return Table II: the accuracy of each class, day by day."""
     columns = (*TWO_COLUMNS, IN_CONTACT)
     own = [_published(f"paper's own, {variant}", columns, row) for variant, row in PAPER_TWO.items()]
-    return [
-        *own,
-        *(
-            TableRow(name, dict(zip(columns, [*_accuracies(takes), contact_share(takes)], strict=True)))
-            for name, takes in predictions.items()
-        ),
-    ]
+    classes = (
+        (Touch.ROUGH, "day 1"), (Touch.ROUGH, "day 2"), (Touch.SMOOTH, "day 1"), (Touch.SMOOTH, "day 2"),
+        (Touch.ROUGH, ""), (Touch.SMOOTH, ""),
+    )  # fmt: skip
+    rows = []
+    for name, takes in predictions.items():
+        accuracies = [_accuracy(takes, label, day) for label, day in classes]
+        rows.append(TableRow(name, dict(zip(columns, [*accuracies, contact_share(takes)], strict=True))))
+    return [*own, *rows]
 
 
 def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
@@ -220,23 +243,15 @@ def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
         yield Segment(float(begin) - STEP / NETWORK_RATE, float(end) - STEP / NETWORK_RATE, label)
 
 
-def _accuracies(takes: Sequence[TakePredictions]) -> list[Estimate]:
-    return [
-        _accuracy([take for take in takes if _is(take.recording, label, day)], label)
-        for label, day in (
-            (Touch.ROUGH, "day 1"), (Touch.ROUGH, "day 2"), (Touch.SMOOTH, "day 1"), (Touch.SMOOTH, "day 2"),
-            (Touch.ROUGH, ""), (Touch.SMOOTH, ""),
-        )
-    ]  # fmt: skip
-
-
-def _is(recording: Recording, label: Touch, day: str) -> bool:
-    there = recording.session == day if day else recording.known("split") == "test"
-    return recording.label is label and there
-
-
-def _accuracy(takes: Sequence[TakePredictions], label: Touch) -> Estimate:
-    return _measure(takes)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
+def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estimate:
+    """The accuracy of a class, of a day's runs or, without a day, of the test objects."""
+    own = [
+        take
+        for take in takes
+        if take.recording.label is label
+        and (take.recording.session == day if day else take.recording.known("split") == "test")
+    ]
+    return _measure(own)["rough_accuracy" if label is Touch.ROUGH else "smooth_accuracy"]
 
 
 def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
@@ -263,3 +278,91 @@ def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> Ta
 
 def _plain(value: float) -> Estimate:
     return Estimate(value, float("nan"), float("nan"))
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOutcome:
+    """Outcome of the task with one method."""
+
+    name: str
+    found: str
+    both: str
+    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were; with 90 %
+    intervals."""
+    duration: str
+    """Decision time in s: median, and 5 to 95 %."""
+    success: float
+    median_duration: float
+    """`success` and `median_duration`: the share of ``both`` and the median of ``duration``, as numbers."""
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def task_methods() -> tuple[str, ...]:
+    """List the methods: shipped ``MODEL``s, ``texture:PROFILE``, and renderers that need no detector."""
+    models = [name for name in shipped_models() if not name.endswith("-mono")]
+    return (
+        *models,
+        *(f"texture:{name}" for name in PROFILES if name not in LIKE_PAPER and "texture" in models),
+        *PASSTHROUGH,
+    )
+
+
+def play_task(
+    names: Sequence[str] = (),
+    *,
+    rounds: int = 1000,
+    visits: int = VISITS,
+    seed: int = 0,
+    report: Callable[[str], None] = lambda name: None,
+) -> list[TaskOutcome]:
+    """Let the operator play rounds with each method.
+
+    ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if
+    a name is unknown.
+    """
+    allowed = task_methods()
+    if unknown := [name for name in names if name not in allowed and not Path(name).is_file()]:
+        hint = did_you_mean(unknown[0], allowed)
+        raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}")
+    report("rendering visits")
+    sound = render_visits(visits=visits, seed=seed)
+    outcomes = []
+    for name in names or allowed:
+        report(name)
+        played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds, seed=seed)
+        found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
+        p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
+        times = f"{p50:.1f} ({p5:.1f}-{p95:.1f})"
+        outcomes.append(TaskOutcome(name, _share(found), _share(both), times, float(both.mean()), float(p50)))
+    return outcomes
+
+
+def vibration_of(name: str) -> SoundToVibration:
+    """Return the function from both microphones to the vibration: the live pipeline and oscillator, or a renderer."""
+    if name in PASSTHROUGH:
+        return lambda sound: PASSTHROUGH[name](FULL_DRIVE).render_whole(sound)
+    model, _, profile = name.partition(":")
+    return lambda sound: _render(sound, model, profile or "paper")
+
+
+def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
+    pipeline = open_pipeline(model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=profile, limits=FULL_DRIVE)
+    oscillator = Oscillator(FULL_DRIVE)
+    out = np.zeros(len(sound), np.float32)
+    for start in range(0, len(sound), BLOCK_SIZE):
+        step = pipeline.push(AudioBlock(sound[start : start + BLOCK_SIZE], LIVE_SAMPLE_RATE, start))
+        if step.command:
+            oscillator.submit(step.command)
+        oscillator.render(out[start : start + BLOCK_SIZE])
+    return out
+
+
+def _share(won: NDArray[np.bool_]) -> str:
+    """Format a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
+    from scipy.stats import binomtest
+
+    found = binomtest(int(won.sum()), len(won))
+    low, high = found.proportion_ci(COVERAGE, method="wilson")
+    return f"{found.statistic:.3f} ({low:.2f}-{high:.2f})"

@@ -1,20 +1,36 @@
-"""A benchmark of one data set: every method on the same splits, with controls; simulated and real sound never mix."""
+"""A benchmark of one data set: every method on the same splits, with controls; simulated and real sound never mix.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+What a method costs to run is measured from sound at 48 kHz to its prediction, in the paper's sound buffers.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from tactophone.benchmark.crossvalidation import Cache, Method, cross_validate, permute_labels
-from tactophone.benchmark.entries import REFERENCE_SEEDS, BenchmarkEntry, channels_of, entries_for, reference_with_seed
-from tactophone.benchmark.height_regression import HeightMethod, Heights, compare_heights
-from tactophone.benchmark.job_runner import Job, run_jobs
-from tactophone.benchmark.methods import recipe_method
-from tactophone.benchmark.result import MethodResult, compare_entries
+import numpy as np
+import onnx
+
+from tactophone.benchmark.folds import Cache, Method, cross_validate, permute_labels, run_folds
+from tactophone.benchmark.methods import (
+    NO_AIR,
+    REFERENCE_SEEDS,
+    BenchmarkMethod,
+    channels_of,
+    make_method,
+    methods_for,
+    recipe_method,
+)
+from tactophone.benchmark.regression import RENDERERS, HeightMethod, compare_heights
+from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
 from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
 from tactophone.evaluation import in_true_contact, join_edges, measure, scores_of
+from tactophone.haptics import PASSTHROUGH, Passthrough
+from tactophone.perception import WindowDetector, model_path, read_model
 from tactophone.simulation import read_render_metadata
-from tactophone.training import FeatureSpec
+from tactophone.training import FEATURE_RECIPES, FeatureSpec, read_weights
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 EDGE_SPLIT = "5-fold"
 """Edges need smooth and rough surfaces on the held-out side, which one kin at a time may not have."""
@@ -28,6 +44,9 @@ MOST_VALUES = 8
 PERMUTATION_SEEDS = (0, 1, 2)
 """Of the control with permuted labels."""
 
+BUFFER_SIZE = 512
+"""The paper's sound buffers."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
@@ -35,7 +54,7 @@ class Plan:
 
     dataset: Dataset
     """Labelled, usable recordings."""
-    entries: tuple[BenchmarkEntry, ...]
+    methods: tuple[BenchmarkMethod, ...]
     """The first is the reference that the others are compared with."""
     splits: tuple[str, ...]
     """Names, as ``--splits`` takes them."""
@@ -47,29 +66,8 @@ class Plan:
     """The reference's method with each further seed."""
 
 
-@dataclass(frozen=True, slots=True)
-class DatasetResults:
-    """Results of a benchmark on one data set."""
-
-    dataset: str
-    origin: str
-    """`dataset` and `origin`: its name, and whether its sound is simulated, in words."""
-    results: tuple[MethodResult, ...]
-    """Of every entry, split by split."""
-    permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
-    heights: Mapping[str, Heights] = field(default_factory=dict)
-    """By split: how well Ra is estimated from sound."""
-    seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-    """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain dictionaries and lists."""
-        return asdict(self)
-
-
 def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, fast: bool = False) -> Plan:
-    """Plan a benchmark of the named entries, all if there are no names, with its controls.
+    """Plan a benchmark of the named methods, all if there are no names, with its controls.
 
     The reference runs with several seeds; with ``fast``, with one, and fewer steps. Raises `ConfigError` if a name is
     unknown.
@@ -78,10 +76,11 @@ def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, f
     has_heights = any(recording.known("ra_um") for recording in dataset.recordings)
     heights = HeightMethod(FeatureSpec("texture", channels)) if has_heights else None
     permuted = recipe_method("texture", channels=channels)
-    entries = entries_for(dataset, names, fast=fast)
-    seeds = () if fast else REFERENCE_SEEDS[1:]
-    others = (reference_with_seed(dataset, entries[0].name, seed) for seed in seeds)
-    return Plan(dataset, entries, tuple(splits), permuted, heights, tuple(filter(None, others)))
+    methods = methods_for(dataset, names, fast=fast)
+    name = methods[0].name
+    seeds = REFERENCE_SEEDS[1:] if name.startswith("paper/") and not fast else ()
+    others = tuple(make_method(name, dataset, seed=seed) for seed in seeds)
+    return Plan(dataset, methods, tuple(splits), permuted, heights, others)
 
 
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
@@ -112,7 +111,7 @@ def run_plan(
     ray: bool = False,
     report: Callable[[int, int, str], None] = lambda done, of, name: None,
 ) -> DatasetResults:
-    """Run a plan, with ``workers`` and ``ray`` as in `run_jobs`, and score it.
+    """Run a plan, with ``workers`` and ``ray`` as in `run_folds`, and score it.
 
     ``report`` is called with the number of folds done, the most that there can be, and the name of the last one.
     """
@@ -121,16 +120,16 @@ def run_plan(
         name: [split(permute_labels(plan.dataset, seed=seed), name) for seed in PERMUTATION_SEEDS]
         for name in plan.splits
     }
-    methods = [*(entry.method for entry in plan.entries), *([plan.heights] if plan.heights else []), *plan.seeds]
-    jobs = [Job(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
-    jobs += [Job(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
-    run_jobs(jobs, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(jobs), name))
+    methods: list[Method] = [*plan.methods, *([plan.heights] if plan.heights else []), *plan.seeds]
+    todo = [(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
+    todo += [(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
+    run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(todo), name))
 
     # All predictions are cached by now: what follows only reads and scores them.
     results: list[MethodResult] = []
     for name, of_split in folds.items():
-        predictions = {entry.name: cross_validate(entry.method, of_split, cache=cache) for entry in plan.entries}
-        results += compare_entries(plan.dataset, plan.entries, name, predictions)
+        predictions = {method.name: cross_validate(method, of_split, cache=cache) for method in plan.methods}
+        results += compare_methods(plan.dataset, plan.methods, name, predictions)
     return DatasetResults(
         plan.dataset.name,
         origin_of(plan.dataset),
@@ -145,7 +144,7 @@ def run_plan(
             if plan.heights
         },
         {
-            name: tuple(_window_scores(method, of_split, cache) for method in (plan.entries[0].method, *plan.seeds))
+            name: tuple(_window_scores(method, of_split, cache) for method in (plan.methods[0], *plan.seeds))
             for name, of_split in folds.items()
             if plan.seeds
         },
@@ -165,3 +164,66 @@ def _window_scores(method: Method, folds: Sequence[Fold], cache: Cache) -> tuple
     predictions = map(in_true_contact, cross_validate(method, folds, cache=cache))
     metrics = measure(scores_of(predictions, "two-class"))
     return metrics["balanced_accuracy"], metrics["auc"]
+
+
+def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:
+    """Measure the cost of methods; ablations have none of their own.
+
+    A few of the recordings train the model files: the cost depends on shapes alone.
+    """
+    channels = channels_of(dataset)
+    # One recording of each of six surfaces of either label.
+    firsts = {recording.surface: recording for recording in dataset.recordings}
+    ordered = sorted(firsts.values(), key=lambda recording: (recording.known("label"), recording.surface))
+    few = replace(dataset, recordings=(*ordered[:6], *ordered[-6:]))
+    return {name: _cost(name, few, channels, folder) for name in names if name != NO_AIR}
+
+
+def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
+    if name in RENDERERS:
+        return cost_of_renderer(PASSTHROUGH[RENDERERS[name]](None))
+    if name not in FEATURE_RECIPES:
+        return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
+    job = recipe_method(name, channels=channels).job
+    key = hashlib.sha256(f"{job.identity} {few.fingerprint}".encode()).hexdigest()[:16]
+    path = folder / f"{name}-{key}.onnx"
+    if not path.is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        job.train(path, few)
+    return cost_of_model(path)
+
+
+def cost_of_model(path: Path, *, duration: float = 5.0) -> Cost:
+    """Measure a model file on this many seconds of noise; processor time, so that other processes do not count."""
+    model = read_model(path)
+    detector = WindowDetector(model, sample_rate=LIVE_SAMPLE_RATE)
+    updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
+    return Cost(_count_parameters(path, model.card.kind), path.stat().st_size, 1e6 * spent / max(updates, 1))
+
+
+def _count_parameters(path: Path, kind: str) -> int:
+    """Count what was trained; scales, padding and shapes of weights in 8 bits are none."""
+    if kind == "paper":
+        return sum(weight.size for weight in read_weights(path).values())
+    graph = onnx.load(str(path)).graph
+    trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
+    return sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
+
+
+def cost_of_renderer(renderer: Passthrough, *, duration: float = 5.0) -> Cost:
+    """Measure a renderer, which has neither weights nor a file; its update is a sound buffer of 10.7 ms."""
+    buffers, spent = _time(lambda block: int(len(renderer.push(block.samples)) > 0), 1, duration)
+    return Cost(0, 0, 1e6 * spent / max(buffers, 1))
+
+
+def _time(step: Callable[[AudioBlock], int], channels: int, duration: float) -> tuple[int, float]:
+    """Count updates, and the processor time that they took, in s."""
+    rng = np.random.default_rng(0)
+    noise = (0.1 * rng.standard_normal((round(duration * LIVE_SAMPLE_RATE), channels))).astype(np.float32)
+    updates, spent = 0, 0.0
+    for start in range(0, len(noise), BUFFER_SIZE):
+        block = AudioBlock(noise[start : start + BUFFER_SIZE], LIVE_SAMPLE_RATE, start)
+        before = time.thread_time()
+        updates += step(block)
+        spent += time.thread_time() - before
+    return updates, spent

@@ -1,11 +1,11 @@
-"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and an HTML report with figures."""
+"""``tactophone benchmark``: every method on the same splits; a table, a JSON file and a report with figures."""
 
 import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE
 from rich.table import Table
@@ -18,7 +18,8 @@ from tactophone.dataset import Dataset
 from tactophone.json_numbers import finite
 
 if TYPE_CHECKING:
-    from tactophone.benchmark import Cache, Cost, DatasetResults
+    from tactophone.benchmark import Cache
+    from tactophone.benchmark.results import Cost, DatasetResults
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Of the simulated takes that are rendered where no data is given."""
@@ -30,7 +31,7 @@ NOTES = (
     "As rendered: what the operator gets, contact gate, abstention and decision rule inside; a gap counts as wrong. "
     "Scores of windows are of updates in true contact, whatever a method's own contact gate reports. Delays are over "
     "all changes: those without a correct decision within 0.6 s count as infinite. Two controls should be at chance: "
-    "the one in italics uses only the band over 8 kHz, which carries nothing of the surface; the other is texture, "
+    "one uses only the band over 8 kHz, which carries nothing of the surface; the other is texture, "
     "trained and scored on labels permuted over the surfaces. What it scores over 0.5 it scores by recognising "
     "surfaces, not by roughness.",
 )
@@ -57,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.html"
+        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.md and its figures"
     )
     fold_options.add_arguments(parser)
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
@@ -76,7 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, score and report."""
-    from tactophone.benchmark import measure_costs, steps_by_profile
+    from tactophone.benchmark.plan import measure_costs
+    from tactophone.benchmark.report import steps_by_profile, write_report
 
     cache = fold_options.cache_of(args)
     if args.table1 or args.table2 or args.table3:
@@ -95,12 +97,13 @@ def run(args: argparse.Namespace) -> int:
         "costs": {name: {method: asdict(cost) for method, cost in methods.items()} for name, methods in costs.items()},
         "profiles": steps_by_profile(),
     }
-    _write(args.out, summary, results, costs)
+    (args.out / "results.json").write_text(json.dumps(finite(summary), indent=1))
+    report = write_report(args.out, results, costs=costs, notes=NOTES)
     if args.json:
         terminal.print_json(summary)
         return 0
     _show(results, costs)
-    terminal.log().print(f"{args.out / 'report.html'}, {args.out / 'results.json'}")
+    terminal.log().print(f"{report}, {args.out / 'results.json'}")
     return 0
 
 
@@ -124,7 +127,7 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 
 def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "DatasetResults":
-    from tactophone.benchmark import plan_for, run_plan, splits_of
+    from tactophone.benchmark.plan import plan_for, run_plan, splits_of
 
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
     plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits, fast=args.fast)
@@ -135,37 +138,24 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
         )  # fmt: skip
 
 
-def _write(
-    folder: Path, summary: dict[str, Any], results: Sequence["DatasetResults"], costs: dict[str, dict[str, "Cost"]]
-) -> None:
-    from tactophone.benchmark import write_report
-
-    (folder / "results.json").write_text(json.dumps(finite(summary), indent=1))
-    (folder / "report.html").write_text(write_report(results, costs=costs, notes=NOTES), encoding="utf-8")
-
-
 def _show(results: Sequence["DatasetResults"], costs: dict[str, dict[str, "Cost"]]) -> None:
-    from tactophone.benchmark import format_heights, format_permuted, format_seeds, steps_by_profile
+    from tactophone.benchmark.report import notes_of, steps_by_profile
 
     out = terminal.out()
     for of_dataset in results:
         for split in dict.fromkeys(result.split for result in of_dataset.results):
             table = _table_of(of_dataset, split, costs.get(of_dataset.dataset, {}))
             out.print(f"{of_dataset.dataset} ({of_dataset.origin}), {split}", table)
-            if split in of_dataset.permuted:
-                out.print(f"control, permuted labels: {format_permuted(of_dataset.permuted[split])}")
-            if split in of_dataset.seeds:
-                out.print(f"reference, {format_seeds(of_dataset.seeds[split])}")
-            if split in of_dataset.heights:
-                out.print(format_heights(of_dataset.heights[split]))
+            for note in notes_of(of_dataset, split):
+                out.print(note)
             out.print()
     steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
     out.print(f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}")
 
 
 def _table_of(of_dataset: "DatasetResults", split: str, costs: dict[str, "Cost"]) -> Table:
-    """The columns that 80 characters hold, gate and abstention inside; the HTML report has the rest."""
-    from tactophone.benchmark import format_delay
+    """The columns that 80 characters hold, gate and abstention inside; the report has the rest."""
+    from tactophone.benchmark.report import format_delay
 
     table = Table("method", "as rendered", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
     for name in ("AUC", "s as r", "gaps", "bumps/min", "edge, ms (never)", "us"):

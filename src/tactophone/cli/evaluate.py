@@ -89,7 +89,8 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
-    from tactophone.benchmark import default_cache, method_of, permute_labels, recipe_method
+    from tactophone.benchmark import default_cache, permute_labels
+    from tactophone.benchmark.methods import method_of, recipe_method
     from tactophone.evaluation import make_report
     from tactophone.training import RECIPES, tip_of
 

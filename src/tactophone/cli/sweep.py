@@ -2,7 +2,7 @@
 
 import argparse
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the folds of every combination in parallel, and list the combinations, best first."""
-    from tactophone.benchmark import method_of
+    from tactophone.benchmark.methods import method_of
 
     jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
     dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs), kin=args.kin)
@@ -84,13 +84,13 @@ def _values(text: str) -> tuple[str, list[Any]]:
         raise ConfigError(f"--vary {text}: {name} takes true and false") from None
 
 
-def _run(trials: "list[tuple[str, Method]]", folds: Any, cache: "Cache", args: argparse.Namespace) -> None:
-    from tactophone.benchmark import Job, run_jobs
+def _run(trials: "Sequence[tuple[str, Method]]", folds: Any, cache: "Cache", args: argparse.Namespace) -> None:
+    from tactophone.benchmark import run_folds
 
-    jobs = [Job(method, fold) for _, method in trials for fold in folds]
-    with terminal.progress("sweeping", len(jobs)) as update:
-        run_jobs(
-            jobs, cache, workers=args.workers, ray=args.ray,
+    todo = [(method, fold) for _, method in trials for fold in folds]
+    with terminal.progress("sweeping", len(todo)) as update:
+        run_folds(
+            todo, cache, workers=args.workers, ray=args.ray,
             report=lambda done, name: update(completed=done, note=name),
         )  # fmt: skip
 

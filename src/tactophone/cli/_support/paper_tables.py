@@ -12,13 +12,15 @@ from tactophone.cli._support import terminal
 from tactophone.dataset import Dataset
 
 if TYPE_CHECKING:
-    from tactophone.benchmark import Cache, TableRow
+    from tactophone.benchmark import Cache
+    from tactophone.benchmark.paper_tables import TableRow
     from tactophone.evaluation import Estimate, TakePredictions
 
 
 def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "Cache") -> int:
     """Print the tables that ``args`` names; I and II of each data set."""
-    from tactophone.benchmark import by_gate, origin_of, table_one, table_two
+    from tactophone.benchmark.paper_tables import by_gate, table_one, table_two
+    from tactophone.benchmark.plan import origin_of
 
     for dataset in datasets:
         predictions = _predict(dataset, args.methods.split(",") if args.methods else (), cache)
@@ -33,7 +35,7 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "
 
 
 def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[str, list[TakePredictions]]":
-    from tactophone.benchmark import predict_held_out
+    from tactophone.benchmark.paper_tables import predict_held_out
 
     with terminal.progress("Tables I and II") as update:
         return predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
@@ -69,7 +71,7 @@ def _cell(score: "Estimate") -> str:
 
 
 def _print_task(args: argparse.Namespace) -> None:
-    from tactophone.benchmark import PAPER_THREE, play_task, task_methods
+    from tactophone.benchmark.paper_tables import PAPER_THREE, play_task, task_methods
 
     names = args.methods.split(",") if args.methods else task_methods()
     with terminal.progress("simulated operator", len(names) + 1) as update:

@@ -1,12 +1,13 @@
-"""Scores of a method on one split of one data set: as rendered, windows, events, difference from the reference."""
+"""Results of a benchmark: of a method as rendered, by windows, events and its difference from the reference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from tactophone.benchmark.entries import BenchmarkEntry
-from tactophone.benchmark.height_regression import height_correlation
+from tactophone.benchmark.methods import BenchmarkMethod
+from tactophone.benchmark.regression import Heights, height_correlation
 from tactophone.dataset import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation import (
@@ -66,72 +67,96 @@ class MethodResult:
     """Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown."""
 
 
-def compare_entries(
-    dataset: Dataset, entries: Sequence[BenchmarkEntry], split: str, predictions: Mapping[str, list[TakePredictions]]
+@dataclass(frozen=True, slots=True)
+class DatasetResults:
+    """Results of a benchmark on one data set."""
+
+    dataset: str
+    origin: str
+    """`dataset` and `origin`: its name, and whether its sound is simulated, in words."""
+    results: tuple[MethodResult, ...]
+    """Of every method, split by split."""
+    permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
+    heights: Mapping[str, Heights] = field(default_factory=dict)
+    """By split: how well Ra is estimated from sound."""
+    seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Number of weights, size of the model file in bytes, and processor time of an update in microseconds."""
+
+    parameters: int
+    byte_count: int
+    update_us: float
+
+
+def compare_methods(
+    dataset: Dataset, methods: Sequence[BenchmarkMethod], split: str, predictions: Mapping[str, list[TakePredictions]]
 ) -> list[MethodResult]:
-    """Score entries on one split of a data set, each also as its difference from the first.
+    """Score methods on one split of a data set, each also as its difference from the first.
 
     Raises `DatasetError` if there is no update in true contact.
     """
     scores = {name: scores_of(map(in_true_contact, takes), "two-class") for name, takes in predictions.items()}
-    reference = scores[entries[0].name]
+    reference = scores[methods[0].name]
     results = []
-    for entry in entries:
+    for method in methods:
         try:
-            results.append(_result(dataset, entry, split, predictions[entry.name], scores[entry.name], reference))
+            results.append(_result(dataset, method, split, predictions[method.name], scores[method.name], reference))
         except DatasetError as error:
-            raise DatasetError(f"{dataset.name}, {split}, {entry.name}: {error}") from error
-    return _corrected(results)
-
-
-def _corrected(results: Sequence[MethodResult]) -> list[MethodResult]:
-    """Correct the p-values for the number of comparisons; controls are no comparisons."""
-    every = {
-        (place, name): difference
-        for place, result in enumerate(results)
+            raise DatasetError(f"{dataset.name}, {split}, {method.name}: {error}") from error
+    # P-values are corrected for the number of comparisons; controls are no comparisons.
+    compared = {
+        (result.method, name): difference
+        for result in results
         if not result.control
         for name, difference in result.differences.items()
     }
-    corrected = correct_for_number(every)
+    corrected = correct_for_number(compared)
     return [
         replace(
             result,
             differences={
-                name: corrected.get((place, name), difference) for name, difference in result.differences.items()
+                name: corrected.get((result.method, name), difference)
+                for name, difference in result.differences.items()
             },
         )
-        for place, result in enumerate(results)
+        for result in results
     ]
 
 
 def _result(
     dataset: Dataset,
-    entry: BenchmarkEntry,
+    method: BenchmarkMethod,
     split: str,
     predictions: list[TakePredictions],
     scores: Scores,
     reference: Scores,
 ) -> MethodResult:
     labelled = [in_true_contact(take) for take in predictions if take.recording.label is not None]
-    contact = contact_delays(predictions, entry.rule, latency=entry.latency)
-    edge = edge_delays(predictions, entry.rule, latency=entry.latency)
     recall = float((reference.score[reference.rough] >= 0.5).mean())
     differences = {} if scores is reference else paired_difference(scores, reference)
     correct = (scores.score >= 0.5) == scores.rough
     estimates = {rule: estimate(scores_of(labelled, rule)) for rule in RULES}
     kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
     return MethodResult(
-        entry.name,
+        method.name,
         dataset.name,
         split,
-        entry.control,
-        rendered_scores(predictions, entry.rule),
+        method.control,
+        rendered_scores(predictions, method.rule),
         {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
         false_positives_at_recall(scores, recall),
-        false_bumps_per_minute(predictions, entry.rule),
+        false_bumps_per_minute(predictions, method.rule),
         calibration_error(labelled),
-        _summary(contact),
-        _summary(edge),
+        _summary(contact_delays(predictions, method.rule, latency=method.latency)),
+        _summary(edge_delays(predictions, method.rule, latency=method.latency)),
         {name: differences[name] for name in MEASURES if name in differences},
         {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
         _curve(scores),

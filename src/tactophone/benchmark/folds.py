@@ -1,27 +1,40 @@
-"""Cross-validation: every recording is predicted by a model that was trained without its side of the split."""
+"""Cross-validation: every recording is predicted by a model that was trained without its side of the split.
+
+A fold is a pure function of its method and its recordings, so it may run in this process, on the machine's cores, or on
+a Ray cluster; its predictions are cached by content. A worker that dies loses the fold it was at: that fold runs again,
+the others do not.
+"""
 
 import functools
 import hashlib
+import importlib.util
 import os
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 import tactophone
 from tactophone.dataset import Dataset, Fold, Recording, fingerprint
+from tactophone.errors import ConfigError
 from tactophone.evaluation import Predictor, TakePredictions
 from tactophone.types import Touch
+from tactophone.worker_processes import open_pool
 
 TRAINING_CODE = (
     "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/values.py",
-    "benchmark/methods.py", "benchmark/regression_features.py", "benchmark/height_regression.py",
+    "benchmark/methods.py", "benchmark/regression.py",
 )  # fmt: skip
 """Folders and files of the package that train detectors or run them."""
+
+MOST_DEATHS = 3
+"""Times that workers may die before the run gives up, because a fold kills them."""
 
 
 class Method(Protocol):
@@ -37,6 +50,10 @@ class Method(Protocol):
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train on labelled recordings; return a predictor of other recordings."""
+
+
+MethodFold: TypeAlias = tuple[Method, Fold]
+"""What runs somewhere: one fold of one method."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +123,102 @@ def cross_validate(
                 cache.put(key, of_fold)
         predictions += of_fold
     return predictions
+
+
+def run_folds(
+    folds: Sequence[MethodFold],
+    cache: Cache,
+    *,
+    workers: int = 1,
+    ray: bool = False,
+    report: Callable[[int, str], None] = lambda done, name: None,
+) -> int:
+    """Run the folds whose predictions are not cached, and cache them; return how many ran.
+
+    Parameters
+    ----------
+    folds
+        Each with its method, in any order: each is independent of the others.
+    cache
+        Where predictions are kept.
+    workers
+        Processes; one is this process itself.
+    ray
+        Whether to run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of as many processes.
+    report
+        Called with the number of folds done, and the name of the last one.
+
+    Raises
+    ------
+    ConfigError
+        If Ray is chosen and not installed.
+    """
+    todo = {fold_key(*fold): fold for fold in folds}
+    todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}
+    run = _on_ray if ray else _in_processes if workers > 1 else _here
+    for done, (key, predictions) in enumerate(run(todo, workers), 1):
+        cache.put(key, predictions)
+        method, fold = todo[key]
+        report(done, f"{method.name}, {fold.name}")
+    return len(todo)
+
+
+def _here(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
+    del workers
+    yield from ((key, predict_fold(*fold)) for key, fold in todo.items())
+
+
+def _in_processes(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
+    left, deaths = dict(todo), 0
+    while left:
+        try:
+            with open_pool(workers, prepare=_use_single_thread) as pool:
+                futures = {pool.submit(predict_fold, *fold): key for key, fold in left.items()}
+                try:
+                    for future in as_completed(futures):
+                        predictions = future.result()
+                        del left[futures[future]]
+                        yield futures[future], predictions
+                finally:
+                    pool.shutdown(cancel_futures=True)
+        except BrokenProcessPool:
+            # A pool whose worker has died takes no more work: what is left runs in another one.
+            deaths += 1
+            if deaths >= MOST_DEATHS:
+                raise
+
+
+def _use_single_thread() -> None:
+    """One thread per worker, because there are as many workers as cores."""
+    if importlib.util.find_spec("torch"):
+        import torch
+
+        torch.set_num_threads(1)
+
+
+def _on_ray(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
+    ray = load_ray(workers)
+    # Ray runs a task again if its worker or its machine dies.
+    remote = ray.remote(num_cpus=1, max_retries=MOST_DEATHS)(predict_fold)
+    running = {remote.remote(*fold): key for key, fold in todo.items()}
+    while running:
+        (ready,), _ = ray.wait(list(running), num_returns=1)
+        yield running.pop(ready), ray.get(ready)
+
+
+def load_ray(workers: int) -> Any:
+    """Import Ray and join the cluster at ``RAY_ADDRESS``, or start one on this machine.
+
+    Raises `ConfigError` if Ray is not installed.
+    """
+    if importlib.util.find_spec("ray") is None:
+        raise ConfigError("Ray is not installed: pip install 'tactophone[ray]', or leave --ray away")
+    import ray
+
+    if not ray.is_initialized():
+        local = {} if os.environ.get("RAY_ADDRESS") else {"num_cpus": workers, "include_dashboard": False}
+        ray.init(log_to_driver=False, logging_level="warning", **local)
+    return ray
 
 
 def predict_fold(method: Method, fold: Fold) -> list[TakePredictions]:

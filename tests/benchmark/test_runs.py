@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.benchmark import Cache, Job, cross_validate, run_jobs
-from tactophone.benchmark.job_runner import load_ray
+from tactophone.benchmark.folds import Cache, MethodFold, cross_validate, fold_key, load_ray, run_folds
 from tactophone.dataset import Recording, open_dataset, split
 from tactophone.errors import ConfigError
 from tactophone.evaluation import Predictor, TakePredictions
@@ -34,37 +33,37 @@ class Constant:
         return lambda recording: TakePredictions(recording, np.array([1.0]), share, np.array([True]))
 
 
-def jobs(folder: Path, method: Constant) -> list[Job]:
-    return [Job(method, fold) for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")]
+def method_folds(folder: Path, method: Constant) -> list[MethodFold]:
+    return [(method, fold) for fold in split(open_dataset(audiofolder(folder)), "leave-one-surface-out")]
 
 
 def test_predictions_are_cached_and_a_second_run_runs_nothing(tmp_path: Path) -> None:
-    folds, cache = jobs(tmp_path, Constant()), Cache(tmp_path / "cache")
+    folds, cache = method_folds(tmp_path, Constant()), Cache(tmp_path / "cache")
     done_counts: list[int] = []
-    assert run_jobs(folds, cache, report=lambda done, name: done_counts.append(done)) == 4
+    assert run_folds(folds, cache, report=lambda done, name: done_counts.append(done)) == 4
     assert done_counts == [1, 2, 3, 4]
-    assert run_jobs(folds, cache) == 0
-    predictions = cross_validate(Constant(), [job.fold for job in folds], cache=cache)
+    assert run_folds(folds, cache) == 0
+    predictions = cross_validate(Constant(), [fold for _, fold in folds], cache=cache)
     assert len(predictions) == 8
 
 
 @pytest.mark.slow
 def test_a_worker_that_is_killed_loses_its_fold_and_nothing_else(tmp_path: Path) -> None:
-    folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
-    assert run_jobs(folds, cache, workers=2) == 4
+    folds, cache = method_folds(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    assert run_folds(folds, cache, workers=2) == 4
     assert (tmp_path / "dead").exists()
-    assert all(cache.get(job.key, job.fold) for job in folds)
+    assert all(cache.get(fold_key(*fold), fold[1]) for fold in folds)
 
 
 @pytest.mark.realtime
 def test_a_local_ray_runs_folds_and_survives_a_killed_worker(tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
-    folds, cache = jobs(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
+    folds, cache = method_folds(tmp_path, Constant(tmp_path / "dead")), Cache(tmp_path / "cache")
     try:
-        assert run_jobs(folds, cache, workers=1, ray=True) == 4
+        assert run_folds(folds, cache, workers=1, ray=True) == 4
     finally:
         ray.shutdown()
-    assert all(cache.get(job.key, job.fold) for job in folds)
+    assert all(cache.get(fold_key(*fold), fold[1]) for fold in folds)
 
 
 def test_without_ray_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,309 @@
+"""The benchmark's report: Markdown with its tables, and its figures as SVG files beside it."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tactophone.benchmark.regression import Heights
+from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
+from tactophone.evaluation.events import HALF
+from tactophone.haptics import PROFILES, discriminable_steps, open_profile
+from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
+
+COLUMNS = (
+    "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",
+    "AUC", "recall at 1 %", "false positives", "at the reference's recall", "false bumps a minute",
+    "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
+    "rank with Ra", "p (corrected)",
+)  # fmt: skip
+
+_STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
+        "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
+        "scalogram-cnn": (PURPLE, "-"),
+        "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
+        "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
+        "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
+    }
+)  # fmt: skip
+"""A colour for each family of methods and a dash for each member, the same in every figure."""
+
+MOST_CELLS = 20
+"""Surfaces in a figure whose cells still hold a legible number."""
+
+
+def write_report(
+    folder: Path,
+    datasets: Sequence[DatasetResults],
+    *,
+    costs: Mapping[str, Mapping[str, Cost]],
+    notes: Iterable[str],
+) -> Path:
+    """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the top: what ran, on what."""
+    parts = ["# Tactophone benchmark", *notes]
+    for of_dataset in datasets:
+        parts.append(f"## {of_dataset.dataset}: {of_dataset.origin}")
+        if of_costs := costs.get(of_dataset.dataset):
+            rows = [
+                (name, f"{cost.parameters:,}", f"{cost.byte_count / 1000:,.0f}", f"{cost.update_us:.0f}")
+                for name, cost in of_costs.items()
+            ]
+            parts += [
+                "Cost of running each method, resampling and FFT included, in a hot loop.",
+                _table(("method", "parameters", "file (kB)", "processor time of an update (us)"), rows),
+            ]
+        for split, results in groupby(of_dataset.results, key=lambda result: result.split):
+            parts += _section(folder, list(results), split, of_dataset)
+    steps = [(name, f"{pitch:.1f}", f"{both:.1f}") for name, (pitch, both) in steps_by_profile().items()]
+    parts += [
+        "## Rendering profiles",
+        "Just-noticeable steps between smooth and rough (18 % of frequency, 1.5 dB).",
+        _table(("profile", "steps of frequency", "steps with level"), steps),
+    ]
+    path = folder / "report.md"
+    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return path
+
+
+def _section(folder: Path, results: Sequence[MethodResult], split: str, of_dataset: DatasetResults) -> list[str]:
+    figures = {"scores": draw_scores(results), "curves": draw_curves(results)}
+    if any(math.isfinite(result.contact_ms[0]) or math.isfinite(result.edge_ms[0]) for result in results):
+        figures["delays"] = draw_delays(results)
+    figures |= {"reliability": draw_reliability(results), "surfaces": draw_surfaces(results)}
+    if split in of_dataset.heights:
+        figures["heights"] = draw_heights(of_dataset.heights[split])
+    rules = [(rule, name) for rule in ("authors", "two-class") for name in ("balanced", "smooth", "rough")]
+    accuracies = [
+        (
+            result.method,
+            *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules),
+        )
+        for result in results
+    ]
+    return [
+        f"### {split}",
+        "As rendered (gate, abstention, decision rule inside); windows in true contact, two-class rule.",
+        _table(COLUMNS, [row_of(result) for result in results]),
+        *(f"{note[0].upper()}{note[1:]}." for note in notes_of(of_dataset, split)),
+        "Accuracy by both rules; by the authors', a prediction none counts as smooth.",
+        _table(("method", *(f"{rule}: {name}" for rule, name in rules)), accuracies),
+        *(_save(figure, folder / f"{of_dataset.dataset}-{split}-{name}.svg") for name, figure in figures.items()),
+    ]
+
+
+def notes_of(results: DatasetResults, split: str) -> list[str]:
+    """Say what the controls, the other seeds and the heights of a split scored."""
+    notes = []
+    if accuracies := results.permuted.get(split):
+        notes.append(f"control, permuted labels: balanced accuracy {_listed(accuracies)}")
+    if seeds := results.seeds.get(split):
+        accuracies, areas = zip(*seeds, strict=True)
+        scores = f"balanced accuracy {_listed(accuracies)}; AUC {_listed(areas)}"
+        notes.append(f"reference, {len(seeds)} seeds: {scores}")
+    if heights := results.heights.get(split):
+        notes.append(
+            f"Ra estimated from sound: off by {heights.error_decades:.2f} decades rms over {len(heights.surfaces)} "
+            f"surfaces (a factor of {10**heights.error_decades:.1f}; single updates {heights.update_error_decades:.2f};"
+            f" a constant estimate {heights.spread_decades:.2f}); rank correlation {heights.correlation:.2f}"
+        )
+    return notes
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)
+
+
+def row_of(result: MethodResult) -> tuple[str, ...]:
+    """Return the cells of a result, in the order of :data:`COLUMNS`."""
+    scores = result.scores["two-class"]
+    difference = result.differences.get("balanced_accuracy")
+    rendered = result.rendered
+    return (
+        result.method,
+        str(rendered.balanced_accuracy),
+        *(_number(share.value, ".3f") for share in (rendered.smooth_as_rough, rendered.wrong, rendered.gaps)),
+        str(scores["balanced_accuracy"]),
+        str(scores["auc"]),
+        str(scores["recall_at_1"]),
+        _number(scores["false_positive_rate"].value, ".3f"),
+        _number(result.false_positives_at_reference, ".3f"),
+        _number(result.bumps_per_minute, ".1f"),
+        format_delay(result.contact_ms),
+        format_delay(result.edge_ms),
+        _number(result.calibration_error, ".3f"),
+        _number(result.height_correlation, ".2f"),
+        f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})" if difference else "-",
+    )
+
+
+def format_delay(delay: tuple[float, float, float]) -> str:
+    """Format a delay in ms: p50 and p95 of all changes, and the share without a correct decision.
+
+    >>> format_delay((95.0, float("inf"), 0.2))
+    '95 / never (20 %)'
+    >>> format_delay((82.4, 179.6, 0.04)), format_delay((float("nan"), float("nan"), float("nan")))
+    ('82 / 180 (4 %)', '-')
+    """
+    p50, p95, missed = delay
+    if math.isnan(p50):
+        return "-"
+    times = (f"{time_ms:.0f}" if math.isfinite(time_ms) else "never" for time_ms in (p50, p95))
+    return f"{' / '.join(times)} ({100 * missed:.0f} %)"
+
+
+def steps_by_profile() -> dict[str, tuple[float, float]]:
+    """Return the number of just-noticeable steps from smooth to rough, of frequency and in all, by profile."""
+    return {name: discriminable_steps(open_profile(name)) for name in PROFILES}
+
+
+def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    rule = ("---", *("--:" for _ in heading[1:]))
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
+
+
+def _number(value: float, form: str) -> str:
+    return "-" if math.isnan(value) else format(value, form)
+
+
+def _save(figure: Any, path: Path) -> str:
+    pyplot = load_pyplot()
+    with pyplot.rc_context({"svg.hashsalt": "tactophone", "svg.fonttype": "none"}):
+        figure.savefig(path, format="svg", metadata={"Date": None})
+    pyplot.close(figure)
+    return f"![{path.stem}](<{path.name}>)"
+
+
+def draw_scores(results: Sequence[MethodResult]) -> Any:
+    """Draw balanced accuracy of every method with its interval, best on top."""
+    pyplot = load_pyplot()
+    rows = sorted(results, key=lambda result: result.scores["two-class"]["balanced_accuracy"].value)
+    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained")
+    for place, result in enumerate(rows):
+        score = result.scores["two-class"]["balanced_accuracy"]
+        colour, _ = _style(result)
+        face = "white" if result.control else None
+        axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
+        axis.plot(score.value, place, "o", color=colour, markersize=6, markerfacecolor=face)
+    axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    axis.text(0.502, len(rows) - 0.4, "chance", color="#555555", fontsize=8)
+    axis.set(yticks=range(len(rows)), yticklabels=[result.method for result in rows], ylim=(-0.6, len(rows) - 0.1))
+    axis.set_xlabel("balanced accuracy per update (90 % interval over surfaces)")
+    return figure
+
+
+def draw_curves(results: Sequence[MethodResult]) -> Any:
+    """Draw the ROC curves on a log axis, because low false positive rates matter."""
+    pyplot = load_pyplot()
+    figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
+    for result in results:
+        rate, recall = np.array(result.curve).T
+        axis.plot(100 * rate, recall, label=result.method, **_line(result))
+    axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
+    axis.set_xticklabels(("0.1", "1", "10", "100"))
+    axis.set_xlabel("smooth updates classified as rough (%)")
+    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def draw_delays(results: Sequence[MethodResult]) -> Any:
+    """Draw the time to a correct decision after contact and after an edge: p50 to p95."""
+    pyplot = load_pyplot()
+    kinds = {
+        "after contact": {result.method: result.contact_ms for result in results},
+        "after an edge": {result.method: result.edge_ms for result in results},
+    }
+    kinds = {name: delays for name, delays in kinds.items() if any(np.isfinite(p50) for p50, _, _ in delays.values())}
+    colours = {result.method: _style(result)[0] for result in results}
+    known = [name for name in colours if any(np.isfinite(delays[name][0]) for delays in kinds.values())]
+    rows = known[::-1]
+    figure, axes = pyplot.subplots(
+        1, len(kinds), sharey=True, squeeze=False, figsize=(3.6 * len(kinds) + 1, 0.9 + 0.27 * len(rows)),
+        layout="constrained",
+    )  # fmt: skip
+    axes = axes[0]
+    for axis, (name, times) in zip(axes, kinds.items(), strict=True):
+        for place, method in enumerate(rows):
+            _draw_delay(axis, place, times[method], colour=colours[method])
+        axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
+        axis.set(xlabel=f"ms to a correct decision\n{name}: p50, p95", xlim=(0, None))
+        axis.margins(x=0.25)
+    axes[0].set(yticks=range(len(rows)), yticklabels=rows, ylim=(-0.6, len(rows) - 0.4))
+    return figure
+
+
+def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, colour: str) -> None:
+    p50, p95, missed = delay
+    if not np.isfinite(p50):
+        return
+    # A p95 that never comes reaches as far as joined edges do, with an arrow.
+    end, marker = (p95, "|") if np.isfinite(p95) else (1e3 * HALF, ">")
+    axis.plot([p50, end], [place, place], color=colour, linewidth=2.2, alpha=0.55)
+    axis.plot(p50, place, "o", color=colour, markersize=5)
+    axis.plot(end, place, marker, color=colour, markersize=9 if marker == "|" else 4)
+    axis.annotate(
+        f"never: {missed:.0%}", (end, place), xytext=(6, 0), textcoords="offset points", fontsize=7, va="center",
+        color="#555555",
+    )  # fmt: skip
+
+
+def draw_reliability(results: Sequence[MethodResult]) -> Any:
+    """Draw the share truly rough over P(rough); calibrated methods follow the diagonal."""
+    pyplot = load_pyplot()
+    kept = [result for result in results if not result.control and result.reliability]
+    figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
+    axis.plot([0, 1], [0, 1], color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
+    for result in kept:
+        confidence, share = np.array(result.reliability).T
+        axis.plot(confidence, share, marker="o", markersize=3, label=result.method, **_line(result))
+    axis.set(xlim=(0, 1), ylim=(0, 1), xlabel="P(rough)", ylabel="share truly rough")
+    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def draw_surfaces(results: Sequence[MethodResult]) -> Any:
+    """Draw the share of updates classified correctly, by method and surface."""
+    pyplot = load_pyplot()
+    names = sorted(results[0].by_surface, key=lambda name: (results[0].by_surface[name], name))
+    shares = np.array([[100 * result.by_surface.get(name, np.nan) for name in names] for result in results])
+    figure, axis = pyplot.subplots(figsize=(7.2, 1.6 + 0.24 * len(results)), layout="constrained")
+    image = axis.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
+    for row, column in np.ndindex(shares.shape) if len(names) <= MOST_CELLS else ():
+        ink = "white" if shares[row, column] < 60 else "black"
+        axis.text(column, row, f"{shares[row, column]:.0f}", ha="center", va="center", fontsize=6, color=ink)
+    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
+    axis.set_yticks(range(len(results)), [result.method for result in results], fontsize=7)
+    axis.tick_params(length=0)
+    figure.colorbar(image, label="updates classified correctly (%)", pad=0.01)
+    return figure
+
+
+def draw_heights(heights: Heights) -> Any:
+    """Draw each surface's true Ra and its estimate from sound, smoothest at the bottom."""
+    pyplot = load_pyplot()
+    rows = sorted(heights.surfaces, key=lambda row: row[1])
+    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.2 * len(rows)), layout="constrained")
+    names, true, estimated = zip(*rows, strict=True)
+    axis.hlines(range(len(rows)), true, estimated, color=GREY, linewidth=1)
+    axis.plot(true, range(len(rows)), "o", color="black", markerfacecolor="white", markersize=5, label="true")
+    axis.plot(estimated, range(len(rows)), "o", color=ORANGE, markersize=5, label="estimated from sound, held out")
+    axis.set(xscale="log", xlabel="Ra (\u00b5m)", ylim=(-0.6, len(rows) - 0.4))
+    axis.set_yticks(range(len(rows)), names, fontsize=7)
+    axis.legend(frameon=False, fontsize=8, loc="lower right")
+    return figure
+
+
+def _style(result: MethodResult) -> tuple[str, str]:
+    return ("black", ":") if result.control else _STYLES.get(result.method, (GREY, "-."))
+
+
+def _line(result: MethodResult) -> dict[str, Any]:
+    colour, dash = _style(result)
+    width, alpha, order = (2.4, 1.0, 3) if result.method in ("texture", "paper/general") else (1.1, 0.75, 2)
+    return {"color": colour, "linestyle": dash, "linewidth": width, "alpha": alpha, "zorder": order}
