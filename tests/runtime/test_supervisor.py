@@ -115,13 +115,13 @@ def start_never(settings: Settings, info: ProcessInfo) -> None:
 
 
 def test_a_start_may_take_long_while_it_makes_progress(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.runtime.start_progress.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
     with Supervisor(start_slowly, Settings(), name=name) as supervisor:
         assert supervisor.running
 
 
 def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.runtime.start_progress.START_TIMEOUT", 1.5)
+    monkeypatch.setattr("tactophone.runtime.supervisor.START_TIMEOUT", 1.5)
     with (
         pytest.raises(TactophoneError, match=r"no progress within 1\.5 s; it was last waiting for a device"),
         Supervisor(start_never, Settings(), name=name),

@@ -24,8 +24,8 @@ import tactophone
 from tactophone.dataset import Dataset, Fold, Recording, fingerprint
 from tactophone.errors import ConfigError
 from tactophone.evaluation import Predictor, TakePredictions
+from tactophone.processes import atomic_write, open_pool
 from tactophone.types import Touch
-from tactophone.worker_processes import open_pool
 
 TRAINING_CODE = (
     "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/values.py",
@@ -83,16 +83,13 @@ class Cache:
 
     def put(self, key: str, predictions: Sequence[TakePredictions]) -> None:
         """Write a fold's predictions, whole or not at all."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        partial = self.folder / f"{key}.{os.getpid()}.part"
         arrays = {
             f"{name}{n}": array
             for n, take in enumerate(predictions)
             for name, array in (("time", take.time), ("probabilities", take.probabilities), ("contact", take.contact))
         }
-        with partial.open("wb") as file:
+        with atomic_write(self.folder / f"{key}.npz") as unfinished, unfinished.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
-        os.replace(partial, self.folder / f"{key}.npz")
 
 
 def default_cache() -> Cache:

@@ -1,16 +1,12 @@
 """A bridge in a process of its own: it can neither delay the sound nor end it."""
 
-import os
-import signal
 import threading
 from collections.abc import Callable
-from contextlib import suppress
-from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Protocol, Self
 
-from tactophone.child_processes import ChildContext
 from tactophone.errors import TactophoneError
+from tactophone.processes import Child, Parent
 
 START_TIMEOUT = 20.0
 """Seconds that a bridge may take to import its libraries and begin."""
@@ -20,8 +16,6 @@ END_TIMEOUT = 5.0
 
 NICENESS = 5
 """On a busy machine a bridge waits, not the sound."""
-
-_READY = ""
 
 
 class Bridge(Protocol):
@@ -49,25 +43,22 @@ class BridgeProcess:
     """
 
     def __init__(self, build: Callable[[], Bridge], *, report: Callable[[str], None] = lambda line: None) -> None:
-        self._build, self._report = build, report
+        self._name = getattr(build, "func", build).__name__
+        self._report = report
         self._asked_to_end = False
-        context = ChildContext()
-        self._lines, child = context.Pipe()
-        self._process = context.Process(target=_run, args=(build, child), name="tactophone-bridge", daemon=True)
-        self._process.start()
-        child.close()
+        self._child = Child(_run, build, name="tactophone-bridge", niceness=NICENESS)
         self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
 
     @property
     def pid(self) -> int:
         """Of the bridge's process."""
-        return self._process.pid or 0
+        return self._child.pid
 
     def __enter__(self) -> Self:
-        first = self._next_line(START_TIMEOUT)
-        if first != _READY:
+        kind, text = next(self._child.messages(START_TIMEOUT), ("", "a bridge did not begin"))
+        if kind != "ready":
             self._end()
-            raise TactophoneError(first or "a bridge ended before it began")
+            raise TactophoneError(text)
         self._thread.start()
         return self
 
@@ -76,42 +67,28 @@ class BridgeProcess:
         if self._thread.is_alive():
             self._thread.join()
 
-    def _next_line(self, timeout: float | None) -> str | None:
-        try:
-            return str(self._lines.recv()) if self._lines.poll(timeout) else "a bridge did not begin in time"
-        except (EOFError, OSError):
-            return None
-
     def _follow(self) -> None:
-        while (line := self._next_line(None)) is not None:
-            self._report(line)
-        self._process.join()
-        code = self._process.exitcode
-        if code and not self._asked_to_end:
-            name = getattr(self._build, "func", self._build).__name__
-            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-            self._report(f"{name} ended ({how}): the run goes on without it, and what it drove may keep its last value")
+        errors = [text for kind, text in self._child.messages(None) if kind == "error"]
+        how = self._child.how_ended()
+        if errors:
+            self._report(errors[-1])
+        elif how and not self._asked_to_end:
+            self._report(
+                f"{self._name} ended ({how}): the run goes on without it, and what it drove may keep its last value"
+            )
 
     def _end(self) -> None:
         self._asked_to_end = True
-        with suppress(OSError):  # when it has ended by itself
-            self._lines.send(None)  # asks it to end in order
-        self._process.join(END_TIMEOUT)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._child.ask_to_end()
+        self._child.end(END_TIMEOUT)
 
 
-def _run(build: Callable[[], Bridge], lines: Connection) -> None:
-    os.nice(NICENESS)
+def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
     try:
         with build() as bridge:
-            lines.send(_READY)
-            # The pipe wakes up for the parent's word and for its death alike.
-            while not lines.poll(bridge.interval):
+            parent.tell(("ready", ""))
+            while not parent.wants_end(bridge.interval):
                 bridge.read()
             bridge.read()
-    except TactophoneError as error:
-        lines.send(str(error))
     except ModuleNotFoundError as error:
-        lines.send(f"{error.name} is not installed: see the extras in docs/guide/bridges.md")
+        raise TactophoneError(f"{error.name} is not installed: see the extras in docs/guide/bridges.md") from None

@@ -2,8 +2,6 @@
 
 import asyncio
 import importlib.util
-import multiprocessing
-import os
 import socket
 import ssl
 from collections.abc import Callable
@@ -13,9 +11,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from tactophone.child_processes import ChildProcess
 from tactophone.dashboard.security import AccessControl
 from tactophone.errors import TactophoneError
+from tactophone.processes import Child, Parent
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -61,10 +59,9 @@ class Page:
         listening = _listen_everywhere(ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
         self._access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
-        self._process = ChildProcess(
-            target=_serve, args=(build, self._access, listening, certificate), name="tactophone-page", daemon=True
+        self._child = Child(
+            _serve, build, self._access, listening, certificate, name="tactophone-page", niceness=NICENESS
         )
-        self._process.start()
         for listener in listening:
             listener.close()
 
@@ -87,8 +84,7 @@ class Page:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        self._process.join()
+        self._child.kill()
 
 
 def watch(
@@ -162,24 +158,21 @@ def _listen(address: str) -> socket.socket:
 
 
 def _serve(
+    parent: Parent,
     build: "Callable[[], web.Application]",
     access: AccessControl,
     listening: list[socket.socket],
     certificate: tuple[Path, Path] | None,
 ) -> None:
-    os.nice(NICENESS)
-    asyncio.run(_run(build, access, listening, _tls(certificate)))
-
-
-def _tls(certificate: tuple[Path, Path] | None) -> ssl.SSLContext | None:
-    if certificate is None:
-        return None
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(*certificate)
-    return context
+    tls: ssl.SSLContext | None = None
+    if certificate is not None:
+        tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        tls.load_cert_chain(*certificate)
+    asyncio.run(_run(parent, build, access, listening, tls))
 
 
 async def _run(
+    parent: Parent,
     build: "Callable[[], web.Application]",
     access: AccessControl,
     listening: list[socket.socket],
@@ -193,10 +186,8 @@ async def _run(
     await runner.setup()
     for listener in listening:
         await web.SockSite(runner, listener, ssl_context=tls).start()
-    parent = multiprocessing.parent_process()
     ended = asyncio.Event()
-    if parent is not None:
-        asyncio.get_running_loop().add_reader(parent.sentinel, ended.set)
+    asyncio.get_running_loop().add_reader(parent, ended.set)
     idle = asyncio.create_task(close_idle_connections(runner))
     await ended.wait()
     idle.cancel()

@@ -1,7 +1,6 @@
 """Conversion of any known layout into ``metadata.csv``, and the data card."""
 
 import dataclasses
-import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from tactophone.dataset.metadata import FILE_NAME, write_metadata
 from tactophone.dataset.mono_pairs import read_joined
 from tactophone.dataset.values import READ_SIZE, Dataset, Recording
 from tactophone.errors import DatasetError
+from tactophone.processes import atomic_write
 from tactophone.types import Touch
 
 CARD = "README.md"
@@ -107,26 +107,12 @@ def join_as_flac(contact: Path, air: Path, target: Path) -> None:
 def _write_flac(
     target: Path, blocks: Iterable[NDArray[Any]], rate: int, channels: int, subtype: str, *, size: int
 ) -> None:
-    part = target.with_name(f"{target.stem}.part.flac")
-    try:
-        with soundfile.SoundFile(part, "w", rate, channels, subtype) as flac:
+    with atomic_write(target) as unfinished:
+        with soundfile.SoundFile(unfinished, "w", rate, channels, subtype, format="FLAC") as flac:
             for samples in blocks:
                 flac.write(samples)
-        if soundfile.info(part).frames != size:
+        if soundfile.info(unfinished).frames != size:
             raise OSError("the copy is shorter than the original")
-        flush_to_disk(part)
-        os.replace(part, target)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def flush_to_disk(path: Path) -> None:
-    """Return when a file's bytes are on the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:

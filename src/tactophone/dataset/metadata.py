@@ -6,14 +6,13 @@ entries, in seconds, separated by spaces.
 """
 
 import csv
-import os
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
 from tactophone.errors import DatasetError
+from tactophone.processes import atomic_write
 
 FILE_NAME = "metadata.csv"
 PARTS = ("train", "validation", "test")
@@ -62,16 +61,10 @@ def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:
     lines = [_line(folder, recording) for recording in recordings]
     extra = sorted({name for line in lines for name in line} - set(_COLUMNS))
     target = folder / FILE_NAME
-    with tempfile.NamedTemporaryFile(
-        "w", dir=folder, prefix=".metadata-", delete=False, newline="", encoding="utf-8"
-    ) as file:
+    with atomic_write(target) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, [*_COLUMNS, *extra], restval="", lineterminator="\n")
         writer.writeheader()
         writer.writerows(lines)
-        file.flush()
-        os.fsync(file.fileno())
-    os.chmod(file.name, 0o644)
-    os.replace(file.name, target)
     return target
 
 

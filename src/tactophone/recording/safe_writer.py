@@ -18,12 +18,13 @@ from typing import Any, Self
 import soundfile
 
 from tactophone.dataset import FILE_NAME, LABEL_NAMES, Recording, read_metadata, write_metadata
-from tactophone.dataset.converters import copy_as_flac, flush_to_disk
+from tactophone.dataset.converters import copy_as_flac
 from tactophone.errors import DatasetError
+from tactophone.processes import atomic_write, flush_to_disk
 from tactophone.types import AudioBlock
 
 PART = ".part.wav"
-ENTRY, DRAFT = ".part.json", ".part.new"
+ENTRY = ".part.json"
 
 SYNC_EVERY = 0.5
 """Seconds after which sound is flushed to the disk, so that it survives a power failure."""
@@ -130,7 +131,7 @@ def recover(root: Path) -> Iterator[Recording]:
 
     Raises `DatasetError` if the disk is too full to finish a take.
     """
-    for draft in root.rglob(f"*{DRAFT}"):
+    for draft in root.rglob(f".*{ENTRY}.part"):
         draft.unlink(missing_ok=True)
     for entry in sorted(root.rglob(f"*{ENTRY}")):
         recording = _read_entry(entry)
@@ -169,14 +170,8 @@ def _finish(root: Path, recording: Recording) -> Recording:
 def _write_entry(recording: Recording) -> None:
     """Write the entry beside the old one and rename it: a full disk then leaves the old one whole."""
     entry = recording.path.with_suffix(ENTRY)
-    draft = recording.path.with_suffix(DRAFT)
-    try:
+    with atomic_write(entry) as draft:
         draft.write_text(_entry_json(recording), encoding="utf-8")
-        flush_to_disk(draft)
-        draft.replace(entry)
-    except OSError:
-        draft.unlink(missing_ok=True)
-        raise
 
 
 def _entry_json(recording: Recording) -> str:

@@ -22,14 +22,13 @@ from tactophone.runtime.device_wiring import open_actuator, open_renderer
 from tactophone.runtime.finger_output import FingerOutput
 from tactophone.runtime.latency_budget import LocalPeer
 from tactophone.runtime.link_wiring import open_session, send_outgoing
-from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.operator_status import OperatorStatus
 from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
 from tactophone.runtime.pipeline_wiring import tip_warning
 from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
 from tactophone.runtime.rehearsal import open_endpoint, rehearse_renderer, rehearse_statistics
 from tactophone.runtime.session_recorder import SessionRecorder
-from tactophone.runtime.supervisor import ProcessInfo
+from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
 from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
@@ -266,7 +265,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         run_housekeeping(
-            operator, info, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
+            operator, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
         )
     if operator.failure is not None:
         raise operator.failure

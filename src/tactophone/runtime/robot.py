@@ -22,14 +22,13 @@ from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.device_wiring import OpenSource, open_device
 from tactophone.runtime.latency_budget import robot_stages
 from tactophone.runtime.link_wiring import open_send_group, operators_of, send_outgoing
-from tactophone.runtime.main_thread import run_housekeeping
 from tactophone.runtime.microphone_check import MicrophoneCheck
 from tactophone.runtime.realtime_playback import paced
 from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
 from tactophone.runtime.rehearsal import open_rehearsed_pipeline, rehearse_encoder, rehearse_statistics
 from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.source_abilities import RehearsableSource, truth_of
-from tactophone.runtime.supervisor import ProcessInfo
+from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
 from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
@@ -269,7 +268,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
         run_housekeeping(
-            robot, info, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
+            robot, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
         )
     if robot.failure is not None:
         raise robot.failure

@@ -6,22 +6,19 @@ by the watchdog is replaced by a new one, which starts muted: nothing restores v
 """
 
 import contextlib
-import dataclasses
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing.connection import Connection
-from typing import Self, TypeAlias
+from pathlib import Path
+from typing import Protocol, Self, TypeAlias
 
-from tactophone.child_processes import ChildContext, ChildProcess
 from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
-from tactophone.runtime.realtime_priority import prioritize_thread
-from tactophone.runtime.start_progress import StartProgress
+from tactophone.processes import Child, Parent, orphaned
+from tactophone.runtime.realtime_priority import MAIN_PRIORITY, GarbageCollection, prioritize_thread, share_interpreter
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
 from tactophone.settings import Settings
 from tactophone.telemetry import Watcher, remove_leftovers, remove_memory
@@ -32,6 +29,15 @@ RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
 
 SHORT_LIFE = 10.0
 """Seconds under which the next process will most likely end for the same reason."""
+
+START_TIMEOUT = 20.0
+"""Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
+
+LONGEST_START = 300.0
+"""Seconds that a start may take in all; compiling the simulation on a busy machine takes one minute."""
+
+SLOW_START = 5.0
+"""Seconds between two lines on what a slow start is at."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
@@ -47,14 +53,8 @@ class ProcessInfo:
 
     name: str
     restarts: int = 0
-    parent: int = 0
     progress: Callable[[str], None] = ignore
     """Called with what the process does next, while it starts."""
-
-    @property
-    def orphaned(self) -> bool:
-        """Whether the supervising process is gone, so that this one should end too."""
-        return self.parent != 0 and os.getppid() != self.parent
 
 
 Main: TypeAlias = Callable[[Settings, ProcessInfo], None]
@@ -76,12 +76,10 @@ class Supervisor:
     def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:
         self.name = name
         self.restarts = 0
-        self._report = report
+        self._main, self._settings, self._report = main, settings, report
+        self._child: Child | None = None
         self._began = 0.0
         self._restart_delay = RESTART_DELAY
-        self._main, self._settings = main, settings
-        self._process: ChildProcess | None = None
-        self._messages: Connection | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
 
@@ -120,8 +118,8 @@ class Supervisor:
 
     @property
     def pid(self) -> int:
-        """Of the current process."""
-        return (self._process.pid or 0) if self._process else 0
+        """Of the current process; 0 before the first."""
+        return self._child.pid if self._child else 0
 
     def wait(self, timeout: float) -> bool:
         """Wait up to ``timeout`` s for the side to end by itself; true when it has."""
@@ -133,47 +131,45 @@ class Supervisor:
             os.kill(self.pid, signal.SIGUSR1)
 
     def _begin(self) -> None:
-        context = ChildContext()
-        if self._messages is not None:
-            self._messages.close()
-        self._messages, messages = context.Pipe(duplex=False)
-        info = ProcessInfo(self.name, self.restarts, os.getpid())
-        self._process = context.Process(
-            target=_run, args=(self._main, self._settings, info, messages), name=self.name, daemon=True
-        )
-        self._process.start()
+        if self._child:
+            self._child.close()
+        # A bare function, as `self` holds a thread and cannot be sent to another process.
+        self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
         self._began = time.monotonic()
-        messages.close()
 
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
-        start = StartProgress(self.pid, now=time.monotonic())
-        while start.goes_on(time.monotonic()):
-            for error, text in self._read_messages():
-                if error:
-                    raise TactophoneError(text)
-                start.note(text, now=time.monotonic())
-            if self._process is None or not self._process.is_alive():
-                if self._process and self._process.exitcode == 0:
+        child, doing, failure = self._child, "importing", "it ended"
+        if child is None:
+            return
+        began = progressed = shown = time.monotonic()
+        used = 0
+        while True:
+            now = time.monotonic()
+            alive = child.alive  # asked first: what it told before its end is then read below
+            for kind, doing in child.messages():
+                if kind in ("error", "bug"):
+                    raise TactophoneError(doing)
+                progressed = now
+            if not alive:
+                if not child.how_ended():
                     return  # its sound was so short that it has ended already
                 break
-            with contextlib.suppress(TactophoneError):
-                watcher = Watcher(self.name)
-                if watcher.pid == self.pid and watcher.pulse().beat > 0:
-                    return
-            if line := start.slow_line(time.monotonic()):
-                self._report(f"{self.name}: {line}")
+            if (watcher := self._watcher()) and watcher.pulse().beat > 0:
+                return
+            if (ticks := _processor_time(child.pid)) != used:
+                used, progressed = ticks, now
+            if now - progressed > START_TIMEOUT:
+                failure = f"no progress within {START_TIMEOUT:g} s"
+                break
+            if now - began > LONGEST_START:
+                failure = f"not done within {LONGEST_START:g} s"
+                break
+            if now - shown >= SLOW_START:
+                shown = now
+                self._report(f"{self.name}: starting for {now - began:.0f} s, now {doing}")
             time.sleep(0.02)
-        for error, text in self._read_messages():
-            if error:
-                raise TactophoneError(text)
-        raise TactophoneError(f"{self.name} did not start: {start.failure}; it was last {start.doing}")
-
-    def _read_messages(self) -> Iterator[tuple[bool, str]]:
-        """Yield what the process has sent: whether it is the error that ended it, and its text."""
-        with contextlib.suppress(EOFError, OSError):
-            while self._messages is not None and self._messages.poll():
-                yield self._messages.recv()
+        raise TactophoneError(f"{self.name} did not start: {failure}; it was last {doing}")
 
     def _watch(self) -> None:
         """Supervise the process, and its successors, until the side ends."""
@@ -200,19 +196,18 @@ class Supervisor:
 
     def _watch_process(self) -> str:
         """Watch one process; returns why it ended and another should start, empty when none should."""
-        process = self._process
-        if process is None:
-            return ""
-        watcher = self._watcher()
+        child, watcher = self._child, self._watcher()
         watchdog = Watchdog(_timeouts(self._settings))
-        while not self._ended.wait(CHECK_INTERVAL):
-            if not process.is_alive():
-                return self._reason(process.exitcode or 0)
+        while child and not self._ended.wait(CHECK_INTERVAL):
+            if not child.alive:
+                failures = [text for kind, text in child.messages() if kind in ("error", "bug")]
+                how = child.how_ended()
+                return failures[-1] if how and failures else how
             if watcher is None:
                 watcher = self._watcher()
             elif self._settings.process.watchdog and not self._tolerates(watchdog, watcher):
-                process.kill()
-                process.join()
+                # It may be stopped in the middle of a period, where it could take no note of any gentler word.
+                child.kill()
                 return "the watchdog found it stalled"
         return ""
 
@@ -228,15 +223,6 @@ class Supervisor:
                 return False
         return True
 
-    def _reason(self, exitcode: int) -> str:
-        """Return why the process ended, empty for an orderly end."""
-        if not exitcode:
-            return ""
-        errors = [text for error, text in self._read_messages() if error]
-        with contextlib.suppress(ValueError):
-            return errors[-1] if errors else f"signal {signal.Signals(-exitcode).name}"
-        return f"exit code {exitcode}"
-
     def _watcher(self) -> Watcher | None:
         with contextlib.suppress(TactophoneError):
             watcher = Watcher(self.name)
@@ -244,15 +230,10 @@ class Supervisor:
         return None
 
     def _end(self) -> None:
-        process = self._process
-        if process is None:
-            return
-        process.terminate()
-        process.join(END_TIMEOUT)
-        if process.is_alive():
-            process.kill()
-            process.join()
-        remove_memory(self.name)
+        if self._child:
+            self._child.terminate()
+            self._child.end(END_TIMEOUT)
+            remove_memory(self.name)
 
 
 @contextlib.contextmanager
@@ -267,22 +248,17 @@ def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
         yield sides
 
 
-def _run(main: Main, settings: Settings, info: ProcessInfo, messages: Connection) -> None:
-    """Run the side in the new process: an expected error is passed on in one line, a bug is a traceback."""
+def _run(parent: Parent, main: Main, settings: Settings, name: str, restarts: int) -> None:
+    main(settings, ProcessInfo(name, restarts, progress=lambda text: parent.tell(("progress", text))))
+
+
+def _processor_time(pid: int) -> int:
+    """Return the clock ticks that a process has used (Linux; elsewhere 0: only its messages count as progress)."""
     try:
-        main(settings, dataclasses.replace(info, progress=partial(_send, messages, False)))
-    except TactophoneError as error:
-        _send(messages, True, str(error))
-        raise SystemExit(1) from None
-    except Exception as error:
-        _send(messages, True, f"{type(error).__name__}: {error}")
-        raise
-
-
-def _send(messages: Connection, error: bool, text: str) -> None:
-    """Send a message to the supervisor, if it still listens."""
-    with contextlib.suppress(OSError):
-        messages.send((error, text))
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        return int(fields[11]) + int(fields[12])
+    except (OSError, IndexError, ValueError):
+        return 0
 
 
 def _timeouts(settings: Settings) -> StallTimeouts:
@@ -290,3 +266,28 @@ def _timeouts(settings: Settings) -> StallTimeouts:
     if settings.output.actuator in ("file", "none"):
         return StallTimeouts(vibrating=SILENT_TIMEOUT)
     return StallTimeouts(vibrating=settings.process.stall_timeout)
+
+
+class Side(Protocol):
+    """The operator's or the robot's side, set up."""
+
+    ended: threading.Event
+
+    def housekeep(self, now: float) -> None:
+        """Apply requests and update telemetry; ``now`` is in s of the monotonic clock."""
+
+
+def run_housekeeping(side: Side, *, terminated: threading.Event, interval: float, priority: int) -> None:
+    """Do a side's housekeeping every ``interval`` seconds, until it or its parent process ends or it is ``terminated``.
+
+    Call it in the main thread of the side's process. ``priority`` is that of the whole process, which the main thread
+    does not exceed.
+    """
+    garbage = GarbageCollection(time.monotonic())
+    share_interpreter()
+    prioritize_thread(min(MAIN_PRIORITY, priority))
+    while not (terminated.is_set() or side.ended.is_set() or orphaned()):
+        now = time.monotonic()
+        side.housekeep(now)
+        garbage.collect(now)
+        side.ended.wait(interval)

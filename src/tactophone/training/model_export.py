@@ -1,6 +1,5 @@
 """Writes ONNX model files with their cards, and changes the cards of existing ones. Needs no torch."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import onnx
 
 from tactophone.perception import CARD_KEY, DecisionRule, ModelCard, read_model
+from tactophone.processes import atomic_write
 
 OPSET, IR_VERSION = 17, 9
 """Of 2022: every ONNX Runtime that the package admits can read them."""
@@ -17,10 +17,8 @@ OPSET, IR_VERSION = 17, 9
 def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
     """Write a graph with its card, and the folder if needed; after a kill the file is the old or the new one."""
     onnx.helper.set_model_props(model, {CARD_KEY: card.to_json()})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    onnx.save(model, str(partial))
-    os.replace(partial, path)
+    with atomic_write(path) as unfinished:
+        onnx.save(model, str(unfinished))
 
 
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:

@@ -1,7 +1,6 @@
 """The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
 
 import csv
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tactophone.dataset import Recording
+from tactophone.processes import atomic_write
 from tactophone.simulation.content.movement import Script, Visit, explore, log_uniform
 from tactophone.simulation.content.render_store import RenderMetadata, read_render_metadata, touch_segments, write_sound
 from tactophone.simulation.content.stone_order import shuffled
@@ -124,10 +124,8 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
 
 
 def _write_truth(path: Path, metadata: RenderMetadata) -> None:
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    with unfinished.open("w", newline="") as file:
+    with atomic_write(path) as unfinished, unfinished.open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["start", "end", "stone", "touch"])
         for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
             writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])
-    os.replace(unfinished, path)

@@ -11,6 +11,7 @@ import numpy as np
 
 from tactophone.dataset import Recording, write_metadata
 from tactophone.dataset.motion_intervals import MotionInterval, write_slides
+from tactophone.processes import open_pool
 from tactophone.simulation.content.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone.simulation.content.movement import take_moves
 from tactophone.simulation.content.render_store import (
@@ -28,7 +29,6 @@ from tactophone.simulation.physics.session_variation import COMPETITION, Session
 from tactophone.simulation.physics.source import SimulatedFinger, Truth
 from tactophone.simulation.physics.tip import tip_named
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
-from tactophone.worker_processes import open_pool
 
 VERSION = "3"
 """Version of the simulation. Raise it when the same seed gives other sound: existing files are then rendered again."""

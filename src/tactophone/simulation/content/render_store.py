@@ -5,7 +5,6 @@ a fingerprint of its parameters and the touched objects over time: finished file
 """
 
 import json
-import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactophone.dataset import Segment
 from tactophone.link import Codec, encode_and_decode
+from tactophone.processes import atomic_write
 from tactophone.simulation.physics.scene import Scene
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
@@ -35,21 +35,18 @@ class RenderMetadata:
 
 def write_sound(path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16) -> None:
     """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.part")  # always the same name: the next run overwrites what a kill left
     segments = [
         [segment.start, segment.end, segment.label_name, index]
         for segment, index in zip(metadata.segments, metadata.object_indices, strict=True)
     ]
-    try:
-        with soundfile.SoundFile(
+    with (
+        atomic_write(path) as unfinished,
+        soundfile.SoundFile(
             unfinished, "w", LIVE_SAMPLE_RATE, samples.shape[1], f"PCM_{bits}", format=path.suffix[1:].upper()
-        ) as file:
-            file.comment = json.dumps({"fingerprint": metadata.fingerprint, "segments": segments})
-            file.write(samples)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+        ) as file,
+    ):
+        file.comment = json.dumps({"fingerprint": metadata.fingerprint, "segments": segments})
+        file.write(samples)
 
 
 def read_render_metadata(path: Path) -> RenderMetadata | None:

@@ -1,7 +1,6 @@
 """Checkpoints: what a training run needs to continue after a kill, arrays in an npz file, never a pickle."""
 
 import json
-import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import torch
 from torch import nn
 
 from tactophone.errors import ModelError
+from tactophone.processes import atomic_write
 from tactophone.types import FloatArray
 
 
@@ -30,14 +30,9 @@ class Checkpoint:
 
 def save(path: Path, checkpoint: Checkpoint) -> None:
     """Write a checkpoint; after a kill the file is the old one or the new one, never half."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
     head = np.array(json.dumps({"identity": checkpoint.identity, "steps": checkpoint.steps}))
-    with partial.open("wb") as file:
+    with atomic_write(path) as unfinished, unfinished.open("wb") as file:
         np.savez(file, allow_pickle=False, **{"head": head, **checkpoint.arrays})
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(partial, path)
 
 
 def load(path: Path, *, identity: str) -> Checkpoint | None:

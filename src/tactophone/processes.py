@@ -1,0 +1,204 @@
+"""Child processes, worker pools, and files that appear whole or not at all."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from tactophone.errors import TactophoneError
+
+Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
+"""What a child tells its parent: what it does next, that it has begun, or the error or the bug that ended it."""
+
+
+class _ChildProcess(SpawnProcess):
+    """A process that never sees Ctrl-C, not even while it imports its modules; its parent ends it.
+
+    A terminal sends Ctrl-C to every process in it. Here the new process inherits that it is blocked, so that it shows
+    no traceback; one that comes at this moment reaches the parent afterwards.
+    """
+
+    pipe: Connection | None = None
+    """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
+
+    def start(self) -> None:
+        """Start the process."""
+        resource_tracker.ensure_running()  # which unblocks SIGINT when it begins
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _ChildContext(SpawnContext):
+    """Spawns processes rather than forking: a fork would carry audio threads' locks and files along."""
+
+    Process = _ChildProcess
+
+
+class Parent:
+    """A child's end of the pipe to its parent."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+
+    def tell(self, message: Message) -> None:
+        """Send a message, if the parent still listens."""
+        with suppress(OSError):
+            self._pipe.send(message)
+
+    def wants_end(self, timeout: float = 0.0) -> bool:
+        """Wait up to ``timeout`` s for the end: the parent asks for it, or is gone itself, which wakes up alike."""
+        return self._pipe.poll(timeout)
+
+    def fileno(self) -> int:
+        """Return what an event loop can wait for in place of `wants_end`."""
+        return self._pipe.fileno()
+
+
+class Child:
+    """A process of this machine, started at once; it ends no later than its parent.
+
+    Parameters
+    ----------
+    work
+        Called in the new process with its `Parent` and the arguments, all picklable. A `TactophoneError` ends it with
+        one message and no traceback.
+    name
+        Shown by the system, and in what `how_ended` returns.
+    niceness
+        By how much its priority is lowered: on a busy machine it waits, not the sound.
+    """
+
+    def __init__(self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0) -> None:
+        context = _ChildContext()
+        self._pipe, its = context.Pipe()
+        self._process = context.Process(target=_begin, args=(work, arguments, niceness, its), name=name, daemon=True)
+        self._process.start()
+        self._process.pipe = self._pipe
+        its.close()  # the child's copy alone is left, so the pipe ends when the child does
+
+    @property
+    def pid(self) -> int:
+        """Of the process; 0 if it never started."""
+        return self._process.pid or 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process still runs."""
+        return self._process.is_alive()
+
+    def messages(self, timeout: float | None = 0.0) -> Iterator[Message]:
+        """Yield messages while one comes within ``timeout`` s of the last, ``None`` for any time, and it is not ended.
+
+        What it told before its end comes first.
+        """
+        with suppress(EOFError, OSError):
+            while self._pipe.poll(timeout):
+                yield self._pipe.recv()
+
+    def how_ended(self) -> str:
+        """Wait for the end and return how it came, as ``exit code 1`` or ``signal SIGKILL``; empty for one in order."""
+        self._process.join()
+        code = self._process.exitcode or 0
+        with suppress(ValueError):
+            return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}" if code else ""
+        return f"exit code {code}"
+
+    def ask_to_end(self) -> None:
+        """Ask the process to end in order, where it looks at `Parent.wants_end`."""
+        with suppress(OSError):  # when it has ended by itself
+            self._pipe.send(None)
+
+    def end(self, timeout: float) -> None:
+        """Wait up to ``timeout`` s for the end that was asked for, then kill the process."""
+        self._process.join(timeout)
+        self.kill()
+
+    def terminate(self) -> None:
+        """Send SIGTERM."""
+        self._process.terminate()
+
+    def kill(self) -> None:
+        """Kill the process if it still runs, and wait until it is gone."""
+        if self._process.is_alive():
+            self._process.kill()
+        self._process.join()
+
+    def close(self) -> None:
+        """Close the pipe: nobody reads its messages any more."""
+        self._pipe.close()
+
+
+def _begin(work: Callable[..., None], arguments: tuple[Any, ...], niceness: int, pipe: Connection) -> None:
+    os.nice(niceness)
+    parent = Parent(pipe)
+    try:
+        work(parent, *arguments)
+    except TactophoneError as error:
+        parent.tell(("error", str(error)))
+        raise SystemExit(1) from None
+    except Exception as error:
+        parent.tell(("bug", f"{type(error).__name__}: {error}"))
+        raise
+
+
+def orphaned() -> bool:
+    """Return whether the process that started this one is gone, so that this one should end too."""
+    parent = multiprocessing.parent_process()
+    return parent is not None and not parent.is_alive()
+
+
+def open_pool(workers: int, *, prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
+    """Return a pool of ``workers`` processes, each of which calls ``prepare`` first.
+
+    They are spawned, not forked: torch and BLAS do not survive a fork once their threads run. They end with the process
+    that started them, however that ends.
+    """
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(prepare,))
+
+
+def _begin_worker(prepare: Callable[[], None] | None) -> None:
+    # The pool alone does not: where its process is killed, its workers finish what they were at and wait for more.
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if prepare is not None:
+        prepare()
+
+
+def _end_with_parent() -> None:
+    if parent := multiprocessing.parent_process():
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yield the path of a file to write; it replaces ``path`` when all went well, and is on the disk by then.
+
+    After a kill or on a full disk, ``path`` is the old file or the new one, never half. The name is the same each time,
+    so the next write overwrites what a kill left; two processes must not write one path at once.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_name(f".{path.name}.part")
+    try:
+        yield unfinished
+        flush_to_disk(unfinished)
+        os.replace(unfinished, path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def flush_to_disk(path: Path) -> None:
+    """Return when a file's bytes are on the disk."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
