@@ -4,8 +4,10 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from tactophone.bridges import McapLog
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
@@ -113,3 +115,27 @@ def record(
                     log.read()
             log.read()
     return path
+
+
+def messages(path: Path, topic: str) -> list[bytes]:
+    """Content of a topic's messages."""
+    from mcap.reader import make_reader
+
+    with path.open("rb") as file:
+        return [message.data for _, channel, message in make_reader(file).iter_messages(topics=[topic])]
+
+
+def decoded(path: Path, topic: str) -> list[Any]:
+    """Messages of a topic, decoded by the library of protobuf with the schema in the file."""
+    from mcap.reader import make_reader
+
+    descriptor_pb2 = pytest.importorskip("google.protobuf.descriptor_pb2")
+    descriptor_pool = pytest.importorskip("google.protobuf.descriptor_pool")
+    factory = pytest.importorskip("google.protobuf.message_factory")
+    with path.open("rb") as file:
+        found = list(make_reader(file).iter_messages(topics=[topic]))
+    pool, schema = descriptor_pool.DescriptorPool(), found[0][0]
+    for described in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
+        pool.Add(described)
+    kind = factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
+    return [kind.FromString(message.data) for _, _, message in found]

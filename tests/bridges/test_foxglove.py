@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tactophone.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
-from tactophone.bridges.schemas import TOPICS
+from tactophone.bridges.topics import TOPICS
 from tactophone.errors import ConfigError
 from tactophone.runtime import SessionRecorder
 from tactophone.settings import Settings
@@ -72,7 +72,7 @@ def test_a_client_of_either_protocol_sees_predictions_and_state(
     assert info["op"] == "serverInfo"
     assert info["capabilities"] == []
     by_topic = {channel["topic"]: channel for channel in advertised["channels"]}
-    assert set(by_topic) == {topic.name for topic in TOPICS} - {"/tactophone/packets", "/tactophone/predictions"}
+    assert set(by_topic) == {topic.name for topic in TOPICS} - {"/tactophone/packets"}
     sound = by_topic["/tactophone/sound/contact"]
     assert (sound["schemaName"], sound["encoding"]) == ("foxglove.CompressedAudio", "protobuf")
     assert b"CompressedAudio" in base64.b64decode(sound["schema"])

@@ -7,21 +7,29 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.bridges import protobuf, read_log
+from tactophone.bridges import read_log
 from tactophone.cli import main
 from tactophone.errors import DatasetError
 from tactophone.link import Codec, open_decoder
 from tactophone.link.packet import PayloadType
-from tactophone.offline.replay import Replay, decoded_sessions, joined, settings_of, write_replay, write_sound
+from tactophone.offline.replay import (
+    Replay,
+    add_sound,
+    decoded_sessions,
+    joined,
+    settings_of,
+    write_replay,
+    write_sound,
+)
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
 from tactophone.telemetry import RunStart, read_timeline
 from tactophone.types import FloatArray
-from tests.bridges.recorded_run import RecordedOperator, record
+from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model
 from tests.sounds import blocks, strokes
 
-mcap_reader = pytest.importorskip("mcap.reader")
+pytest.importorskip("mcap.reader")
 
 OPUS, PCM = Codec("opus", channels=4, packet_size=120), Codec("pcm16", channels=4, packet_size=120)
 
@@ -60,11 +68,6 @@ def recorded(folder: Path, codec: Codec, hand: Path, *, remote: bool = False) ->
         network=NetworkProfile(delay=0.01, jitter=0.004), sound=blocks(sound(), 120),
         meanwhile=mute_the_index, fingers=str(hand),
     )  # fmt: skip
-
-
-def messages(path: Path, topic: str) -> list[bytes]:
-    with path.open("rb") as file:
-        return [message.data for _, _, message in mcap_reader.make_reader(file).iter_messages(topics=[topic])]
 
 
 def test_each_finger_is_replayed_to_the_bit(log: Path) -> None:
@@ -117,20 +120,20 @@ def test_the_sound_of_each_finger_can_be_played_and_is_that_which_was_decoded(
     tmp_path: Path, hand: Path, codec: Codec
 ) -> None:
     path = recorded(tmp_path, codec, hand)
+    with_sound = add_sound(path, tmp_path / "sound.mcap")
     for finger in ("thumb", "index"):
         assert len(messages(path, f"/tactophone/{finger}/prediction")) > 5
-        assert messages(path, f"/tactophone/{finger}/predictions")
         if codec is OPUS:
-            packets = [dict(protobuf.fields(data)) for data in messages(path, f"/tactophone/{finger}/sound/contact")]
             decoder = open_decoder(PayloadType.OPUS)
-            parts = [decoder.decode(bytes(packet[2])) for packet in packets]  # type: ignore[arg-type]
+            contact = decoded(with_sound, f"/tactophone/{finger}/sound/contact")
+            parts = [decoder.decode(packet.data) for packet in contact]
             # What was lost or came late is not in it.
             assert 50_000 < sum(map(len, parts)) < 96_000
             assert 0.2 < max(abs(part).max() for part in parts) < 1
         else:
-            first = dict(protobuf.fields(messages(path, f"/tactophone/{finger}/sound")[0]))
-            assert first[5] == (2).to_bytes(4, "little")
-            assert len(bytes(first[2])) == 120 * 2 * 2  # type: ignore[arg-type]
+            sound = decoded(with_sound, f"/tactophone/{finger}/sound")
+            assert sound[0].number_of_channels == 2
+            assert 50_000 < sum(len(part.data) for part in sound) / 4 < 96_000
     (whole,) = decoded_sessions(read_log(path))
     (index,) = write_sound(path, tmp_path, finger="index")
     assert index.path.name == "run-index.wav"

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactophone.bridges.newest import SILENCE, NewestReader
 from tactophone.bridges.osc import OscBridge
+from tactophone.bridges.reader import SILENCE, NewestReader
 from tactophone.cli._support import record_option
 from tactophone.errors import ConfigError
 from tactophone.telemetry import FingerState, State, Telemetry

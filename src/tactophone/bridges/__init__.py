@@ -4,9 +4,7 @@ Each runs in a process of its own, reads telemetry, and sees nothing else of the
 is what any watcher may: to stop and to mute.
 """
 
-from tactophone.bridges.mcap_file import LogEnd, LogEntry, is_mcap, read_log
-from tactophone.bridges.mcap_log import McapLog
-from tactophone.bridges.prediction_rows import LoggedPrediction, RowChecks
+from tactophone.bridges.mcap import LogEnd, LogEntry, LoggedPrediction, McapLog, is_mcap, read_log
 from tactophone.bridges.process import Bridge, BridgeProcess
 
 __all__ = [
@@ -16,7 +14,6 @@ __all__ = [
     "LogEntry",
     "LoggedPrediction",
     "McapLog",
-    "RowChecks",
     "is_mcap",
     "read_log",
 ]

@@ -16,8 +16,9 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from tactophone.bridges.run_reader import Message, RunReader
-from tactophone.bridges.schemas import PACKETS, PREDICTIONS, Topic, topics_of
+from tactophone.bridges.reader import RunReader
+from tactophone.bridges.sound import SoundMessages
+from tactophone.bridges.topics import PACKETS, Message, Topic, topics_of
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ VIEWERS = 8
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """A layout to import in Foxglove or Lichtblick."""
 
-_ONLY_KEPT = {PACKETS.kind, PREDICTIONS.kind}
 _FRAME = struct.Struct("<BIQ")  # message data, subscription, time in ns
 _MESSAGE_DATA = 1
 
@@ -59,7 +59,8 @@ class FoxgloveBridge:
     def __init__(self, name: str, address: str = ADDRESS, *, token: str = "") -> None:
         self.name, self.token = name, token
         self._reader = RunReader(name)
-        shown = [topic for topic in topics_of(self._reader.names) if topic.kind not in _ONLY_KEPT]
+        self._sound = SoundMessages(self._reader.names)
+        shown = [topic for topic in topics_of(self._reader.names, sound=True) if topic is not PACKETS]
         self._shown = {topic.name: number for number, topic in enumerate(shown, 1)}
         self._advertised = json.dumps(
             {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
@@ -89,7 +90,11 @@ class FoxgloveBridge:
 
     def read(self) -> None:
         """Send what is new to those who subscribed."""
-        messages = [message for message in self._reader.read() if message.topic.name in self._shown]
+        messages: list[Message] = []
+        for message in self._reader.read():
+            messages += self._sound.push(message.topic.name, message.data)
+            if message.topic is not PACKETS:
+                messages.append(message)
         if messages:
             self._loop.call_soon_threadsafe(self._offer, messages)
 

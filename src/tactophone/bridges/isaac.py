@@ -15,7 +15,7 @@ from isaacteleop.haptic_devices import IHapticDevice
 from isaacteleop.retargeting_engine.tensor_types import ControllerHapticPulse
 from numpy.typing import NDArray
 
-from tactophone.bridges.newest import NewestReader
+from tactophone.bridges.reader import NewestReader
 from tactophone.types import DEFAULT_CEILING, FINGER_NAMES, HapticCommand
 
 DEFAULT_FREQUENCY = 160.0

@@ -7,7 +7,7 @@ import socket
 from collections import Counter
 from typing import Any, Self
 
-from tactophone.bridges.newest import Newest, NewestReader
+from tactophone.bridges.reader import Newest, NewestReader
 from tactophone.errors import ConfigError
 
 INTERVAL = 0.01

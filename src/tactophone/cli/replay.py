@@ -29,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
     haptic_file_option.add_arguments(parser)
     add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")
+    add("--audio", type=Path, metavar="FILE.mcap", help="copy the log and add its sound, for Foxglove to play")
     add("--json", action="store_true", help="print the comparison as JSON")
     dashboard_options.add_arguments(parser)
 
@@ -64,6 +65,10 @@ def run(args: argparse.Namespace) -> int:
             pass
     else:
         rendered = _write(replay, args, files)
+    if args.audio:
+        from tactophone.offline.replay import add_sound
+
+        files["audio"] = add_sound(args.log, args.audio)
     _print(args, replay, rendered, files, changed=bool(changes))
     if dashboard_options.wanted(args):
         _show(args, changed)

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.bridges.newest import Newest, NewestReader
+from tactophone.bridges.reader import Newest, NewestReader
 from tactophone.bridges.ros import messages
 from tactophone.bridges.ros.dds import DdsTransport, Transport, default_domain
 from tactophone.bridges.ros.sinks import open_sinks

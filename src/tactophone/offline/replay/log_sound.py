@@ -9,7 +9,10 @@ import numpy as np
 import soundfile
 
 from tactophone.bridges import LogEntry, read_log
-from tactophone.errors import DatasetError
+from tactophone.bridges.mcap import LogEnd, LogFile, read_messages
+from tactophone.bridges.sound import SoundMessages
+from tactophone.bridges.topics import topics_of
+from tactophone.errors import ConfigError, DatasetError
 from tactophone.hand import channels_of, names_of
 from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
 from tactophone.offline.replay.logged_run import WakeUp, settings_of, wake_ups
@@ -90,3 +93,28 @@ def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSou
     if not written:
         raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
     return written
+
+
+def add_sound(log: Path, path: Path) -> Path:
+    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or samples of 16 bits.
+
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    names = names_of(settings_of(start))
+    if path.exists() and path.samefile(log):
+        raise ConfigError(f"{path}: the log itself; name another file")
+    sound = SoundMessages(names)
+    try:
+        with LogFile(path, topics_of(names, sound=True)) as copy:
+            for message in read_messages(log):
+                if isinstance(message, LogEnd):
+                    added = sound.flush()
+                else:
+                    added = sound.push(message.topic.name, message.data)
+                    copy.write(message)
+                for each in added:
+                    copy.write(each)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
+    return path

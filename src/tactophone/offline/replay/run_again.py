@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction, RowChecks
+from tactophone.bridges import LogEnd, LogEntry, LoggedPrediction
+from tactophone.bridges.reader import entries_of
 from tactophone.errors import DatasetError
 from tactophone.hand import names_of
 from tactophone.haptics import Limits
@@ -41,31 +42,16 @@ class Comparison:
     uncertain: int = 0
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
 
-    _checks: dict[int, RowChecks] = field(default_factory=partial(defaultdict, RowChecks))
-    _unequal: set[int] = field(default_factory=set)  # fingers with a row that differs in the message at hand
-
     def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
         """Compare one."""
-        finger, checks = logged.finger, self._checks[logged.finger]
-        same = logged.check == checks.add(computed.prediction, computed.command)
-        if not same:
-            self._unequal.add(finger)
-        if logged.total:
-            # Where a row is known to differ, so does the check value of all.
-            same = same and (checks.total() == logged.total or finger in self._unequal)
-            self._unequal.discard(finger)
-        if same:
+        # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
+        if entries_of(logged.prediction, logged.command) == entries_of(computed.prediction, computed.command):
             self.equal += 1
         elif not certain:
             self.uncertain += 1
         else:
             self.different += 1
             self.first = self.first or (logged, computed)
-
-    def restart(self) -> None:
-        """Begin with the messages of another process."""
-        self._checks.clear()
-        self._unequal.clear()
 
 
 @dataclass(slots=True)
@@ -126,7 +112,6 @@ class Replay:
         # What a killed process had no time to publish has no counterpart.
         self._logged.clear()
         self._computed.clear()
-        self.comparison.restart()
 
     def _process(self, wake_up: WakeUp) -> Iterator[ReplayedStep]:
         if self.endpoint is None:
