@@ -20,7 +20,7 @@ import numpy as np
 from tactophone.benchmark.methods import FEATURE_LATENCY
 from tactophone.capture import FileSource
 from tactophone.dataset import Dataset, Recording, open_dataset, split, with_kin
-from tactophone.dataset.motion_intervals import slides_over
+from tactophone.dataset.values import slides_over
 from tactophone.evaluation import SOURCES, TakePredictions, edge_delays, join_edges, model_predictor
 from tactophone.evaluation.metrics import rough_score
 from tactophone.perception import Model, measure_floor, read_model

@@ -5,7 +5,7 @@ import numpy as np
 import soundfile
 
 from tactophone.dataset import Dataset, open_dataset
-from tactophone.dataset.consistency import check_consistency
+from tactophone.dataset.checks import check_consistency
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
 

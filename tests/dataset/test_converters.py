@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.dataset import check, open_dataset, split
-from tactophone.dataset.converters import convert, set_split, write_card
+from tactophone.dataset.convert import convert, set_split, write_card
 from tactophone.errors import DatasetError
 from tests.dataset.folders import audiofolder, authors
 

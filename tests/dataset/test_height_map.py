@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from tactophone.dataset import measure_heights, read_heights
-from tactophone.dataset.height_map import areal_roughness, levelled, measure_area
-from tactophone.dataset.roughness import choose_cutoff, standard_cutoff
+from tactophone.dataset.heights import areal_roughness, choose_cutoff, levelled, measure_area, standard_cutoff
 from tactophone.errors import DatasetError
 
 STEP = 10e-6

@@ -8,7 +8,7 @@ import soundfile
 
 from tactophone import Touch
 from tactophone.dataset import check, find_importable, open_dataset
-from tactophone.dataset.converters import convert
+from tactophone.dataset.convert import convert
 from tactophone.errors import DatasetError
 from tests.dataset.folders import SAMPLE_RATE, write_sound, write_text
 

@@ -4,18 +4,14 @@
 `write_metadata` writes the one manifest format, and `ground_truth` returns the known labels of a single file.
 """
 
-from tactophone.dataset.checks import check, usable, with_channels
-from tactophone.dataset.consistency import DEFAULT_CONTACT_DBFS, check_consistency
-from tactophone.dataset.converters import convert, set_split, write_card
-from tactophone.dataset.discovery import find_importable, find_recording, ground_truth, open_dataset
-from tactophone.dataset.height_map import HeightReport, measure_heights, read_heights
-from tactophone.dataset.height_plots import draw_heights
-from tactophone.dataset.kin import kin_of, with_kin
-from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
+from tactophone.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency, usable, with_channels
+from tactophone.dataset.convert import convert, set_split, write_card
+from tactophone.dataset.heights import HeightReport, draw_heights, measure_heights, read_heights
+from tactophone.dataset.layouts import FORMATS, REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.metadata import FILE_NAME, holds_metadata, read_metadata, write_metadata
 from tactophone.dataset.plots import draw_dataset
-from tactophone.dataset.published_sets import FORMATS
-from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
+from tactophone.dataset.read import find_importable, find_recording, ground_truth, open_dataset
+from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, kin_of, split, with_kin
 from tactophone.dataset.values import (
     LABEL_NAMES,
     Dataset,

@@ -1,13 +1,22 @@
-"""Checks of single recordings: each bad file is reported, and none stops the others."""
+"""Checks of single recordings, of a set as a whole, and of pairs of mono files; a bad file never stops the others.
 
+Two recorders start at different moments and their clocks drift; a detector that compares the microphones within a
+window then compares different touches. A touch is loud in both microphones, so the levels of the two files rise and
+fall together: the lag is where the levels correlate best, measured in the first and in the last half.
+"""
+
+import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactophone.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.errors import DatasetError
-from tactophone.types import Touch
+from tactophone.types import CONTACT, Touch
 
 MIN_RATE = 2000
 """Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""
@@ -24,6 +33,37 @@ MOST_CHANNELS = 2
 CLIPPED_LEVEL = 0.999
 CLIPPED_SHARE = 1e-3
 """A recording is clipped when more than this share of its samples is at full scale; single taps may reach it."""
+
+DEFAULT_CONTACT_DBFS = -60.0
+"""RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""
+
+MIN_CONTACT = 0.05
+"""Share of a take that must be in contact."""
+
+MIN_LABEL_SHARE = 0.25
+"""Of the surfaces, for either label; the paper has 0.43 rough objects."""
+
+CELL = 0.25
+"""Seconds over which a level is measured."""
+
+LAG_CELL = 1e-3
+"""Seconds over which a level is measured, and so the resolution of a lag."""
+
+LONGEST_LAG = 1.0
+"""Seconds within which a lag is looked for."""
+
+MOST_LAG = 5e-3
+"""Seconds; half a buffer of the paper's, from one prediction to the next. Sound takes 0.06 ms over the 2 cm from the
+surface to the air microphone."""
+
+LEAST_CORRELATION = 0.3
+"""Under it the levels do not rise and fall together, and no lag can be stated."""
+
+MOST_DIFFERENCE = 0.1
+"""Seconds by which the lengths may differ; the longer file is cut."""
+
+LAG_FLOOR = 1e-8
+"""Power, -80 dBFS, under which a level is noise of the converter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,3 +200,167 @@ def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
             labels = f"{recording.known('label')} here, {first.known('label')} in {first.path.name}"
             message = f"{recording.surface} is {labels}; give each surface a single label"
             yield Problem(recording.path, "label", message, fatal=False)
+
+
+def check_consistency(
+    dataset: Dataset,
+    *,
+    threshold_dbfs: float = DEFAULT_CONTACT_DBFS,
+    progress: Callable[[int], None] = lambda done: None,
+) -> tuple[Problem, ...]:
+    """Read every readable recording, and report what is wrong with the set as a whole.
+
+    Faults of single files are reported by :func:`check` instead. ``threshold_dbfs`` is the level of
+    contact over a quarter second; ``progress`` is called with the number of recordings done.
+    """
+    problems = [*_leaks(dataset), *_imbalance(dataset)]
+    seen: dict[str, Recording] = {}
+    for done, recording in enumerate(dataset.recordings, 1):
+        measured = _measure_contact(recording, threshold_dbfs)
+        if measured is not None:
+            digest, contact = measured
+            problems += _duplicate(recording, seen.setdefault(digest, recording))
+            problems += _without_contact(recording, contact, threshold_dbfs)
+        progress(done)
+    return tuple(problems)
+
+
+def _leaks(dataset: Dataset) -> Iterator[Problem]:
+    sides: dict[str, set[str]] = {}
+    for recording in dataset.recordings:
+        if side := recording.known("split"):
+            sides.setdefault(recording.surface, set()).add(side)
+    for surface, names in sorted(sides.items()):
+        if len(names) > 1:
+            message = f"{surface} is in {' and '.join(sorted(names))}; keep each surface on one side"
+            yield Problem(dataset.root, "leak", message, fatal=False)
+
+
+def _imbalance(dataset: Dataset) -> Iterator[Problem]:
+    surfaces = {
+        recording.surface: recording.label
+        for recording in dataset.recordings
+        if recording.label in (Touch.SMOOTH, Touch.ROUGH)
+    }
+    counts = Counter(surfaces.values())
+    for label in (Touch.SMOOTH, Touch.ROUGH):
+        if surfaces and counts[label] < MIN_LABEL_SHARE * len(surfaces):
+            message = f"{counts[label]} of {len(surfaces)} surfaces are {label.name.lower()}; record more of them"
+            yield Problem(dataset.root, "unbalanced", message, fatal=False)
+
+
+def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
+    if first is recording:
+        return
+    if first.path == recording.path and first.label is recording.label:
+        yield Problem(recording.path, "duplicate", "the manifest names it twice; drop either line", fatal=False)
+        return
+    message = f"the same sound as {first.path.name}"
+    if first.label is not recording.label:
+        message += f", but labelled {recording.known('label') or '-'} here and {first.known('label') or '-'} there"
+    elif first.known("split") != recording.known("split"):
+        message += f", which is in {first.known('split') or '-'} and this in {recording.known('split') or '-'}"
+    yield Problem(recording.path, "duplicate", f"{message}; drop either file", fatal=False)
+
+
+def _without_contact(recording: Recording, contact: float, threshold_dbfs: float) -> Iterator[Problem]:
+    if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < MIN_CONTACT:
+        found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
+        yield Problem(recording.path, "no contact", f"{found}; record it again, or label it none", fatal=False)
+
+
+def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
+    """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
+    try:
+        sound = recording.read()
+    except DatasetError:
+        return None
+    # Rounded to 1e-4, a copy in 16 or 24 bits is the same sound, and two recordings still differ.
+    samples, rate = sound.samples.round(4), sound.sample_rate
+    channel = recording.channels.index("contact") if "contact" in recording.channels else CONTACT
+    if not samples.size or not np.isfinite(samples).all():
+        return None  # reported as a fault of the file
+    size = max(1, int(CELL * rate))
+    # Whole cells only, shape (cells, size): a rest shorter than a cell would bias the share.
+    cells = samples[: len(samples) // size * size, channel].reshape(-1, size)
+    power = np.square(cells, dtype=np.float64).mean(axis=1) if len(cells) else np.zeros(1)
+    digest = hashlib.sha256(f"{rate}".encode() + samples.tobytes()).hexdigest()
+    return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
+
+
+@dataclass(frozen=True, slots=True)
+class PairFault:
+    """What is wrong with a pair; if ``fatal``, the two cannot be joined."""
+
+    message: str
+    fatal: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """How late the second sound is: ``seconds`` after the first, at a ``correlation`` of the levels from -1 to 1."""
+
+    seconds: float
+    correlation: float
+
+
+def pair_fault(contact: Path, air: Path) -> PairFault | None:
+    """Return what keeps two mono files from being channels of one recording; ``None`` if nothing does."""
+    try:
+        one, two = (Recording(path, "").read() for path in (contact, air))
+    except DatasetError as error:
+        return PairFault(f"its pair cannot be read: {error}")
+    if one.channels != 1 or two.channels != 1:
+        found = f"{one.channels} and {two.channels}"
+        return PairFault(f"it and {air.name} hold {found} channels; two mono files make a pair")
+    if one.sample_rate != two.sample_rate:
+        return PairFault(f"{one.sample_rate} Hz, but {air.name} has {two.sample_rate} Hz; resample one of them first")
+    return _timing_fault(one.samples[:, 0], two.samples[:, 0], rate=one.sample_rate, name=air.name)
+
+
+def _timing_fault(first: NDArray[np.float32], second: NDArray[np.float32], *, rate: int, name: str) -> PairFault | None:
+    difference = abs(len(first) - len(second)) / rate
+    if difference > MOST_DIFFERENCE:
+        return PairFault(f"{name} differs in length by {difference:.3f} s; cut both to the same touch")
+    size = min(len(first), len(second))
+    lags = [measure_lag(first[part], second[part], rate) for part in (slice(size // 2), slice(size // 2, size))]
+    if min(lag.correlation for lag in lags) < LEAST_CORRELATION:
+        return PairFault(f"whether {name} is in step is unknown: the levels do not correlate", fatal=False)
+    begin, end = (1000 * lag.seconds for lag in lags)
+    if max(abs(begin), abs(end)) <= 1000 * MOST_LAG:
+        return None
+    if abs(end - begin) > 1000 * MOST_LAG:
+        return PairFault(f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock")
+    return PairFault(f"{name} is {begin:+.0f} ms out of step; shift it by that and import again")
+
+
+def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> Lag:
+    """Measure how late ``second`` is by the correlation of levels in dB; both are mono and as long, at ``rate`` Hz.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(0, 0.1, 8000).astype(np.float32)
+    >>> noise[2000:5000] *= 10
+    >>> round(measure_lag(noise, np.roll(noise, 160), 8000).seconds, 3)
+    0.02
+    """
+    size = max(1, round(LAG_CELL * rate))
+    levels = [_level(sound, size) for sound in (first, second)]
+    count, reach = len(levels[0]), round(LONGEST_LAG / LAG_CELL)
+    norm = float(np.linalg.norm(levels[0]) * np.linalg.norm(levels[1]))
+    if count < 2 or norm == 0:
+        return Lag(0.0, 0.0)
+    # Padded to twice the length, the circular correlation is the linear one.
+    spectra = [np.fft.rfft(level, 2 * count) for level in levels]
+    correlation = np.fft.irfft(spectra[1] * spectra[0].conj(), 2 * count) / norm
+    lags = np.arange(-min(reach, count - 1), min(reach, count - 1) + 1)
+    best = int(lags[np.argmax(correlation[lags])])
+    return Lag(best * size / rate, float(correlation[best]))
+
+
+def _level(sound: NDArray[np.float32], size: int) -> NDArray[np.float64]:
+    # The difference of neighbours is a high-pass: hum and handling noise are not the touch.
+    change = np.diff(sound, prepend=sound[:1]).astype(np.float64)
+    power = np.square(change[: len(change) // size * size]).reshape(-1, size).mean(axis=1)
+    level = 10 * np.log10(power + LAG_FLOOR)
+    return np.asarray(level - level.mean()) if len(level) else level

@@ -1,17 +1,43 @@
-"""Other layouts: folders with ``manifest.csv``, and the published recordings of the paper's authors.
+"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders, published sets.
 
-The authors' layout is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
+**The authors'** is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
 ``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
 (github.com/AIS-Bonn/Roughness_Sensing) and repeated here. The tip is that of their finger, hard skin on a pad.
+
+**A laboratory's folder** has no manifest, but labels and microphones in the names. A part of a path may be a label
+(``rough/``), a microphone (``piezo/``, ``mems/``) or a side of a split (``train/``); a file's name may end in a
+microphone (``x_contact.wav`` beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
+all else equal are a pair, which conversion joins into a file of two channels.
+
+**Published sets** are BioTac vibration as CSV, the Cluster Haptic Texture Database, and SENS3. None has labels rough
+and smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and ``label`` in the folder adds
+them; without it recordings are imported without a label.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from tactophone.dataset.metadata import inside, parse_label, rows
-from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.dataset.checks import pair_fault
+from tactophone.dataset.convert import copy_as_flac
+from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
+from tactophone.dataset.values import (
+    LABEL_NAMES,
+    TWO_CHANNELS,
+    Dataset,
+    Problem,
+    Recording,
+    Segment,
+    open_sound,
+)
+from tactophone.errors import DatasetError
 from tactophone.types import DEFAULT_TIP, Touch
 
 MANIFEST = "manifest.csv"
@@ -163,3 +189,300 @@ def _final(path: Path, problems: list[Problem]) -> Recording | None:
             {"split": "competition", "kin": f"competition {match['label']}", "tip": DEFAULT_TIP}
         ),
     )
+
+
+SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
+
+MICROPHONES: Mapping[str, str] = MappingProxyType(
+    {"contact": "contact", "piezo": "contact", "air": "air", "mems": "air", "mic": "air", "microphone": "air"}
+)
+"""Words for a microphone in the names of folders and files, and the channel that each is."""
+
+_MICROPHONE_AT_END = re.compile(rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONES)})", re.IGNORECASE)
+_TAKE_AT_END = re.compile(
+    r"(?P<rest>.*?)[ _.-]*(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|(?:take|rep|trial)?[ _.-]*\d+)",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LabFolder:
+    """What was found in a folder without a manifest."""
+
+    dataset: Dataset
+    """A recording for each file or pair; of a pair, ``path`` is the contact file. ``problems`` has the rest."""
+    air_of: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    """The air file of each pair, by its contact file."""
+    targets: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    """Path of each copy below the new folder, by ``path``, without a suffix."""
+    guessed: bool = False
+    """True where surfaces were taken from file names, which a person should look at."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Name:
+    """What the path of a file says; ``key`` is the same for the two files of a pair."""
+
+    key: Path
+    label: str
+    microphone: str
+    side: str
+    surface: str
+    take: str
+    guessed: bool
+
+
+def read_lab_folder(folder: Path) -> LabFolder:
+    """Find recordings, labels and pairs by the names below a folder.
+
+    The folder is searched to any depth. Without a label in any name ``dataset.recordings`` is empty.
+
+    A file without a label is named in the problems.
+    """
+    problems: list[Problem] = []
+    groups: dict[Path, dict[str, tuple[Path, _Name]]] = defaultdict(dict)
+    for path in sorted(path for path in folder.rglob("*") if path.suffix.lower() in SOUND_SUFFIXES):
+        name = _parse_name(path.relative_to(folder))
+        if name.microphone in groups[name.key]:
+            first = groups[name.key][name.microphone][0].relative_to(folder)
+            problems.append(Problem(path, "name", f"reads the same as {first}; rename either file"))
+            continue
+        groups[name.key][name.microphone] = path, name
+    entries = list(_recordings(groups, problems))
+    names = _surface_names(entries)
+    recordings = tuple(replace(recording, surface=names[recording.path]) for recording, _, _ in entries)
+    dataset = Dataset(folder.resolve().name, folder, recordings, tuple(problems))
+    air_of = {recording.path: air for recording, _, air in entries if air}
+    targets = {recording.path: name.key for recording, name, _ in entries}
+    guessed = any(name.guessed for _, name, _ in entries)
+    return LabFolder(dataset, MappingProxyType(air_of), MappingProxyType(targets), guessed)
+
+
+def surface_and_take(stem: str) -> tuple[str, str]:
+    """Split a file's name into surface and take: a number or one of the paper's takes at its end.
+
+    >>> surface_and_take("granite_03"), surface_and_take("slate-long_light"), surface_and_take("07")
+    (('granite', '03'), ('slate', 'long_light'), ('07', ''))
+    """
+    match = _TAKE_AT_END.fullmatch(stem)
+    return (match["rest"], match["take"]) if match and match["rest"] else (stem, "")
+
+
+def _parse_name(path: Path) -> _Name:
+    label = microphone = side = ""
+    others = []
+    for part in path.parts[:-1]:
+        word = part.lower()
+        if not label and _is_label(word):
+            label = word.replace(" ", "_").replace("-", "_")
+        elif not microphone and word in MICROPHONES:
+            microphone = MICROPHONES[word]
+        elif not side and word in PARTS:
+            side = word
+        else:
+            others.append(part)
+    stem = path.stem
+    if not microphone and (match := _MICROPHONE_AT_END.fullmatch(stem)):
+        stem, microphone = match["rest"], MICROPHONES[match["word"].lower()]
+    surface, take = surface_and_take(stem)
+    if not label:
+        label = next((word for word in re.split(r"[ _.\d-]", stem.lower()) if word in ("rough", "smooth")), "")
+    key = Path(*filter(None, (side, label)), *others, stem)
+    if others:
+        return _Name(key, label, microphone, side, "/".join(others), stem, False)
+    return _Name(key, label, microphone, side, surface, take, True)
+
+
+def _is_label(word: str) -> bool:
+    return bool(word) and word.replace(" ", "_").replace("-", "_") in LABEL_NAMES and word not in MICROPHONES
+
+
+def _recordings(
+    groups: Mapping[Path, Mapping[str, tuple[Path, _Name]]], problems: list[Problem]
+) -> Iterator[tuple[Recording, _Name, Path | None]]:
+    """Yield each recording with what its name says and, of a pair, its air file."""
+    for files in groups.values():
+        path, name = files.get("contact") or next(iter(files.values()))
+        if not name.label:
+            message = "neither its name nor its folders hold a label; put it under rough/, smooth/ or none/"
+            problems.extend(Problem(each, "label", message) for each, _ in files.values())
+            continue
+        if "contact" in files and "air" in files:
+            air = files["air"][0]
+            fault = pair_fault(path, air)
+            if fault:
+                problems.append(Problem(path, "pair", fault.message, fault.fatal))
+            if not (fault and fault.fatal):
+                yield _lab_recording(path, name, TWO_CHANNELS), name, air
+            continue
+        for each, its_name in files.values():
+            yield _lab_recording(each, its_name, _channels_named(each, its_name.microphone)), its_name, None
+
+
+def _lab_recording(path: Path, name: _Name, channels: tuple[str, ...]) -> Recording:
+    properties = {"split": name.side} if name.side else {}
+    return Recording(
+        path, name.surface, LABEL_NAMES[name.label], channels, take=name.take, properties=MappingProxyType(properties)
+    )
+
+
+def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:
+    """Channels of a single file: what its name says, if it holds as many; unknown otherwise."""
+    if not microphone:
+        return ()
+    try:
+        with open_sound(path) as file:
+            return (microphone,) if file.channels == 1 else ()
+    except DatasetError:
+        return ()
+
+
+def _surface_names(entries: Iterable[tuple[Recording, _Name, Path | None]]) -> dict[Path, str]:
+    """Name each recording's surface; a name under two labels gets the label in front."""
+    entries = list(entries)
+    labels = Counter(surface for surface, _ in {(recording.surface, name.label) for recording, name, _ in entries})
+    return {
+        recording.path: f"{name.label} {recording.surface}" if labels[recording.surface] > 1 else recording.surface
+        for recording, name, _ in entries
+    }
+
+
+BIOTAC_RATE = 2200
+"""Hz of the BioTac's dynamic pressure, PAC: 22 values in each line of 10 ms (SynTouch's product manual)."""
+
+BIOTAC_FULL_SCALE = 2048
+"""Half of the range of its 12-bit converter."""
+
+PAC = tuple(f"pac{number}" for number in range(1, 23))
+
+CLUSTER_NAME = re.compile(r"(?P<surface>[^_]+)_(?P<direction>[^_]+)_(?P<speed>[^_]+)_(?P<force>[^_]+)_(?P<take>[^_.]+)")
+"""Surface, direction, speed, force and repetition, as the database's own description has it."""
+
+RAW_AUDIO = "raw_audio"
+"""Folder of the Cluster database with the sound before its noise was cancelled."""
+
+SLIDING = re.compile("slid|strok", re.IGNORECASE)
+"""In the name of what SENS3 recorded while a finger slid; it has taps, presses and static contact besides."""
+
+LABELS = "labels.csv"
+
+Imported = tuple[Dataset, tuple[Problem, ...]]
+
+
+def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
+    """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact alone.
+
+    ``folder`` is searched to any depth; the folder of a file names its surface.
+    """
+    problems: list[Problem] = []
+    labels = _labels(folder, problems)
+    recordings = []
+    for done, path in enumerate(_files(folder, {".csv"}), 1):
+        progress(done)
+        pac = _read_pac(path)
+        if pac is None:
+            problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
+            continue
+        target = (out / path.relative_to(folder)).with_suffix(".flac")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        soundfile.write(target, pac, BIOTAC_RATE, "PCM_24")
+        surface = path.parent.name
+        recordings.append(Recording(target, surface, labels.get(surface), ("contact",), take=path.stem))
+    return _finished(folder, out, recordings, problems)
+
+
+def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
+    """Convert files named ``surface_direction_speed_force_repetition.wav`` or ``.flac``; see :func:`import_biotac`.
+
+    Of a sound that is there before and after its noise was cancelled, the latter is taken.
+    """
+    problems: list[Problem] = []
+    labels = _labels(folder, problems)
+    recordings = []
+    files = list(_files(folder, {".wav", ".flac"}))
+    cleaned = {path.stem for path in files if RAW_AUDIO not in path.parts}
+    for done, path in enumerate(files, 1):
+        progress(done)
+        if RAW_AUDIO in path.parts and path.stem in cleaned:
+            continue
+        match = CLUSTER_NAME.fullmatch(path.stem)
+        if not match:
+            problems.append(Problem(path, "name", "is not surface_direction_speed_force_repetition; left out"))
+            continue
+        target = (out / path.relative_to(folder)).with_suffix(".flac")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        copy_as_flac(path, target)
+        # Its second microphone records the noise of the machine; neither lies on the finger.
+        channels = ("air",) * int(soundfile.info(target).channels)
+        properties = {key: match[key] for key in ("direction", "speed", "force")}
+        recordings.append(
+            Recording(
+                target, match["surface"], labels.get(match["surface"]), channels, take=path.stem,
+                properties=MappingProxyType(properties),
+            )
+        )  # fmt: skip
+    return _finished(folder, out, recordings, problems)
+
+
+def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
+    """Convert the sound of sliding fingers: a folder a surface, with "sliding" in the path; see :func:`import_biotac`.
+
+    The microphone was in the air beside the surface (Balasubramanian et al., SENS3, EuroHaptics 2024). The paper names
+    no files, so a path is read for what it must say: the surface and the kind of touch.
+    """
+    problems: list[Problem] = []
+    labels = _labels(folder, problems)
+    recordings = []
+    for done, path in enumerate(_files(folder, {".wav", ".flac"}), 1):
+        progress(done)
+        place = path.relative_to(folder)
+        if len(place.parts) < 2 or not SLIDING.search(str(place)):
+            reason = "is not surface/...sliding...: taps and presses have no texture; left out"
+            problems.append(Problem(path, "name", reason))
+            continue
+        target = (out / place).with_suffix(".flac")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        copy_as_flac(path, target)
+        channels = ("air",) * int(soundfile.info(target).channels)
+        recordings.append(Recording(target, place.parts[0], labels.get(place.parts[0]), channels, take=path.stem))
+    return _finished(folder, out, recordings, problems)
+
+
+FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType(
+    {"biotac": import_biotac, "cluster": import_cluster, "sens3": import_sens3}
+)
+"""Importers by the name that `dataset import --format` takes."""
+
+
+def _files(folder: Path, suffixes: set[str]) -> Iterator[Path]:
+    if not folder.is_dir():
+        raise DatasetError(f"{folder}: no such folder; name the one that holds the published files")
+    yield from sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.name != LABELS)
+
+
+def _labels(folder: Path, problems: list[Problem]) -> dict[str, Touch | None]:
+    path = folder / LABELS
+    if not path.is_file():
+        return {}
+    lines = rows(path, required=("surface", "label"))
+    return {row["surface"]: LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)] for _, row in lines}
+
+
+def _read_pac(path: Path) -> NDArray[np.float64] | None:
+    """Return the dynamic pressure of a file, each line's 22 values in turn, less its mean, in [-1, 1]."""
+    with path.open(encoding="utf-8-sig") as file:
+        names = [name.strip().lower() for name in file.readline().replace(";", ",").split(",")]
+        if not set(PAC) <= set(names):
+            return None
+        columns = [names.index(name) for name in PAC]
+        values = np.loadtxt((line.replace(";", ",") for line in file), delimiter=",", usecols=columns, ndmin=2)
+    pac = values.reshape(-1) / BIOTAC_FULL_SCALE
+    return np.asarray(np.clip(pac - pac.mean(), -1, 1))
+
+
+def _finished(folder: Path, out: Path, recordings: list[Recording], problems: list[Problem]) -> Imported:
+    if not recordings:
+        reason = problems[0] if problems else "it holds no such files"
+        raise DatasetError(f"{folder}: nothing to import: {reason}")
+    write_metadata(out, recordings)
+    return Dataset(out.name, out, tuple(recordings)), tuple(problems)

@@ -1,16 +1,22 @@
-"""Splits by what must not leak: kin, surface, scenario or day; never by window, as windows overlap."""
+"""Splits by what must not leak: kin, surface, scenario or day; never by window, as windows overlap.
+
+Kin are versions of one object, or objects of one kind: a detector that was trained on one mesh knows the next one. So
+folds are made by kin: the column ``kin`` of the data set, or of a separate file; without either, a surface is kin to
+its other versions, by name.
+"""
 
 import hashlib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
-from tactophone.dataset.kin import kin_of
+from tactophone.dataset.metadata import rows
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError, did_you_mean
 
 KIN_SPLIT = "leave-one-kin-out"
-"""The default: all surfaces of one kin are held out together (:mod:`tactophone.dataset.kin`)."""
+"""The default: all surfaces of one kin are held out together."""
 
 SPLITS = (KIN_SPLIT, "leave-one-surface-out", "leave-one-KEY-out", "K-fold", "K-fold-by-KEY", "predefined")
 """What ``--split`` takes: KEY is any field or property (``scenario``, ``pressure``), K a number from 2 up.
@@ -21,6 +27,7 @@ accuracy on ten real surfaces. ``predefined`` is the data set's own split: the a
 folders ``train`` and ``test``.
 """
 
+_VERSION = re.compile(r"[\s_-]*(version[\s_-]*|v)\d+$", re.IGNORECASE)
 _LEAVE_ONE = re.compile(r"leave-one-(?P<key>\w+)-out")
 _FOLDS = re.compile(r"(?P<count>\d+)-fold(-by-(?P<key>\w+))?")
 
@@ -114,3 +121,30 @@ def _make_folds(
         )
         for name, held_out in folds.items()
     )
+
+
+def kin_of(recording: Recording) -> str:
+    """Return the kin of a recording's surface: its property ``kin``, or the surface's name without its version.
+
+    >>> kin_of(Recording(Path("a.wav"), "StoneTileVersion2")), kin_of(Recording(Path("b.wav"), "stone 3"))
+    ('StoneTile', 'stone 3')
+    """
+    return recording.properties.get("kin") or _VERSION.sub("", recording.surface) or recording.surface
+
+
+def with_kin(dataset: Dataset, file: Path) -> Dataset:
+    """Return a data set whose recordings have the kin that a CSV file of ``surface,kin`` gives.
+
+    Raises `DatasetError` if the file cannot be read, or names none of the surfaces.
+    """
+    try:
+        kin = {row["surface"]: row["kin"] for _, row in rows(file, required=("surface", "kin"))}
+    except OSError as error:
+        raise DatasetError(f"{file}: cannot be read ({error.strerror}); give a CSV file of surface,kin") from None
+    if not kin.keys() & set(dataset.surfaces):
+        raise DatasetError(f"{file}: names none of the surfaces of {dataset.root}, such as {dataset.surfaces[0]}")
+    recordings = (
+        recording.with_properties(kin=found) if (found := kin.get(recording.surface)) else recording
+        for recording in dataset.recordings
+    )
+    return replace(dataset, recordings=tuple(recordings))

@@ -21,6 +21,9 @@ READ_SIZE = 1 << 15
 
 TWO_CHANNELS = ("contact", "air")
 
+CROSSING = 0.1
+"""Seconds after an edge for which a finger that crosses it still slides."""
+
 LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
     {
         "none": Touch.NONE,
@@ -299,3 +302,62 @@ def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
     """Hash a file's bytes, cached by its time and size: cross-validation needs it in every fold."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").digest()
+
+
+# A finger that has landed and stands still makes no sound. Rough and smooth differ only while it slides, so decision
+# delays are counted from there. Simulated data sets have a property `slides`: intervals `start-end` in seconds,
+# separated by spaces. A recording without it is taken to slide from the first contact on.
+
+
+@dataclass(frozen=True, slots=True)
+class MotionInterval:
+    """Start and end of a slide, in s."""
+
+    start: float
+    end: float
+
+
+def read_slides(recording: Recording) -> tuple[MotionInterval, ...] | None:
+    """Return the intervals in which the finger slides; ``None`` if they are unknown."""
+    text = recording.known("slides")
+    if not text:
+        return None
+    return tuple(MotionInterval(*map(float, entry.split("-"))) for entry in text.split())
+
+
+def write_slides(intervals: tuple[MotionInterval, ...]) -> str:
+    """Format intervals as the property ``slides``.
+
+    >>> write_slides((MotionInterval(0.25, 1.0), MotionInterval(1.5, 2.25)))
+    '0.250-1.000 1.500-2.250'
+    """
+    return " ".join(f"{interval.start:.3f}-{interval.end:.3f}" for interval in intervals)
+
+
+def first_slide(recording: Recording, start: float, end: float) -> float | None:
+    """Return when, between ``start`` and ``end``, the finger begins to slide; ``None`` if it never does."""
+    intervals = read_slides(recording)
+    if intervals is None:
+        return start
+    starts = (max(interval.start, start) for interval in intervals if interval.end > start and interval.start < end)
+    return min(starts, default=None)
+
+
+def slides_over(recording: Recording, edge: float) -> bool:
+    """Return whether the finger crosses an edge, at ``edge`` s, without stopping on it."""
+    intervals = read_slides(recording)
+    return intervals is None or any(
+        interval.start <= edge and interval.end >= edge + CROSSING for interval in intervals
+    )
+
+
+def cut_slides(recording: Recording, start: float, end: float, *, place: float) -> tuple[MotionInterval, ...] | None:
+    """Return the slides of the piece from ``start`` to ``end`` after it was moved to ``place``, all in s."""
+    intervals = read_slides(recording)
+    if intervals is None:
+        return None
+    shift = place - start
+    moved = (
+        MotionInterval(max(interval.start, start) + shift, min(interval.end, end) + shift) for interval in intervals
+    )
+    return tuple(interval for interval in moved if interval.end > interval.start)

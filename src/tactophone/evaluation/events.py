@@ -22,7 +22,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset import Recording, Segment
-from tactophone.dataset.motion_intervals import MotionInterval, cut_slides, first_slide, slides_over, write_slides
+from tactophone.dataset.values import MotionInterval, cut_slides, first_slide, slides_over, write_slides
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
 from tactophone.perception import Decision, DecisionRule

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
-from tactophone.dataset.roughness import COARSE_CUTOFF, Roughness, measure_profile
+from tactophone.dataset.heights import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.errors import DatasetError, did_you_mean
 from tactophone.simulation.physics.modes import Body, Mounting
 from tactophone.simulation.physics.surface import SPACING, Grains, Pits, Ridges, Surface, height_profile

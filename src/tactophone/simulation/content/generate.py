@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tactophone.dataset import Recording, write_metadata
-from tactophone.dataset.motion_intervals import MotionInterval, write_slides
+from tactophone.dataset.values import MotionInterval, write_slides
 from tactophone.processes import open_pool
 from tactophone.simulation.content.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone.simulation.content.movement import take_moves

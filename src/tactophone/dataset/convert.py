@@ -7,11 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.metadata import FILE_NAME, write_metadata
-from tactophone.dataset.mono_pairs import read_joined
 from tactophone.dataset.values import READ_SIZE, Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.processes import atomic_write
@@ -99,9 +99,14 @@ def copy_as_flac(source: Path, target: Path) -> None:
 
 
 def join_as_flac(contact: Path, air: Path, target: Path) -> None:
-    """Write two mono files as one FLAC file with the channels contact and air; errors as in :func:`copy_as_flac`."""
-    samples, rate, subtype = read_joined(contact, air)
-    _write_flac(target, [samples], rate, 2, subtype, size=len(samples))
+    """Write two mono files as one FLAC file, contact and air, as long as the shorter; errors as `copy_as_flac`."""
+    infos = [soundfile.info(path) for path in (contact, air)]
+    # As integers, so that PCM stays bit by bit.
+    sounds = [soundfile.read(path, dtype="int32")[0] for path in (contact, air)]
+    size = min(map(len, sounds))
+    samples = np.stack([sound[:size] for sound in sounds], axis=1)
+    subtype = "PCM_16" if all(info.subtype == "PCM_16" for info in infos) else "PCM_24"
+    _write_flac(target, [samples], int(infos[0].samplerate), 2, subtype, size=size)
 
 
 def _write_flac(

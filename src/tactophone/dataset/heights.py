@@ -1,18 +1,43 @@
-"""Heights of a surface from a file, and the areal parameters Sa, Sq and Sz (ISO 25178-2).
+r"""Roughness of measured heights: of a profile by ISO 4287 and ISO 21920-2, of a map by ISO 25178-2.
+
+The Gaussian filter (ISO 16610-21) has the weight :math:`s(x) = \exp(-\pi (x / \alpha\lambda_c)^2) / \alpha\lambda_c`
+with :math:`\alpha = \sqrt{\ln 2 / \pi}`, so that half of a wave of the cut-off length passes. The filter passes
+waviness; the rest is roughness. Half a cut-off at either end is not evaluated, unless the profile is periodic.
+
+Choices where the standards leave room: RSm counts elements between up-crossings of the mean line whose peak and valley
+both exceed a tenth of Rz; Rz is the mean over five sampling lengths, or as many as there are.
 
 A map is levelled by its least-squares plane. A Gaussian filter (ISO 16610-61, separable) of a few micrometres takes out
 noise where the heights are close enough for it, and one with the cut-off as nesting index takes out waviness. Half a
 cut-off at each edge is not evaluated, as with profiles. Ra, Rz and RSm of a map are means over its rows.
 """
 
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset.roughness import Roughness, choose_cutoff, gaussian_line, measure_profile
 from tactophone.errors import DatasetError
+from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
+
+CUTOFF = 0.8e-3
+"""Metres; ISO 21920-3's default for Ra of 0.1 to 2 um, and the scale of a finger pad."""
+
+COARSE_CUTOFF = 2.5e-3
+"""Metres; ISO 21920-3's default for Ra of 2 to 10 um."""
+
+ALPHA = math.sqrt(math.log(2) / math.pi)
+LENGTHS = 5
+LEAST_ELEMENT = 0.1
+"""Of Rz: the height discrimination of profile elements (ISO 4287, 3.1.6)."""
+
+STANDARD_CUTOFFS = ((20e-9, 0.08e-3), (100e-9, 0.25e-3), (2e-6, 0.8e-3), (10e-6, 2.5e-3), (80e-6, 8e-3))
+"""Greatest Ra and its cut-off, in m, of ISO 4288 and ISO 21920-3."""
+
+SLOPE_WEIGHTS = np.array([1.0, -9.0, 45.0, 0.0, -45.0, 9.0, -1.0])
+"""Weights of seven neighbours, newest first, in sixtieths of a step."""
 
 UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 SHORT_CUTOFFS = {0.08e-3: 2.5e-6, 0.25e-3: 2.5e-6, 0.8e-3: 2.5e-6, 2.5e-3: 8e-6, 8e-3: 25e-6}
@@ -21,7 +46,154 @@ SHORT_CUTOFFS = {0.08e-3: 2.5e-6, 0.25e-3: 2.5e-6, 0.8e-3: 2.5e-6, 2.5e-3: 8e-6,
 ROWS = 64
 """Most rows that are measured as profiles, evenly drawn: their mean hardly moves with more."""
 
+STEEPEST = 10.0
+"""Slope, rms: 84 degrees. Steeper ones come from heights in another unit than stated."""
+
 Heights = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Roughness:
+    """Roughness parameters."""
+
+    ra: float
+    rq: float
+    """`ra` and `rq`: mean of the absolute height, and its root mean square, in m."""
+    rz: float
+    """Greatest height within a sampling length, averaged over five, in m."""
+    rsk: float
+    rku: float
+    """`rsk` and `rku`: skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights)."""
+    rsm: float
+    """Mean width of profile elements, in m; NaN if there is none."""
+    rdq: float
+    """Root mean square slope, without unit."""
+
+
+def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:
+    """Compute the roughness parameters of a profile.
+
+    Parameters
+    ----------
+    heights
+        In m, equally spaced; at least two cut-offs long.
+    step
+        Between heights, in m.
+    cutoff
+        Of the Gaussian filter, in m.
+    periodic
+        Whether the profile repeats, so that it has no ends to leave out.
+
+    Raises
+    ------
+    ValueError
+        If the profile is shorter than two cut-offs and not periodic.
+
+    Examples
+    --------
+    >>> place = np.arange(0, 10e-3, 1e-6)
+    >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
+    >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3), round(sine.rdq, 3)
+    (3.18, 3.18, 0.1, 0.222)
+    """
+    rough = roughness_profile(heights, step=step, cutoff=cutoff, periodic=periodic)
+    rough = rough - rough.mean()
+    rq = float(np.sqrt(np.square(rough).mean()))
+    rz = _rz(rough, round(cutoff / step))
+    skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
+    rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
+    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, _rms_slope(rough, step, periodic))
+
+
+def roughness_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Heights:
+    """Return heights less the Gaussian mean line; parameters and errors as in :func:`measure_profile`.
+
+    The result is half a cut-off shorter at either end; as long as ``heights`` if periodic.
+    """
+    if periodic:
+        wavenumber = np.fft.rfftfreq(heights.size, step)
+        roughness_share = 1 - np.exp(-math.pi * np.square(ALPHA * cutoff * wavenumber))
+        return np.asarray(np.fft.irfft(np.fft.rfft(heights) * roughness_share, heights.size))
+    half = round(cutoff / 2 / step)
+    if len(heights) < 4 * half or half < 2:
+        raise ValueError(
+            f"a profile of {len(heights)} heights {step:g} m apart is too short: at a cut-off of {cutoff:g} m it must "
+            "be at least two cut-offs long, with five heights or more in each"
+        )
+    middle = heights - heights.mean()
+    return np.asarray((middle - gaussian_line(middle, step=step, cutoff=cutoff))[half : len(middle) - half])
+
+
+def gaussian_line(heights: Heights, *, step: float, cutoff: float) -> Heights:
+    """Return the Gaussian mean line of profiles along the last axis (ISO 16610-21); near the ends it is pulled to 0.
+
+    ``heights`` has the shape ``(..., heights)`` and mean zero; all are in m.
+    """
+    half = max(1, round(cutoff / 2 / step))
+    place = np.arange(-2 * half, 2 * half + 1) * step / (ALPHA * cutoff)
+    weights = np.exp(-math.pi * np.square(place))
+    # By FFT: a cut-off may hold a thousand heights.
+    size = heights.shape[-1] + len(weights) - 1
+    spectrum = np.fft.rfft(heights, size) * np.fft.rfft(weights / weights.sum(), size)
+    return np.asarray(np.fft.irfft(spectrum, size)[..., 2 * half : 2 * half + heights.shape[-1]])
+
+
+def standard_cutoff(ra: float) -> float:
+    """Return the cut-off in m that ISO 21920-3 (table for non-periodic profiles, as ISO 4288) names for an Ra in m.
+
+    >>> standard_cutoff(1e-6), standard_cutoff(5e-6)
+    (0.0008, 0.0025)
+    """
+    return next((cutoff for most, cutoff in STANDARD_CUTOFFS if ra <= most), STANDARD_CUTOFFS[-1][1])
+
+
+def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
+    """Choose the cut-off of a profile by its own Ra.
+
+    Returns it in m, and whether the profile was long enough for the one that the standard names.
+    """
+    fitting = [cutoff for _, cutoff in STANDARD_CUTOFFS if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step]
+    if not fitting:
+        raise ValueError(
+            f"{len(heights)} heights {step:g} m apart are too few for any cut-off: the shortest of the standard is "
+            f"{STANDARD_CUTOFFS[0][1]:g} m, and two must fit; measure a longer line"
+        )
+    # From the shortest: Ra grows with the cut-off, and the first that agrees with its own Ra is the standard's.
+    for cutoff in fitting:
+        if standard_cutoff(measure_profile(heights, step=step, cutoff=cutoff).ra) <= cutoff:
+            return cutoff, True
+    return fitting[-1], False
+
+
+def _rms_slope(rough: Heights, step: float, periodic: bool) -> float:
+    """Root mean square slope by the difference of seven heights that ISO 21920-2 and ISO 4287 name."""
+    padded = np.pad(rough, 3, mode="wrap") if periodic else rough
+    if len(padded) < 7:
+        return float("nan")
+    slope = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
+    return float(np.sqrt(np.square(slope).mean()))
+
+
+def _rz(rough: Heights, size: int) -> float:
+    count = max(1, min(LENGTHS, len(rough) // max(size, 1)))
+    return float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
+
+
+def _rsm(rough: Heights, least: float) -> float:
+    """Mean width of elements, in heights: from one up-crossing to the next, peak and valley both high enough."""
+    beyond = np.flatnonzero(np.abs(rough) >= least)
+    sides = np.sign(rough[beyond])
+    # Small wiggles between two excursions on the same side are not crossings.
+    ups = np.flatnonzero((sides[:-1] < 0) & (sides[1:] > 0))
+    crossings = [_crossing(rough, int(beyond[up]), int(beyond[up + 1])) for up in ups]
+    return float(np.diff(crossings).mean()) if len(crossings) > 1 else float("nan")
+
+
+def _crossing(rough: Heights, low: int, high: int) -> float:
+    """Where the profile first rises through the mean line between two indices, to a fraction of a step."""
+    part = rough[low : high + 1]
+    at = int(np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))[0])
+    return low + at + float(part[at] / (part[at] - part[at + 1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +203,6 @@ class ArealRoughness:
     sa: float
     sq: float
     sz: float
-
-
-STEEPEST = 10.0
-"""Slope, rms: 84 degrees. Steeper ones come from heights in another unit than stated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,3 +429,37 @@ def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float
             "finer ones were not seen, and Ra is too low"
         )
     return doubts
+
+
+def draw_heights(path: Path, heights: Heights, report: HeightReport, *, title: str) -> None:
+    """Draw heights in um over place in mm, with the parameters in the title, as PNG.
+
+    Raises `TactophoneError` if matplotlib is not installed.
+    """
+    pyplot = load_pyplot()
+    rows = np.atleast_2d(levelled(heights))
+    is_map = len(rows) > 1
+    figure, panels = pyplot.subplots(1 + is_map, 1, figsize=(9, 6 if is_map else 3), layout="constrained", dpi=110)
+    axes = np.atleast_1d(panels)
+    length, width = 1e3 * report.step * rows.shape[1], 1e3 * report.step * len(rows)
+    if is_map:
+        image = axes[0].imshow(1e6 * rows, extent=(0, length, width, 0), cmap="viridis", aspect="equal")
+        axes[0].axhline(width / 2, color=VERMILION, linewidth=0.8)
+        axes[0].set_ylabel("mm")
+        axes[0].set_anchor("W")
+        figure.colorbar(image, cax=axes[0].inset_axes((1.03, 0, 0.03, 1)), label="um")
+    middle = rows[len(rows) // 2]
+    rough = roughness_profile(middle, step=report.step, cutoff=report.cutoff)
+    place = 1e3 * report.step * np.arange(len(middle))
+    trimmed = (len(middle) - len(rough)) // 2
+    axes[-1].plot(place, 1e6 * middle, color=GREY, linewidth=0.8, label="levelled")
+    axes[-1].plot(
+        place[trimmed : trimmed + len(rough)], 1e6 * rough, color=BLUE, linewidth=0.8, label="roughness, filtered"
+    )
+    axes[-1].set(xlabel="mm", ylabel="um")
+    axes[-1].legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
+    found = report.profile
+    words = f"Ra {1e6 * found.ra:.3g} um, Rq {1e6 * found.rq:.3g} um, Rz {1e6 * found.rz:.3g} um, "
+    figure.suptitle(f"{title}: {words}RSm {1e3 * found.rsm:.3g} mm, cut-off {1e3 * report.cutoff:g} mm", fontsize=10)
+    figure.savefig(path)
+    pyplot.close(figure)

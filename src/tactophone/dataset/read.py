@@ -4,8 +4,15 @@ import functools
 from collections.abc import Callable
 from pathlib import Path
 
-from tactophone.dataset.lab_folders import LabFolder, read_lab_folder, surface_and_take
-from tactophone.dataset.layouts import holds_authors, holds_manifest, read_authors, read_manifest
+from tactophone.dataset.layouts import (
+    LabFolder,
+    holds_authors,
+    holds_manifest,
+    read_authors,
+    read_lab_folder,
+    read_manifest,
+    surface_and_take,
+)
 from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, names_surfaces, read_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 from tactophone.errors import DatasetError
