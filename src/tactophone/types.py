@@ -335,7 +335,7 @@ class Detector(Protocol):
         """Process a block; returns the predictions that it completes, oldest first."""
 
     def process(self, block: AudioBlock) -> Generator[Any, list[Prediction], list[Prediction]]:
-        """Do as `push`, one of several detectors (`tactophone.perception.batching`)."""
+        """Do as `push`, one of several detectors (`tactophone.perception.detector`)."""
 
     def flush(self) -> list[Prediction]:
         """Return what the end of the stream still completes."""

@@ -11,7 +11,7 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.dataset import open_dataset
-from tests.perception.sensor_health.test_calibration_file import CALIBRATION
+from tests.perception.test_calibration_file import CALIBRATION
 
 FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "8"]
 

@@ -8,7 +8,7 @@ from tactophone.cli._support import recording_playback
 from tactophone.link import Codec
 from tests.bridges.recorded_run import record
 from tests.models import write_tiny_model
-from tests.perception.sensor_health.test_calibration_file import CALIBRATION
+from tests.perception.test_calibration_file import CALIBRATION
 
 pytest.importorskip("mcap")
 

@@ -20,8 +20,8 @@ from tactophone.game.rounds import read_results
 from tactophone.link import Identity, Peers
 from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE
 from tactophone.perception import default_model, model_path, read_model
+from tactophone.perception.calibration import Calibration
 from tactophone.perception.model_file import ModelCard
-from tactophone.perception.sensor_health.calibration_file import Calibration
 from tactophone.recording.safe_writer import _read_entry
 from tactophone.settings import Settings, change, read_settings
 from tactophone.telemetry import State

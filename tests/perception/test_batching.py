@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.perception import WindowDetector, model_path, process_together, read_model
-from tactophone.perception.inference import Engine
+from tactophone.perception.model_file import Engine
 from tactophone.types import AudioBlock, FloatArray, Prediction
 from tests.sounds import blocks, strokes
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.perception.contact import CLEAR_DB, Contact, ContactGate
-from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.levels import LoudnessRule
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.types import AudioBlock
 from tests.sounds import ODD_SIZES, blocks, noise, tone

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tactophone.perception import open_detector
-from tactophone.perception.sensor_health.fallback import FallbackDetector
-from tactophone.perception.sensor_health.faults import FaultDetector, Reference
+from tactophone.perception.fallback import FallbackDetector
+from tactophone.perception.health import FaultDetector, Reference
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 from tests.sounds import blocks, noise
 

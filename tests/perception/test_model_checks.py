@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tactophone.errors import ModelError
 from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, open_detector
-from tactophone.perception import model_checks as checks
+from tactophone.perception import model_file as checks
 from tactophone.perception.model_file import _session, read_model
 from tactophone.types import AudioBlock
 from tests.models import CARD, write_tiny_model

@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.perception.noise_floor import LOWEST_DBFS
-from tactophone.perception.recording_floor import RecordingFloor, measure_floor
+from tactophone.perception.noise_floor import LOWEST_DBFS, RecordingFloor, measure_floor
 from tactophone.types import AudioBlock
 from tests.sounds import ODD_SIZES, blocks, noise, tone
 

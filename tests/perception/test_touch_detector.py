@@ -9,7 +9,7 @@ import pytest
 
 from tactophone.perception import ContactGate, TouchDetector
 from tactophone.perception.contact import Contact
-from tactophone.perception.touch_detector import FADED_DB, FADED_PAUSE, PAUSE
+from tactophone.perception.detector import FADED_DB, FADED_PAUSE, PAUSE
 from tactophone.types import AudioBlock, Prediction, Touch
 
 RATE, HOP = 8000, 80

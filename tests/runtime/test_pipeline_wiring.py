@@ -6,7 +6,7 @@ from tactophone.runtime import open_pipeline_for
 from tactophone.runtime.microphone_check import microphone_faults, open_microphone_check
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
-from tests.perception.sensor_health.test_calibration_file import CALIBRATION
+from tests.perception.test_calibration_file import CALIBRATION
 
 
 def calibrated(folder: Path) -> Settings:

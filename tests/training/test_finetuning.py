@@ -20,7 +20,7 @@ from tactophone.training.network.export import make_card, read_weights, write_mo
 from tactophone.training.network.model import PaperNetwork, weights_of
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
-from tests.perception.sensor_health.test_calibration_file import CALIBRATION
+from tests.perception.test_calibration_file import CALIBRATION
 
 QUIET = replace(CALIBRATION, threshold_dbfs=-55.0, window_dbfs=-60.0)
 

@@ -65,7 +65,7 @@ def _hand_arguments(add: Callable[..., object]) -> None:
 
 
 def _operator_arguments(add: Callable[..., object]) -> None:
-    from tactophone.haptics.mapping import PROFILES
+    from tactophone.haptics.profiles import PROFILES
 
     add("--model", default="", metavar="NAME|FILE", help="default: the shipped one for two channels")
     add("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")

@@ -9,15 +9,22 @@ from tactophone.haptics.actuator import (
     portaudio_hand_actuator,
 )
 from tactophone.haptics.limits import Limits, peak_amplitude
-from tactophone.haptics.mapping import PROFILES, ROUGH_STIMULUS, SMOOTH_STIMULUS, PaperProfile, Stimulus, open_profile
-from tactophone.haptics.oscillator import Oscillator
-from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE, Passthrough
-from tactophone.haptics.passthrough_renderer import GateProfile, PassthroughRenderer
-from tactophone.haptics.playback import Playback
-from tactophone.haptics.profiles import PerceptualProfile, discriminable_steps
+from tactophone.haptics.oscillator import Oscillator, Playback, Renderer
+from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE, GateProfile, Passthrough, PassthroughRenderer
+from tactophone.haptics.profiles import (
+    PROFILES,
+    ROUGH_STIMULUS,
+    SMOOTH_STIMULUS,
+    UNKNOWN,
+    ActuatorResponse,
+    PaperProfile,
+    PerceptualProfile,
+    Stimulus,
+    discriminable_steps,
+    open_profile,
+    parse_levels,
+)
 from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
-from tactophone.haptics.renderer import Renderer
-from tactophone.haptics.response import UNKNOWN, ActuatorResponse, parse_levels
 
 __all__ = [
     "FULL_DRIVE_DB",

@@ -11,13 +11,76 @@ so that rest is exact silence.
 """
 
 import math
+from collections import Counter, deque
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.haptics.limits import Limits
-from tactophone.haptics.renderer import Renderer
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.haptics.limits import Limits, is_finite
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand
+
+
+class Renderer:
+    """Base of the renderers: commands in, waveform out, called in the actuator's thread.
+
+    ``submit``, ``stop`` and ``release`` may be called from a thread other than ``render``'s: each sets one attribute.
+
+    Parameters
+    ----------
+    limits
+        Bounds of everything rendered. Other limits may be assigned: ceiling and band take effect, times stay.
+
+    Attributes
+    ----------
+    faults
+        Counts of ``command`` (not finite, rendered as silence) and ``stale`` (a vibration faded because commands
+        stopped arriving).
+    silent
+        Whether the last samples rendered are all exactly 0; false where that is not known.
+    """
+
+    silent = False
+
+    def __init__(self, limits: Limits | None) -> None:
+        self.limits = limits or Limits()
+        self.faults: Counter[str] = Counter()
+        self._stopped = False
+
+    def submit(self, command: HapticCommand) -> None:
+        """Replace the current command; one that is not finite means silence. Never waits."""
+        if not is_finite(command):
+            self.faults["command"] += 1
+            command = HapticCommand(0.0, self.limits.lowest, command.time)
+        # A new list each time, so that an equal command counts as fresh.
+        self._slot = [command]
+
+    def stop(self) -> None:
+        """Fade to silence and stay silent, whatever is submitted, until :meth:`release`."""
+        self._stopped = True
+
+    def release(self) -> None:
+        """Undo :meth:`stop`; called only when a person arms."""
+        self._stopped = False
+
+    @property
+    def stopped(self) -> bool:
+        """Whether :meth:`stop` is in force."""
+        return self._stopped
+
+    @property
+    def latency(self) -> float:
+        """Seconds from input to its first effect on the waveform."""
+        raise NotImplementedError
+
+    def reset(self) -> None:
+        """Return to silence and the initial state; a stop stays in force."""
+        self._slot = [HapticCommand(0.0, self.limits.lowest, 0.0)]
+
+    def render(self, out: FloatArray) -> None:
+        """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
+        raise NotImplementedError
+
 
 SETTLED = 12
 """Time constants after which the target counts as reached."""
@@ -166,3 +229,35 @@ def _tables(time_constant: float, settled: int) -> tuple[NDArray[np.float64], ND
     powers = np.exp(-np.arange(1.0, settled + MAX_PIECE + 1) / time_constant)
     powers[settled - 1 :] = 0.0
     return powers, np.cumsum(powers)
+
+
+class Playback:
+    """Renders commands in stream time; the waveform is bit-equal in portions of any size.
+
+    Examples
+    --------
+    >>> playback = Playback(Oscillator())
+    >>> wave = playback.push([HapticCommand(1.0, 60.0, time=0.005)], until=0.01)
+    >>> len(wave), int(np.flatnonzero(wave)[0])
+    (480, 240)
+    """
+
+    def __init__(self, oscillator: Oscillator) -> None:
+        self._oscillator = oscillator
+        self._waiting: deque[HapticCommand] = deque()
+        self._done = 0
+
+    def push(self, commands: Iterable[HapticCommand], *, until: float) -> FloatArray:
+        """Take commands, oldest first; returns the waveform up to a time in s, shape ``(samples,)``."""
+        self._waiting.extend(commands)
+        end = max(self._done, round(until * self._oscillator.sample_rate))
+        out = np.empty(end - self._done, np.float32)
+        first = self._done
+        while self._waiting and (place := round(self._waiting[0].time * self._oscillator.sample_rate)) < end:
+            place = max(place, self._done)
+            self._oscillator.render(out[self._done - first : place - first])
+            self._oscillator.submit(self._waiting.popleft())
+            self._done = place
+        self._oscillator.render(out[self._done - first :])
+        self._done = end
+        return out

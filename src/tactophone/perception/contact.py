@@ -17,9 +17,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.levels import LoudnessRule, StepLevels
 from tactophone.perception.noise_floor import RATE, WINDOW, NoiseFloor
-from tactophone.perception.step_levels import StepLevels
 from tactophone.types import AudioBlock, FloatArray
 
 FAST, SLOW = 0.004, WINDOW

@@ -16,11 +16,13 @@ that has left: lift-off means that the sliding ended.
 """
 
 from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, CONTACT, DEFAULT_TIP, AudioBlock, FloatArray, TouchEvent
+from tactophone.types import AIR, CONTACT, DEFAULT_TIP, AudioBlock, FloatArray, Prediction, Touch, TouchEvent
 
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""
@@ -289,3 +291,37 @@ def _band_edges(size: int, rate: int) -> NDArray[np.intp]:
     for band in range(1, len(edges)):
         edges[band] = max(edges[band], edges[band - 1] + 1)
     return np.unique(np.minimum(edges, size // 2))
+
+
+class EventMerger:
+    """Adds a prediction for each touch event: the newest one, moved up to the event, which it carries.
+
+    A prediction that a window brings comes every 10 ms; an event must be rendered within 5 ms. Bit-equal at any block
+    size, as events and predictions are ordered by when they became known.
+    """
+
+    def __init__(self, detector: EventDetector) -> None:
+        self._detector = detector
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the initial state."""
+        self._detector.reset()
+        self._newest = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0)
+
+    def merge(self, block: AudioBlock, predictions: list[Prediction], *, latency: float) -> list[Prediction]:
+        """Return a block's predictions, known ``latency`` s after their end, with those of its events."""
+        return list(self._merged(block, predictions, latency))
+
+    def _merged(self, block: AudioBlock, predictions: list[Prediction], latency: float) -> Iterator[Prediction]:
+        waiting = list(predictions)
+        for known, event in self._detector.push_timed(block):
+            end = known - latency
+            while waiting and waiting[0].end <= end:
+                self._newest = waiting.pop(0)
+                yield self._newest
+            start = self._newest.start + end - self._newest.end
+            yield replace(self._newest, start=start, end=end, events=(event,))
+        for prediction in waiting:
+            self._newest = prediction
+            yield prediction

@@ -1,8 +1,8 @@
-"""The noise floor of a stream of levels, and the contact threshold that follows it.
+"""The noise floor of a stream of levels, and the contact threshold that follows it; that of a recording at the end.
 
 A threshold in dBFS is right for one gain and one room. Noise differs from a touch in that it is steady: on simulated
 sound its level over 32 ms varies by half a decibel, that of a stroke by five or more. So the floor is the mean level of
-steady stretches without contact, and the threshold lies over it by a margin that noise exceeds as seldom as is wanted.
+steady stretches without contact, and the threshold lies over it by a margin chosen for the desired false-alarm rate.
 
 What bounds it:
 
@@ -12,17 +12,23 @@ What bounds it:
   `KNOWN_AGAIN` s if the floor has been as high before, as after a loose plug that was pushed back.
 - Digital silence is no floor: a source that pauses or a plug that is out must not make the gate open at its return.
 - The threshold stays between `LOWEST_DBFS` and `HIGHEST_DBFS`.
+
+A recording can be read twice, so that its threshold need not follow the noise: `measure_floor` finds one from the
+quietest steady stretches in the recording itself, the same from the first sample on.
 """
 
 import math
 import statistics
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.perception.features.loudness import LoudnessRule
+from tactophone.perception.levels import LoudnessRule, StepLevels
+from tactophone.types import AudioBlock
 
 RATE = 100
 """Levels a second, about."""
@@ -220,3 +226,72 @@ def is_steady(cells: Sequence[tuple[float, float]], *, spread_db: float, least: 
 
 def _bounded(variance: float) -> float:
     return min(max(variance, LEAST_DB**2), MOST_DB**2)
+
+
+SAME_FLOOR_DB = 2.0
+"""Cells so near the quietest steady one belong to the same floor."""
+
+LEAST_CELLS = 2
+"""Steady cells (0.2 s each) that show a floor: strokes have single ones too."""
+
+UNDER_DB, MOST_UNDER = 3.0, 0.02
+"""Nothing is quieter than silence: the share of levels that may lie so far under the floor. Of steady simulated noise
+none does; a stroke that was steady for a moment has quieter ones before and after."""
+
+FADE = 10
+"""Levels, 0.1 s, at either end that are not counted there: an editor's fade is quieter than silence."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingFloor:
+    """What a recording shows of its noise."""
+
+    threshold_dbfs: float
+    """Contact threshold; where the floor is unknown, the lowest: all sound is contact."""
+    floor_dbfs: float
+    """Level of the noise; NaN where it is unknown."""
+    loudest_dbfs: float
+    """Greatest level over 32 ms."""
+
+    @property
+    def known(self) -> bool:
+        """Whether the recording holds a noise floor."""
+        return not math.isnan(self.floor_dbfs)
+
+
+def measure_floor(
+    blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule, false_alarms: float = FALSE_ALARMS
+) -> RecordingFloor:
+    """Measure the noise floor of a recording.
+
+    ``false_alarms`` is the wanted share of the time without contact that counts as contact.
+    """
+    levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
+    cells = [_moments(levels[at : at + CELL]) for at in range(0, len(levels) - CELL + 1, CELL // 2)]
+    loudest = max(levels, default=-math.inf)
+    steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
+    same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
+    if len(same) < LEAST_CELLS or same[0][0] > min(mean for mean, _ in cells) + SAME_FLOOR_DB:
+        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
+    floor = statistics.fmean(mean for mean, _ in same)
+    inner = levels[FADE:-FADE]
+    if sum(level < floor - UNDER_DB for level in inner) > MOST_UNDER * len(inner):
+        return RecordingFloor(LOWEST_DBFS, math.nan, loudest)
+    spread = math.sqrt(statistics.fmean(spread**2 + (mean - floor) ** 2 for mean, spread in same))
+    threshold = min(max(floor + margin_db(spread, false_alarms), LOWEST_DBFS), HIGHEST_DBFS)
+    return RecordingFloor(threshold, floor, loudest)
+
+
+def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRule) -> list[float]:
+    """Return the level over 32 ms in dBFS a hundred times a second, without digital silence."""
+    steps = StepLevels(rule, sample_rate=sample_rate)
+    powers = np.concatenate([np.zeros(0), *(steps.push(block) for block in blocks)])
+    if len(powers) < steps.count(WINDOW):
+        return []
+    totals = sliding_window_view(powers, steps.count(WINDOW))[:: steps.count(1 / RATE)].mean(axis=1).tolist()
+    levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
+    return [level for level in levels if level > SILENT_DBFS]
+
+
+def _moments(levels: list[float]) -> tuple[float, float]:
+    return statistics.fmean(levels), statistics.pstdev(levels)

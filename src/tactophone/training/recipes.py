@@ -12,7 +12,7 @@ A new detector on existing features takes two files:
 2. One :class:`Recipe` in :data:`RECIPES` below that names the function.
 
 ``tests/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are an extractor in
-``perception/features/``, registered in ``extractors.py``, with their window in ``training/features/feature_tracks.py``.
+``perception/features.py``, registered in ``EXTRACTORS``, with their window in ``training/features/feature_tracks.py``.
 """
 
 import importlib

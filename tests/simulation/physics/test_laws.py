@@ -7,7 +7,7 @@ import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.perception import BAND_COUNT, BandFeatures
-from tactophone.perception.features.resample import Resampler
+from tactophone.perception.resample import Resampler
 from tactophone.simulation import (
     Electronics,
     SessionVariation,

@@ -1,6 +1,6 @@
 """Injects microphone faults into the sound of another source, each for a span of time.
 
-Faults are named as in `tactophone.perception.sensor_health.faults`, such as ``air-dead``; ``swapped`` and ``alike``
+Faults are named as in `tactophone.perception.health`, such as ``air-dead``; ``swapped`` and ``alike``
 concern both microphones.
 """
 

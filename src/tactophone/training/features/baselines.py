@@ -1,7 +1,7 @@
 """Baselines: hand-made rules on cues, and standard classifiers on texture features.
 
 The only place where level and median frequency are turned into detectors; their values come from
-:mod:`tactophone.perception.features.handcrafted`.
+:mod:`tactophone.perception.features`.
 """
 
 from collections.abc import Sequence

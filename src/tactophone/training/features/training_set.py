@@ -59,7 +59,7 @@ class TrainingSet:
     prior: Moments
     change_metric: ChangeMetric
     """`prior` and `change_metric`: of the running statistics, for kind ``texture``: see
-    :mod:`tactophone.perception.features.texture`."""
+    :mod:`tactophone.perception.texture`."""
     examples: Examples
     """Windows in contact."""
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))

@@ -1,0 +1,230 @@
+"""Detection with microphones that may fail: each sensor fault has a safe fallback, used as soon as it is found.
+
+What still works is used as far as it can be trusted. Without a good air microphone the one-channel model predicts;
+with a contact microphone that clips, roughness is unknown but contact is not; where contact itself is in doubt, the
+output is silent. When the fault has healed, all is as before.
+"""
+
+import copy
+import enum
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TypeAlias
+
+from tactophone.perception.detector import Processing, TouchDetector, process_together
+from tactophone.perception.health import FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.perception.models import fallback_model, open_detector
+from tactophone.perception.noise_floor import NoiseFloor
+from tactophone.types import AIR, CONTACT, AudioBlock, Detector, Prediction, Touch
+
+REMEMBERED_CELLS = 12
+"""Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of its beginning."""
+
+
+class FallbackMode(enum.IntEnum):
+    """How much of the sound is still used, from all to nothing."""
+
+    FULL = 0
+    ONE_CHANNEL = 1
+    CONTACT_ONLY = 2
+    SILENCE = 3
+
+
+FALLBACK_MESSAGES: Mapping[FallbackMode, str] = MappingProxyType(
+    {
+        FallbackMode.FULL: "",
+        FallbackMode.ONE_CHANNEL: "predictions use the contact microphone alone",
+        FallbackMode.CONTACT_ONLY: "only contact is rendered",
+        FallbackMode.SILENCE: "nothing is rendered",
+    }
+)
+"""What each fallback does, for people."""
+
+_ON_CONTACT: Mapping[FaultKind, FallbackMode] = MappingProxyType({FaultKind.CLIPPED: FallbackMode.CONTACT_ONLY})
+_UNKNOWN = (0.0, 0.5, 0.5)
+
+
+def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode:
+    """Return the safe fallback for the present faults: that of the worst, given whether there is a ``spare`` model.
+
+    Examples
+    --------
+    >>> fallback_mode([SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, 0)], spare=True).name
+    'CONTACT_ONLY'
+    """
+    alone = FallbackMode.ONE_CHANNEL if spare else FallbackMode.CONTACT_ONLY
+    modes = [alone if fault.channel == AIR else _ON_CONTACT.get(fault.kind, FallbackMode.SILENCE) for fault in faults]
+    return max(modes, default=FallbackMode.FULL)
+
+
+def with_fallback(
+    detector: TouchDetector,
+    *,
+    sample_rate: int,
+    channels: int,
+    model: str = "paper",
+    reference: Reference | None = None,
+) -> "FallbackDetector":
+    """Add fallbacks to a detector; with two microphones, a detector for the contact microphone alone stands by.
+
+    Parameters
+    ----------
+    detector
+        For microphones without faults.
+    sample_rate, channels
+        Of the sound to come.
+    model
+        Its model, by name or path.
+    reference
+        From the set-up's calibration; without one, faults are found less sharply.
+    """
+    name = fallback_model(model) if channels > 1 else None
+    follows = bool(detector.floors)
+    spare = open_detector(name, sample_rate=sample_rate, follow_floor=follows) if name else None
+    if spare is not None and not follows:
+        spare.threshold_dbfs = detector.threshold_dbfs
+    return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
+
+
+class FallbackDetector:
+    """A detector that never relies on a faulty microphone; has the interface of :class:`TouchDetector`.
+
+    ``main`` is for microphones without faults; ``spare`` uses the contact microphone alone, for when the air microphone
+    is faulty; ``None`` if there is none, or only one microphone.
+    """
+
+    def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:
+        self._main, self._spare, self._fault_detector = main, spare, fault_detector
+        self._spare_in_use = False
+        self._floors: deque[list[NoiseFloor]] = deque(maxlen=REMEMBERED_CELLS)
+        self._left = fault_detector.cell_size  # samples until the fault detector measures again
+        self._next = 0
+
+    @property
+    def detector(self) -> Detector:
+        """The window detector in use."""
+        return self._active.detector
+
+    @property
+    def latency(self) -> float:
+        """Seconds from the end of a prediction's window to the moment of the prediction."""
+        return self._active.latency
+
+    @property
+    def sensor_faults(self) -> tuple[SensorFault, ...]:
+        """Faults of the microphones now."""
+        return self._fault_detector.faults
+
+    @property
+    def mode(self) -> FallbackMode:
+        """The fallback in use."""
+        faults = self._fault_detector.faults
+        return fallback_mode(faults, spare=self._spare is not None) if faults else FallbackMode.FULL
+
+    @property
+    def threshold_dbfs(self) -> float:
+        """Level of contact; may be assigned at any time."""
+        return self._main.threshold_dbfs
+
+    @threshold_dbfs.setter
+    def threshold_dbfs(self, level_dbfs: float) -> None:
+        for detector in filter(None, (self._main, self._spare)):
+            detector.threshold_dbfs = level_dbfs
+
+    @property
+    def follows_floor(self) -> bool:
+        """Whether the threshold follows the noise floor; not once it was given or calibrated."""
+        return self._main.follows_floor
+
+    def push(self, block: AudioBlock) -> list[Prediction]:
+        """Take sound; return the predictions that it completes, oldest first."""
+        return process_together([self.process(block)])[0]
+
+    def process(self, block: AudioBlock) -> Processing:
+        """Do as :meth:`push`, one of several detectors (`tactophone.perception.detector`)."""
+        if block.start != self._next:
+            self._fault_detector.reset()
+            self._left = self._fault_detector.cell_size
+        self._next = block.end
+        predictions = []
+        for part in self._parts(block):
+            predictions += yield from self._process(part)
+        return predictions
+
+    def flush(self) -> list[Prediction]:
+        """Return the predictions that only the end of the stream completes."""
+        return [self._revised(prediction) for prediction in self._active.flush()]
+
+    def reset(self) -> None:
+        """Return to the initial state; fault counts stay."""
+        self._fault_detector.reset()
+        self._floors.clear()
+        self._spare_in_use = False
+        self._left, self._next = self._fault_detector.cell_size, 0
+        for detector in filter(None, (self._main, self._spare)):
+            detector.reset()
+
+    @property
+    def _active(self) -> TouchDetector:
+        if self._spare is not None and self.mode is FallbackMode.ONE_CHANNEL:
+            return self._spare
+        return self._main
+
+    def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
+        """Cut a block where the fault detector measures, so that the mode changes at the same sample at any size."""
+        if block.concealed:
+            yield block
+            return
+        if block.size < self._left:
+            self._left -= block.size
+            yield block
+            return
+        start = 0
+        while start < block.size:
+            size = min(self._left, block.size - start)
+            yield replace(block, samples=block.samples[start : start + size], start=block.start + start)
+            start += size
+            self._left = self._left - size or self._fault_detector.cell_size
+
+    def _process(self, part: AudioBlock) -> Processing:
+        active = self._active
+        if self._spare is not None:
+            if active is self._spare and not self._spare_in_use:
+                # The spare has not run until now, so it knows nothing of the noise yet.
+                self._spare.adopt_floors(self._main)
+            self._spare_in_use = active is self._spare
+        # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
+        predictions = yield from self._main.process(part)
+        if active is not self._main:
+            predictions = yield from active.process(replace(part, samples=part.samples[:, : CONTACT + 1]))
+        revised = [self._revised(prediction) for prediction in predictions]
+        # Concealment of lost sound says nothing about the microphones.
+        if not part.concealed:
+            self._fault_detector.push(part)
+            if self._left == self._fault_detector.cell_size:
+                self._protect_floors()
+        return revised
+
+    def _protect_floors(self) -> None:
+        """While the contact microphone is faulty, keep the noise floor from before the fault was found."""
+        floors = self._active.floors
+        if self.mode <= FallbackMode.ONE_CHANNEL:
+            self._floors.append([copy.copy(floor) for floor in floors])
+            return
+        for floor, before in zip(floors, self._floors[0] if self._floors else (), strict=False):
+            floor.adopt(before)
+
+    def _revised(self, prediction: Prediction) -> Prediction:
+        mode = self.mode
+        if mode is FallbackMode.SILENCE:
+            return replace(prediction, touch=Touch.NONE, roughness=0.0, faulty=True)
+        if mode is FallbackMode.CONTACT_ONLY:
+            touch = Touch.NONE if prediction.touch is Touch.NONE else Touch.SMOOTH
+            return replace(prediction, touch=touch, roughness=0.0, probabilities=_UNKNOWN)
+        return prediction
+
+
+AnyTouchDetector: TypeAlias = TouchDetector | FallbackDetector
+"""With or without fallbacks."""

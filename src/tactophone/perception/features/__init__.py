@@ -1,1 +1,0 @@
-"""Features of windows of sound: resampling, windows, bands, spectra, waveform shapes."""

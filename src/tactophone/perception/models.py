@@ -1,0 +1,114 @@
+"""Opens a detector by name or path: the models inside the package, and files of the user's own."""
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from types import MappingProxyType
+
+from tactophone.errors import ModelError, did_you_mean
+from tactophone.perception.contact import ContactGate
+from tactophone.perception.detector import TouchDetector, WindowDetector
+from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
+from tactophone.perception.model_file import ModelCard, read_model
+from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
+from tactophone.types import DEFAULT_TIP
+
+TIP_MODELS: Mapping[str, str] = MappingProxyType({"pad": "texture", "plastic": "stylus", "stylus": "stylus"})
+"""The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
+
+PAPER_MONO = "paper-mono"
+"""Replaces the paper's network where only the contact microphone works."""
+
+_FOLDER = Path(str(files("tactophone.perception"))) / "models"
+
+
+def shipped_models() -> list[str]:
+    """Return the names of the models inside the package."""
+    return sorted(path.stem for path in _FOLDER.glob("*.onnx"))
+
+
+def model_path(name: str) -> Path:
+    """Return the path of a model: the name of a shipped one, or a path already.
+
+    Raises `ModelError` if it is neither.
+    """
+    if name in shipped_models():
+        return _FOLDER / f"{name}.onnx"
+    if (path := Path(name)).is_file():
+        return path
+    hint = did_you_mean(name, shipped_models())
+    raise ModelError(
+        f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
+    )
+
+
+def default_model(tip: str = DEFAULT_TIP) -> str:
+    """Return the name of the shipped model for a tip; each works with one channel as with two.
+
+    A tip without a model gets that of the default tip: :func:`tip_mismatch` says so.
+    """
+    return TIP_MODELS.get(tip, TIP_MODELS[DEFAULT_TIP])
+
+
+def tip_mismatch(card: ModelCard, tip: str) -> str:
+    """Return what is wrong with a model for a tip, and what to do; empty if they fit or the card names no tip.
+
+    A tip decides the sign of some features: what is rough under one may come out smooth under another.
+    """
+    if not card.tip or card.tip == tip or TIP_MODELS.get(tip, tip) == TIP_MODELS.get(card.tip, card.tip):
+        return ""
+    right = f"use --model {TIP_MODELS[tip]}" if tip in TIP_MODELS else "train one on recordings of your finger"
+    return f"the model {card.name} is for the tip {card.tip}, but the tip is {tip}: smooth and rough may swap; {right}"
+
+
+def fallback_model(name: str) -> str | None:
+    """Return the model that replaces another where only the contact microphone works; itself, if it can.
+
+    There is none for kinds that need both microphones and measure contact by another rule than the paper's.
+    """
+    kind = read_model(model_path(name)).card.kind
+    if kind in SUPPORTS_MISSING_CHANNEL:
+        return name
+    return PAPER_MONO if kind == "paper" else None
+
+
+def open_detector(
+    name: str, *, sample_rate: int, fast_contact: bool = True, follow_floor: bool = False
+) -> TouchDetector:
+    """Open a shipped model or a model file, for sound of a rate.
+
+    Parameters
+    ----------
+    name
+        As :func:`model_path` takes it.
+    sample_rate
+        In Hz.
+    fast_contact
+        Whether contact is detected within milliseconds, by a contact gate with the model's threshold; otherwise by the
+        level of whole windows, as in the paper.
+    follow_floor
+        Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
+        threshold ends that.
+
+    Raises
+    ------
+    ModelError
+        If there is no such model, or this version cannot run it.
+    """
+    detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
+    if not fast_contact:
+        return TouchDetector(detector)
+    floor, contact = None, detector.card.gate
+    if follow_floor:
+        # Each follows the noise by its own measure of level: the gate's bands are not exactly those of the windows.
+        spread_db = SPREAD_DB[contact.rule]
+        floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
+        detector.floor = NoiseFloor(detector.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
+    return with_gate(detector, sample_rate=sample_rate, floor=floor)
+
+
+def with_gate(detector: WindowDetector, *, sample_rate: int, floor: NoiseFloor | None = None) -> TouchDetector:
+    """Join a detector and a contact gate of its threshold; with a floor, the gate's threshold follows that."""
+    rule, threshold_dbfs = detector.card.gate.rule, detector.threshold_dbfs
+    gate = ContactGate(threshold_dbfs, sample_rate=sample_rate, rule=rule, floor=floor, hold=HOLD)
+    return TouchDetector(detector, gate, window=detector.card.window_size / detector.card.sample_rate)

@@ -1,1 +1,0 @@
-"""Microphone faults, the fallback for each, and the calibration of a set-up."""
