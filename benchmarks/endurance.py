@@ -20,7 +20,7 @@ import numpy as np
 import psutil
 
 from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendGroup, Session
-from tactophone.link.connection import RENEW_AFTER
+from tactophone.link.session import RENEW_AFTER
 from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, VirtualLink
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray

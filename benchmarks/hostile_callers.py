@@ -15,7 +15,7 @@ from cryptography.x509.oid import NameOID
 from OpenSSL import SSL, crypto
 
 from tactophone.link import Address, Identity, Peers, Session
-from tactophone.link.srtp import PROFILE
+from tactophone.link.handshake import PROFILE
 
 Answer = Callable[[bytes], list[bytes]]
 """Sends a datagram to the answerer; returns its replies."""

@@ -21,7 +21,7 @@ import peers
 from tactophone.devices import DummyServer
 from tactophone.haptics import Oscillator
 from tactophone.link import Codec, open_decoder
-from tactophone.link.block_encoder import BlockEncoder
+from tactophone.link.stream import BlockEncoder
 from tactophone.measurement import (
     Graph,
     ImpulseLatency,

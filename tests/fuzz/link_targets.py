@@ -20,11 +20,18 @@ from tactophone.link import (
     Session,
 )
 from tactophone.link.codec import open_decoder
-from tactophone.link.packet import Packet, Payload, PayloadType, parse_packet
-from tactophone.link.prediction_payload import read_prediction, read_predictions, write_predictions
+from tactophone.link.events import read_event, write_event
+from tactophone.link.packet import (
+    Packet,
+    Payload,
+    PayloadType,
+    parse_packet,
+    read_prediction,
+    read_predictions,
+    write_predictions,
+)
 from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
-from tactophone.link.session_log import read_event, write_event
 from tactophone.types import Prediction, Touch
 
 from .target import Run, Target

@@ -7,8 +7,7 @@ import pytest
 
 from tactophone.errors import ConfigError, PacketError
 from tactophone.link.codec import Codec, open_decoder, open_encoder
-from tactophone.link.packet import SOUND_FORMATS, PayloadType
-from tactophone.opus_packets import FRAME_SIZES
+from tactophone.link.packet import FRAME_SIZES, SOUND_FORMATS, PayloadType
 from tactophone.types import FloatArray
 from tests.sounds import noise
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tactophone.link.delay_estimator import WINDOW, MinDelayFilter, Skew
+from tactophone.link.stats import WINDOW, MinDelayFilter, Skew
 
 
 def test_a_shorter_path_is_followed_at_once_and_a_longer_one_after_a_window_or_two() -> None:

@@ -7,8 +7,7 @@ from itertools import product
 import pytest
 
 from tactophone.link import Peers
-from tactophone.link.dtls_record import changes_cipher, hello_random, is_hello
-from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes
+from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes, changes_cipher, hello_random, is_hello
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 

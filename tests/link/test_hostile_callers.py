@@ -4,17 +4,11 @@ import itertools
 import time
 
 import pytest
-from benchmarks.hostile_callers import (
-    CERTIFICATE_FAULTS,
-    DelayedLine,
-    call_with_certificate,
-    overlong_hello,
-)
+from benchmarks.hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 
 from tactophone.errors import PacketError
 from tactophone.link import Connected, Disconnected, Identity, PacketReceived, Peers, Session
-from tactophone.link.admission import MAX_HANDSHAKES
-from tactophone.link.handshake import MAX_FLIGHT_DATAGRAMS
+from tactophone.link.handshake import MAX_FLIGHT_DATAGRAMS, MAX_HANDSHAKES
 from tactophone.link.packet import PayloadType, parse_packet
 from tactophone.link.rtcp import Goodbye, ReceiverReport, goodbye_reason, parse_report
 from tactophone.link.session import BUSY, BUSY_PAUSE

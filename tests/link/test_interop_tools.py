@@ -11,20 +11,11 @@ import numpy as np
 import pytest
 
 from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
-from tactophone.link.packet import PayloadType
-from tactophone.link.prediction_payload import write_prediction, write_predictions
-from tactophone.link.srtp import KEY_SIZE, SALT_SIZE, Secrets, SrtpCrypto
+from tactophone.link.handshake import KEY_SIZE, SALT_SIZE, Secrets
+from tactophone.link.packet import PayloadType, write_prediction, write_predictions
+from tactophone.link.session import SrtpCrypto
 from tactophone.types import FloatArray, Prediction, Touch
-from tests.link.test_interop import (
-    PORT,
-    RATE,
-    SSRC,
-    needs_gstreamer,
-    needs_wireshark,
-    packets,
-    tone,
-    write_capture,
-)
+from tests.link.test_interop import PORT, RATE, SSRC, needs_gstreamer, needs_wireshark, packets, tone, write_capture
 from tests.runtime.live_system import eventually
 
 LUA = Path(__file__).parents[2] / "docs" / "reference" / "tactophone.lua"

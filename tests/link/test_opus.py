@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tactophone.errors import PacketError
-from tactophone.link.codec import Codec, open_decoder, open_encoder
-from tactophone.link.opus import OpusDecoder, OpusEncoder
-from tactophone.opus_packets import FRAME_SIZES, split_streams
+from tactophone.link.codec import Codec, OpusDecoder, OpusEncoder, open_decoder, open_encoder
+from tactophone.link.packet import FRAME_SIZES, split_streams
 from tactophone.types import FloatArray
 
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
 from tactophone.link.codec import open_decoder
-from tactophone.link.packet import Packet, parse_packet
-from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
+from tactophone.link.packet import MAX_DATAGRAM, SRTP_OVERHEAD, Packet, parse_packet
 from tactophone.types import AudioBlock, FloatArray
 from tests.sounds import ODD_SIZES, blocks
 
@@ -52,7 +51,7 @@ def test_numbers_and_times_go_on_and_a_gap_is_marked() -> None:
 @pytest.mark.parametrize("depth", [0, 1, 2])
 def test_a_packet_never_outgrows_a_datagram(size: int, depth: int) -> None:
     packets = packetizer(Codec("pcm16", packet_size=size), depth).push(AudioBlock(noise(4 * size), RATE))
-    assert max(len(bytes(packet)) + OVERHEAD for packet in packets) <= MAX_DATAGRAM
+    assert max(len(bytes(packet)) + SRTP_OVERHEAD for packet in packets) <= MAX_DATAGRAM
     assert all(parse_packet(bytes(packet)) == packet for packet in packets)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactophone.link.pcm import conceal_gap, mirror
+from tactophone.link.codec import conceal_gap, mirror
 from tactophone.types import FloatArray
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tactophone.link.playout_clock import WARM_UP, PlayoutController
+from tactophone.link.playout import WARM_UP, PlayoutController
 
 RATE, PACKET, BLOCK = 48_000, 240, 128
 

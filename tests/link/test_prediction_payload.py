@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.errors import PacketError
-from tactophone.link.prediction_payload import read_prediction, write_prediction
+from tactophone.link.packet import read_prediction, write_prediction
 from tactophone.types import Prediction, Touch
 
 shares = st.floats(0, 1)

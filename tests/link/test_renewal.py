@@ -3,19 +3,9 @@
 import numpy as np
 import pytest
 
-from tactophone.link import (
-    Codec,
-    Connected,
-    DecodedAudio,
-    Disconnected,
-    Peers,
-    ReceiveSession,
-    SendGroup,
-    Session,
-)
-from tactophone.link.connection import MAX_KEY_AGE, OVERLAP, RENEW_AFTER
+from tactophone.link import Codec, Connected, DecodedAudio, Disconnected, Peers, ReceiveSession, SendGroup, Session
 from tactophone.link.rtcp import ReceiverReport
-from tactophone.link.session import RECALL_AFTER
+from tactophone.link.session import MAX_KEY_AGE, OVERLAP, RECALL_AFTER, RENEW_AFTER
 from tactophone.types import AudioBlock, FloatArray
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, SessionPair

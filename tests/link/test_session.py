@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactophone.link import Connected, Disconnected, PacketReceived, Peers, Renewed, Session
-from tactophone.link.admission import MAX_HANDSHAKES
-from tactophone.link.events import DatagramKind
-from tactophone.link.handshake import HANDSHAKE_TIMEOUT
+from tactophone.link.handshake import HANDSHAKE_TIMEOUT, MAX_HANDSHAKES
+from tactophone.link.packet import DatagramKind
 from tactophone.link.rtcp import ReceiverReport
 from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT
 

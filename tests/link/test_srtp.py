@@ -3,8 +3,10 @@
 import pytest
 
 from tactophone.errors import PacketError
+from tactophone.link.handshake import Secrets
+from tactophone.link.packet import SRTP_OVERHEAD, is_report
 from tactophone.link.rtcp import Goodbye
-from tactophone.link.srtp import OVERHEAD, Secrets, SrtpCrypto, is_report
+from tactophone.link.session import SrtpCrypto
 
 FIRST, SECOND = bytes(range(44)), bytes(range(100, 144))
 RTP = b"\x80\x62\x00\x01" + bytes(4) + (1).to_bytes(4) + b"sound"
@@ -17,7 +19,7 @@ def pair() -> tuple[SrtpCrypto, SrtpCrypto]:
 def test_a_packet_decrypts_once_and_only_at_the_other_end() -> None:
     robot, operator = pair()
     encrypted = robot.protect(RTP)
-    assert len(encrypted) == len(RTP) + OVERHEAD
+    assert len(encrypted) == len(RTP) + SRTP_OVERHEAD
     assert operator.unprotect(encrypted) == RTP
     with pytest.raises(PacketError, match="replay"):
         operator.unprotect(encrypted)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tactophone.errors import DeviceError
-from tactophone.link import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
+from tactophone.link import Address, DatagramSocket, UdpSocket, resolve, resolve_all
 from tactophone.link.udp import CLOSED_READS, MAX_FOREIGN, MAX_PEER_HANDSHAKES
 
 
@@ -90,9 +90,9 @@ def has_ipv6() -> bool:
     return False
 
 
-def everything(receiver: UdpSocket) -> list[tuple[bytes, Endpoint]]:
+def everything(receiver: UdpSocket) -> list[tuple[bytes, Address]]:
     """Return all that has arrived; on one machine, what was sent has arrived."""
-    received: list[tuple[bytes, Endpoint]] = []
+    received: list[tuple[bytes, Address]] = []
     while batch := receiver.receive(0):
         received += batch
     return received

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendGroup
-from tactophone.link.depacketizer import STALENESS
+from tactophone.link.stream import STALENESS
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
 from tactophone.runtime.realtime_playback import paced

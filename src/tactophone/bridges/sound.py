@@ -13,8 +13,15 @@ import numpy as np
 from tactophone.bridges import topics
 from tactophone.bridges.topics import AIR_SOUND, CONTACT_SOUND, PACKETS, PCM_SOUND, RUN, Message, Topic, of_finger
 from tactophone.errors import PacketError
-from tactophone.link.packet import SOUND_FORMATS, Payload, TimestampUnwrapper, parse_packet
-from tactophone.opus_packets import FRAME_SIZES, join_frames, split_streams
+from tactophone.link.packet import (
+    FRAME_SIZES,
+    SOUND_FORMATS,
+    Payload,
+    TimestampUnwrapper,
+    join_frames,
+    parse_packet,
+    split_streams,
+)
 from tactophone.telemetry import RunStart
 from tactophone.types import LIVE_SAMPLE_RATE
 

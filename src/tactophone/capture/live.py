@@ -14,7 +14,7 @@ from tactophone.devices import Device, Process, open_at_rate
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 LONGEST_WAIT = 0.06
-"""Seconds of sound that may be queued: older sound is stale on arrival (`link.depacketizer.STALENESS`)."""
+"""Seconds of sound that may be queued: older sound is stale on arrival (`link.stream.STALENESS`)."""
 
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""

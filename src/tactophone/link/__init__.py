@@ -3,21 +3,16 @@
 All modules compute on values, with the time as an argument; only :mod:`~tactophone.link.udp` uses a socket.
 """
 
-from tactophone.link.block_encoder import BlockEncoder
 from tactophone.link.codec import NARROW_BAND, Codec, encode_and_decode, open_decoder, open_encoder
-from tactophone.link.depacketizer import DecodedAudio, Depacketizer
-from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
-from tactophone.link.handshake import Address
+from tactophone.link.events import Connected, Disconnected, Event, LoggedSession, PacketReceived, Renewed, write_event
 from tactophone.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity, Peers
-from tactophone.link.packet import parse_packet
-from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
-from tactophone.link.playout import Playout
-from tactophone.link.playout_clock import PlayoutController
-from tactophone.link.receive_session import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.packet import Address, parse_packet
+from tactophone.link.playout import Playout, PlayoutController
+from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send import MOST_OPERATORS, Datagrams, SendGroup
 from tactophone.link.session import Session
-from tactophone.link.session_log import LoggedSession, write_event
-from tactophone.link.udp import DatagramSocket, Endpoint, UdpSocket, resolve, resolve_all
+from tactophone.link.stream import BlockEncoder, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.udp import DatagramSocket, UdpSocket, resolve, resolve_all
 
 __all__ = [
     "CERTIFICATE_FILE",
@@ -34,7 +29,6 @@ __all__ = [
     "DecodedAudio",
     "Depacketizer",
     "Disconnected",
-    "Endpoint",
     "Event",
     "Identity",
     "LoggedSession",

@@ -1,33 +1,149 @@
-"""One DTLS handshake as values (RFC 6347, RFC 5764): datagrams in, datagrams out, session secrets at its end.
+"""DTLS handshakes as values (RFC 6347, RFC 5764): datagrams in, datagrams out, the secrets of a session at the end.
 
 OpenSSL works on memory buffers only. The newest flight is retransmitted unchanged until the peer answers it: DTLS drops
-duplicates. OpenSSL's own retransmissions depend on the wall clock, and are removed (`dtls_record.NewRecords`).
+duplicates. OpenSSL's own retransmissions depend on the wall clock, and are removed (`NewRecords`).
+
+An answerer spends time and memory on few hellos (`Admission`). One with the label of a trusted caller (`call_label`)
+has places of its own. Anybody else may still call, so that an untrusted robot gets its refusal, but shares few places
+and little time with all other strangers.
 """
 
 import codecs
 import hashlib
 import hmac
 import secrets
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
 from OpenSSL import SSL, crypto
 
-from tactophone.link.dtls_record import (
-    NewRecords,
-    changes_cipher,
-    hello_random,
-    is_encrypted,
-    is_plain_alert,
-    refuses_certificate,
-    split_flight,
-)
 from tactophone.link.identity import Identity, Peers
-from tactophone.link.srtp import KEY_SIZE, MAX_DATAGRAM, PROFILE, SALT_SIZE, Secrets
+from tactophone.link.packet import MAX_DATAGRAM, Address
 
-Address: TypeAlias = Hashable
-"""Source or destination of a datagram; only compared here, interpreted by the socket."""
+PROFILE = b"SRTP_AEAD_AES_256_GCM"
+KEY_SIZE, SALT_SIZE = 32, 12
+"""Bytes of master key and salt (RFC 7714 section 12)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Secrets:
+    """The result of a handshake, seen from one end: SRTP master key and salt, and an SSRC, for each direction."""
+
+    outbound: bytes
+    inbound: bytes
+    local_ssrc: int
+    remote_ssrc: int
+
+    def __repr__(self) -> str:
+        return f"Secrets(<hidden>, local_ssrc={self.local_ssrc}, remote_ssrc={self.remote_ssrc})"
+
+
+_RECORD_HEADER = 13
+_HELLO_RANDOM = slice(27, 59)
+"""Position of a ClientHello's random, after the headers of record and message (RFC 6347 sections 4.1, 4.2)."""
+
+_CHANGE_CIPHER, _ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 20, 21, 22, 1, 2
+
+_CERTIFICATE_ALERTS = range(42, 50)
+"""Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown authority, denied (RFC 5246)."""
+
+
+def is_hello(datagram: bytes) -> bool:
+    """Whether a datagram is a ClientHello, which begins a handshake."""
+    return (
+        len(datagram) >= _HELLO_RANDOM.stop
+        and datagram[0] == _HANDSHAKE
+        and datagram[13] == _CLIENT_HELLO
+        and not is_encrypted(datagram)
+    )
+
+
+def hello_random(hello: bytes) -> bytes:
+    """Return the caller's random, which is the same in a retransmitted ClientHello."""
+    return hello[_HELLO_RANDOM]
+
+
+def is_encrypted(datagram: bytes) -> bool:
+    """Whether the first record is encrypted (its epoch is not 0)."""
+    return datagram[3:5] != b"\0\0"
+
+
+def is_plain_alert(datagram: bytes) -> bool:
+    """Whether a datagram begins with an alert that is not encrypted, which anybody can forge."""
+    return datagram[:1] == bytes([_ALERT]) and not is_encrypted(datagram)
+
+
+def refuses_certificate(alert: bytes) -> bool:
+    """Whether a plain alert says that the certificate was not accepted."""
+    return len(alert) >= _RECORD_HEADER + 2 and alert[13] == _FATAL and alert[14] in _CERTIFICATE_ALERTS
+
+
+class NewRecords:
+    """Removes from OpenSSL's output the messages that it has written before.
+
+    OpenSSL has a retransmission timer that reads the wall clock and cannot be turned off from here. When a datagram
+    comes more than a second after the newest flight, it writes that flight again, *before* the next one: an answerer
+    takes the two together for a new call, and a caller that is done for a flight that was lost.
+    """
+
+    def __init__(self) -> None:
+        self._messages, self._changed_cipher = 0, False
+
+    def of(self, written: bytes) -> bytes:
+        """Return the records that are new."""
+        records = list(_records(written))
+        fresh = b"".join(record for record in records if self._is_new(record))
+        numbers = [_message_number(record) for record in records if _is_plain_message(record)]
+        self._messages = max([self._messages, *(number + 1 for number in numbers)])
+        self._changed_cipher |= any(record[0] == _CHANGE_CIPHER for record in records)
+        return fresh
+
+    def _is_new(self, record: bytes) -> bool:
+        if _is_plain_message(record):
+            return _message_number(record) >= self._messages
+        # Only one flight of each end holds these: the cipher's change, and the encrypted message after it.
+        return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self._changed_cipher
+
+    @property
+    def changed_cipher(self) -> bool:
+        """Whether this end has sent its last message, under the new keys."""
+        return self._changed_cipher
+
+
+def changes_cipher(datagram: bytes) -> bool:
+    """Whether a datagram begins with the last flight of an answerer."""
+    return datagram[:1] == bytes([_CHANGE_CIPHER])
+
+
+def split_flight(written: bytes) -> Iterator[bytes]:
+    """Return OpenSSL's output as datagrams of whole records; its memory buffer has no datagram boundaries."""
+    datagram = b""
+    for record in _records(written):
+        if datagram and len(datagram) + len(record) > MAX_DATAGRAM:
+            yield datagram
+            datagram = b""
+        datagram += record
+    if datagram:
+        yield datagram
+
+
+def _is_plain_message(record: bytes) -> bool:
+    return record[0] == _HANDSHAKE and not is_encrypted(record)
+
+
+def _message_number(record: bytes) -> int:
+    """Return the number of the handshake message in a record (RFC 6347 section 4.2.2)."""
+    return int.from_bytes(record[17:19])
+
+
+def _records(written: bytes) -> Iterator[bytes]:
+    position = 0
+    while position < len(written):
+        end = position + _RECORD_HEADER + int.from_bytes(written[position + 11 : position + 13])
+        yield written[position:end]
+        position = end
+
 
 FIRST_RETRANSMISSION, MAX_RETRANSMISSION = 0.1, 0.4
 """Seconds until a flight is retransmitted: the first time (above most round-trip times), and at most after doubling."""
@@ -275,3 +391,82 @@ def _reason(error: SSL.Error) -> str:
 def _fingerprint(certificate: crypto.X509) -> str:
     """Return the SHA-256 of the certificate's DER bytes, without parsing them a second time."""
     return certificate.digest("sha256").decode()
+
+
+MAX_HANDSHAKES = 4
+"""Concurrent handshakes of trusted callers, and the same number of strangers; each has returned a cookie."""
+
+STRANGER_TIME = 0.5
+"""Seconds for which a stranger's unfinished handshake keeps its place: above the round trip of most paths."""
+
+KNOWN_RATE, STRANGER_RATE = 200.0, 50.0
+"""ClientHellos answered in a second. A caller sends 2 for each handshake, and at most 10 a second; one costs about
+0.1 ms before its cookie and 1 ms after, so that strangers get at most some 5 % of a processor."""
+
+BURST = 0.5
+"""Seconds of the rate that may come at once."""
+
+Pending: TypeAlias = Mapping[tuple[Address, bytes], Handshake]
+"""Unfinished handshakes, by address and ClientHello random, oldest first."""
+
+
+class RateLimit:
+    """A token bucket.
+
+    Examples
+    --------
+    >>> limit = RateLimit(10.0, burst=2.0)
+    >>> [limit.take(now) for now in (0.0, 0.0, 0.0, 0.1)]
+    [True, True, False, True]
+    """
+
+    def __init__(self, rate: float, *, burst: float) -> None:
+        self._rate, self._burst = rate, burst
+        self._tokens, self._at = burst, 0.0
+
+    def take(self, now: float) -> bool:
+        """Whether one more is within the rate at ``now`` (s)."""
+        self._tokens = min(self._burst, self._tokens + self._rate * max(0.0, now - self._at))
+        self._at = now
+        # Rounding may leave a token a hair short of whole.
+        if self._tokens < 1.0 - 1e-9:
+            return False
+        self._tokens -= 1.0
+        return True
+
+
+class Admission:
+    """Admits hellos, and chooses the unfinished handshake that gives way to another."""
+
+    def __init__(self) -> None:
+        self._limits = {
+            known: RateLimit(rate, burst=rate * BURST) for known, rate in ((True, KNOWN_RATE), (False, STRANGER_RATE))
+        }
+
+    def admits(self, pending: Pending, *, known: bool, now: float) -> bool:
+        """Whether a hello is answered: within the rate, and if a stranger's, with a place to take."""
+        if (
+            not known
+            and self._is_full(pending, known=False)
+            and self._replaceable(pending, known=False, now=now) is None
+        ):
+            return False
+        return self._limits[known].take(now)
+
+    def displaced(self, pending: Pending, *, source: Address, known: bool, now: float) -> list[tuple[Address, bytes]]:
+        """Return the handshakes that end when one from ``source`` begins: its own before, and one too many."""
+        own = [key for key in pending if key[0] == source]
+        if own or not self._is_full(pending, known=known):
+            return own
+        replaceable = self._replaceable(pending, known=known, now=now)
+        return [] if replaceable is None else [replaceable]
+
+    def _is_full(self, pending: Pending, *, known: bool) -> bool:
+        return sum(handshake.known == known for handshake in pending.values()) >= MAX_HANDSHAKES
+
+    def _replaceable(self, pending: Pending, *, known: bool, now: float) -> tuple[Address, bytes] | None:
+        """Return the oldest handshake; none while a stranger's is too young to give way."""
+        oldest = next((key for key, handshake in pending.items() if handshake.known == known), None)
+        if oldest is None or known or now - pending[oldest].begun > STRANGER_TIME:
+            return oldest
+        return None

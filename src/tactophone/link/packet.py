@@ -1,22 +1,50 @@
-"""RTP packets (RFC 3550) with redundancy (RFC 2198): parsing and serializing.
+"""Everything that the link's packets hold: RTP (RFC 3550) with redundancy (RFC 2198), Opus frames, predictions.
+
+It parses and builds bytes, and needs neither a codec nor encryption, so that logs and bridges read packets with it too.
 
 A packet may carry, beside its own payload, the one or two payloads before it. Its payload type is then ``RED`` and the
 actual types are inside, so that any tool that implements RFC 2198 can read it.
+
+An Opus payload of two microphones is a packet of two streams, the first in its self-delimited form (RFC 6716 appendix
+B, RFC 7845 section 5.1.1): after its first byte stands the length of its frame.
+
+A prediction takes 16 bytes, for links too slow for sound:
+
+===========  =====================  ==============================================
+bytes        field                  encoding
+===========  =====================  ==============================================
+0            touch                  0 none, 1 smooth, 2 rough
+1            faulty                 1 when sound or model output was invalid, else 0
+2-7          probabilities          three times 16 bits, 65535 is 1
+8-9          roughness              16 bits, 65535 is 1
+10-11        level                  hundredths of dBFS; the lowest number is -inf
+12-15        length of the window   samples at 48 kHz; it ends at the timestamp
+===========  =====================  ==============================================
+
+Predictions of a hand whose windows end together share a payload: for each, a byte with the number of fingers (upper
+four bits) and the finger, counted from 0, and then these 16.
 """
 
 import enum
+import math
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 from tactophone.errors import PacketError
-from tactophone.link.srtp import MAX_DATAGRAM, OVERHEAD
-from tactophone.types import MOST_FINGERS
+from tactophone.types import MOST_FINGERS, Prediction, Touch
 
 CLOCK_RATE = 48_000
 """Clock rate of all RTP timestamps, in Hz: RFC 7587 section 4.1 requires it for Opus, and all payloads use it."""
 
-PAYLOAD_SPACE = MAX_DATAGRAM - OVERHEAD - 13
+MAX_DATAGRAM = 1_280 - 48
+"""Maximum bytes of a datagram: the minimum MTU of IPv6 (RFC 8200) without the headers of IPv6 and UDP."""
+
+SRTP_OVERHEAD = 16
+"""Bytes that SRTP adds to a packet: the full GCM tag (RFC 7714)."""
+
+PAYLOAD_SPACE = MAX_DATAGRAM - SRTP_OVERHEAD - 13
 """Bytes for payloads in a packet: without the SRTP tag, the RTP header and the last header of RFC 2198."""
 
 _VERSION = 2
@@ -87,6 +115,41 @@ _HALF_TURN = 1 << 31
 
 _SOUND_KINDS = {int(kind): kind for kind in PayloadType if kind != PayloadType.RED}
 """Payload types outside redundancy, by number: a look-up takes a fifth of the time of the enumeration's own."""
+
+
+Address: TypeAlias = tuple[str, int]
+"""Host and port of a datagram's source or destination, as the socket expects and returns them."""
+
+
+class DatagramKind(enum.Enum):
+    """The protocol of a datagram, by its first byte (RFC 7983 section 7)."""
+
+    DTLS = range(20, 64)
+    SRTP = range(128, 192)
+    NEITHER = range(0)
+
+    @classmethod
+    def of(cls, datagram: bytes) -> "DatagramKind":
+        """Return the kind of a datagram."""
+        return _DATAGRAM_KINDS[datagram[0]] if datagram else cls.NEITHER
+
+
+_DATAGRAM_KINDS = [
+    next((kind for kind in (DatagramKind.SRTP, DatagramKind.DTLS) if first in kind.value), DatagramKind.NEITHER)
+    for first in range(256)
+]
+"""The kind for each first byte: a flood must not cost a search a datagram."""
+
+
+def is_report(packet: bytes) -> bool:
+    """Whether a packet is RTCP, not RTP, by its second byte (RFC 5761 section 4)."""
+    return len(packet) > 1 and 64 <= packet[1] & 0x7F <= 95
+
+
+def stream_of(packet: bytes, *, report: bool) -> int:
+    """Return the SSRC in the clear header of RTP, or of RTCP (`report`); -1 when the packet is too short for one."""
+    field = packet[4:8] if report else packet[8:12]
+    return int.from_bytes(field) if len(field) == 4 else -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,3 +323,166 @@ def _kind(number: int) -> PayloadType:
     if (kind := _SOUND_KINDS.get(number)) is not None:
         return kind
     raise PacketError(f"payload type {number}, but {PayloadType.L16_MONO} to {PayloadType.HAND_PREDICTION} are known")
+
+
+FRAME_SIZES = (120, 240, 480, 960)
+"""Frame sizes at low delay, in samples at 48 kHz, by the two lowest bits of their configuration (RFC 6716, 3.1)."""
+
+LARGEST_FRAME = 1275
+"""Bytes of the largest frame (RFC 6716 section 3.4)."""
+
+LONG_LENGTH = 252
+"""Least length of a frame that takes two bytes to write (RFC 6716 section 3.2.1)."""
+
+_CODE = 3  # bits of the first byte with the number of frames
+
+
+def frame_length(size: int) -> bytes:
+    """Encode the length of a frame (RFC 6716 section 3.2.1).
+
+    >>> frame_length(251).hex(), frame_length(1275).hex()
+    ('fb', 'ffff')
+    """
+    if size < LONG_LENGTH:
+        return bytes([size])
+    low = LONG_LENGTH + size % 4
+    return bytes([low, (size - low) // 4])
+
+
+def read_frame_length(packet: bytes, position: int) -> tuple[int, int]:
+    """Return the length of a frame that stands at `position`, and the position after it."""
+    size = packet[position]
+    return (size, position + 1) if size < LONG_LENGTH else (size + 4 * packet[position + 1], position + 2)
+
+
+def split_streams(payload: bytes, streams: int) -> list[bytes]:
+    """Return a packet of each stream, 1 or 2, where each holds one frame of the same kind; nothing otherwise.
+
+    Examples
+    --------
+    >>> split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2) == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
+    True
+    """
+    if streams == 1 or len(payload) < 3:
+        return [payload] if payload and streams == 1 else []
+    length, start = read_frame_length(payload, 1)
+    end = start + length
+    if payload[0] & _CODE or not end < len(payload) <= end + 1 + LARGEST_FRAME or payload[end] != payload[0]:
+        return []
+    return [payload[:1] + payload[start:end], payload[end:]]
+
+
+def join_streams(packets: Sequence[bytes]) -> bytes:
+    """Return the payload that `split_streams` takes apart.
+
+    >>> join_streams([bytes([0xE0, 7, 8]), bytes([0xE0, 9])]).hex()
+    'e0020708e009'
+    """
+    *first, last = packets
+    return b"".join(packet[:1] + frame_length(len(packet) - 1) + packet[1:] for packet in first) + last
+
+
+def join_frames(head: int, frames: list[bytes]) -> bytes:
+    """Join frames of the same configuration to a packet of code 3 (RFC 6716 section 3.2.5)."""
+    if len(frames) == 1:
+        return bytes([head]) + frames[0]
+    if len({len(frame) for frame in frames}) == 1:
+        return bytes([head | _CODE, len(frames)]) + b"".join(frames)
+    lengths = b"".join(frame_length(len(frame)) for frame in frames[:-1])
+    return bytes([head | _CODE, 0x80 | len(frames)]) + lengths + b"".join(frames)
+
+
+def split_frames(packet: bytes) -> list[bytes]:
+    """Return the packets of one frame each that `join_frames` has joined.
+
+    >>> split_frames(join_frames(0xF0, [b"abc", b"d", b"ef"]))
+    [b'\\xf0abc', b'\\xf0d', b'\\xf0ef']
+    """
+    if packet[0] & _CODE == 0:
+        return [packet]
+    head, count, position = bytes([packet[0] & ~_CODE]), packet[1] & 0x3F, 2
+    sizes = [(len(packet) - 2) // max(count, 1)] * (count - 1)
+    if packet[1] & 0x80:
+        for number in range(count - 1):
+            sizes[number], position = read_frame_length(packet, position)
+    frames = []
+    for size in sizes:
+        frames.append(head + packet[position : position + size])
+        position += size
+    return [*frames, head + packet[position:]]
+
+
+_LAYOUT = struct.Struct("!BBHHHHhI")
+_ONE = 65_535
+_SILENT = -32_768
+
+
+def write_prediction(prediction: Prediction) -> bytes:
+    """Encode a prediction without its end, which is the packet's timestamp; non-finite values become a fault."""
+    shares = (*prediction.probabilities, prediction.roughness)
+    if not all(map(math.isfinite, shares)) or math.isnan(prediction.level_dbfs):
+        return write_prediction(
+            replace(prediction, probabilities=(1, 0, 0), roughness=0, level_dbfs=-math.inf, faulty=True)
+        )
+    length = round((prediction.end - prediction.start) * CLOCK_RATE)
+    level = round(100 * max(_SILENT / 100, min(prediction.level_dbfs, 327.0)))
+    return _LAYOUT.pack(prediction.touch, prediction.faulty, *map(_to_16_bits, shares), level, max(0, length))
+
+
+def read_prediction(content: bytes, *, end: float) -> Prediction:
+    """Decode a prediction whose window ended at ``end`` seconds.
+
+    Raises `PacketError` when the bytes are not a prediction.
+    """
+    if len(content) != _LAYOUT.size:
+        raise PacketError(f"a prediction of {len(content)} bytes, but it has {_LAYOUT.size}")
+    touch, faulty, *shares, roughness, level, length = _LAYOUT.unpack(content)
+    if touch not in list(Touch) or not sum(shares):
+        raise PacketError(f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
+    none, smooth, rough = (share / sum(shares) for share in shares)
+    return Prediction(
+        probabilities=(none, smooth, rough),
+        touch=Touch(touch),
+        roughness=roughness / _ONE,
+        level_dbfs=-math.inf if level == _SILENT else level / 100,
+        start=end - length / CLOCK_RATE,
+        end=end,
+        faulty=bool(faulty),
+    )
+
+
+def write_predictions(predictions: Mapping[int, Prediction], *, fingers: int) -> tuple[PayloadType, bytes]:
+    """Encode predictions by finger, of windows that end together.
+
+    >>> silence = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, -60.0, 0.0, 0.256)
+    >>> kind, content = write_predictions({1: silence}, fingers=5)
+    >>> kind.name, content[:3].hex(" ")
+    ('HAND_PREDICTION', '51 00 00')
+    """
+    if fingers == 1:
+        return PayloadType.PREDICTION, write_prediction(predictions[0])
+    records = [bytes([fingers << 4 | finger]) + write_prediction(each) for finger, each in predictions.items()]
+    return PayloadType.HAND_PREDICTION, b"".join(records)
+
+
+def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Prediction], int]:
+    """Decode predictions whose windows ended at ``end`` seconds; returns them by finger, and the number of fingers.
+
+    Raises `PacketError` when the bytes are not predictions of one hand, each of another finger.
+    """
+    if payload.kind == PayloadType.PREDICTION:
+        return {0: read_prediction(payload.content, end=end)}, 1
+    content, size = payload.content, 1 + _LAYOUT.size
+    records = [content[start : start + size] for start in range(0, len(content), size)]
+    predictions = {record[0] & 15: read_prediction(record[1:], end=end) for record in records}
+    counts = {record[0] >> 4 for record in records}
+    if len(counts) != 1 or len(predictions) != len(records):
+        raise PacketError(f"{len(records)} predictions of a hand, but of hands with {sorted(counts)} fingers, or twice")
+    fingers = counts.pop()
+    if not 2 <= fingers <= MOST_FINGERS or max(predictions) >= fingers:
+        raise PacketError(f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}")
+    return predictions, fingers
+
+
+def _to_16_bits(share: float) -> int:
+    return round(_ONE * max(0.0, min(share, 1.0)))

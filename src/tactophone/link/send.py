@@ -6,15 +6,12 @@ from functools import partial
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
-from tactophone.link.block_encoder import BlockEncoder
 from tactophone.link.codec import NARROW_BAND, Codec
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
-from tactophone.link.handshake import Address
-from tactophone.link.packet import CLOCK_RATE, Packet
-from tactophone.link.packetizer import Packetizer, Redundancy, RedundancyRule
-from tactophone.link.prediction_payload import write_predictions
+from tactophone.link.packet import CLOCK_RATE, Address, Packet, write_predictions
 from tactophone.link.rtcp import ReceiverReport, ReceiverRequest, parse_report, round_trip_time
 from tactophone.link.session import Session
+from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.types import AudioBlock, Prediction
 
 REPORT_INTERVAL = 0.2

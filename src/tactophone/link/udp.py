@@ -1,16 +1,96 @@
-"""The only module of the link that uses a socket."""
+"""The only module of the link that uses a socket; a filter in the kernel drops foreign datagrams before they cost time.
+
+The filter is a program of classic BPF (Linux, ``man 7 socket``, SO_ATTACH_FILTER) over the datagram with its UDP header
+of 8 bytes. It lets pass what may begin a handshake, and of SRTP and SRTCP the peer's streams alone: their SSRC comes
+from the handshake, so that nobody who cannot read the traffic guesses it. Whatever passes is authenticated as before.
+"""
 
 import contextlib
+import ctypes
 import select
 import socket
-from collections.abc import Iterable
+import sys
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any, Protocol, Self, TypeAlias
 
 from tactophone.errors import DeviceError
-from tactophone.link.events import DatagramKind
-from tactophone.link.socket_filter import set_filter
+from tactophone.link.packet import DatagramKind
 
-Endpoint: TypeAlias = tuple[str, int]
+_SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
+_LOAD_BYTE, _LOAD_WORD, _AND, _JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x30, 0x20, 0x54, 0x05, 0x15, 0x35, 0x06
+_FIRST_BYTE, _SECOND_BYTE, _SSRC_OF_RTCP, _SSRC_OF_RTP = 8, 9, 12, 16
+_DTLS_VERSION = 0xFE
+"""First byte of every DTLS version; the second byte of a record."""
+
+_WHOLE, _NOTHING = 0xFFFF_FFFF, 0
+
+Instruction = tuple[int, int, int, int]
+"""Code, instructions to skip if true and if false, and operand."""
+
+
+class _Instruction(ctypes.Structure):
+    _fields_ = [
+        ("code", ctypes.c_ushort),
+        ("if_true", ctypes.c_ubyte),
+        ("if_false", ctypes.c_ubyte),
+        ("operand", ctypes.c_uint32),
+    ]
+
+
+class _Program(ctypes.Structure):
+    _fields_ = [("length", ctypes.c_ushort), ("instructions", ctypes.POINTER(_Instruction))]
+
+
+def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: bool = True) -> None:
+    """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
+
+    Notes
+    -----
+    Where the system has no such filter, everything passes too: the session refuses the same datagrams, only later.
+    """
+    if sys.platform != "linux":
+        return
+    with contextlib.suppress(OSError):
+        if not streams:
+            target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
+            return
+        program = list(_program(sorted(streams), handshakes=handshakes))
+        instructions = (_Instruction * len(program))(*(_Instruction(*each) for each in program))
+        # The kernel copies both structures during the call.
+        target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, bytes(_Program(len(program), instructions)))
+
+
+def _program(streams: Collection[int], *, handshakes: bool) -> Iterator[Instruction]:
+    """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
+    rtp, compare, dtls = 11, 12, 13 + len(streams)
+    drop, accept = dtls + 2, dtls + 3
+    handshake = dtls if handshakes else drop
+
+    def skip(index: int, target: int) -> int:
+        return target - index - 1
+
+    yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
+    yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
+    yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
+    yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
+    yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
+    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
+    yield (_AND, 0, 0, 0x7F)
+    yield (_JUMP_AT_LEAST, 0, skip(7, rtp), 64)  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
+    yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
+    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTCP)
+    yield (_JUMP, 0, 0, skip(10, compare))
+    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTP)
+    for index, stream in enumerate(streams, compare):
+        yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
+    yield (_JUMP, 0, 0, skip(dtls - 1, drop))
+    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
+    yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
+    yield (_RETURN, 0, 0, _NOTHING)
+    yield (_RETURN, 0, 0, _WHOLE)
+
+
+Address: TypeAlias = tuple[str, int]
 """Host and port, as the socket expects and returns them."""
 
 _LARGEST = 2_048
@@ -47,16 +127,16 @@ class DatagramSocket(Protocol):
     """Sends and receives datagrams; all that the runtime needs of a network."""
 
     @property
-    def address(self) -> Endpoint:
+    def address(self) -> Address:
         """Local host and port."""
 
-    def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
+    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
         """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
 
-    def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
+    def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send each without waiting; return how many the system refused."""
 
-    def follow(self, remote: tuple[Endpoint, frozenset[int]] | None) -> None:
+    def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
         """Prefer the connected peer, by its address and SSRCs, to everybody else."""
 
     def close(self) -> None:
@@ -76,13 +156,13 @@ class UdpSocket:
 
     def __init__(self, host: str = "", port: int = 0) -> None:
         self._socket = _open(host, port)
-        self._followed: tuple[Endpoint, frozenset[int]] | None = None
+        self._followed: tuple[Address, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
         self._peer_poll = select.poll()
-        self._left: list[tuple[bytes, Endpoint]] = []
+        self._left: list[tuple[bytes, Address]] = []
         self._closed_reads, self._closed = 0, False
         self._turns = 0
-        self._target: tuple[Endpoint | None, tuple[Any, ...]] = None, ()
+        self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
 
     def __enter__(self) -> Self:
         return self
@@ -91,7 +171,7 @@ class UdpSocket:
         self.close()
 
     @property
-    def address(self) -> Endpoint:
+    def address(self) -> Address:
         """Local host and port."""
         return _endpoint(self._socket.getsockname())
 
@@ -99,7 +179,7 @@ class UdpSocket:
         """Return the file descriptor of the first socket, for ``select``."""
         return self._socket.fileno()
 
-    def follow(self, remote: tuple[Endpoint, frozenset[int]] | None) -> None:
+    def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
         """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
         if remote is self._followed or remote == self._followed:
             return
@@ -110,7 +190,7 @@ class UdpSocket:
         for each in filter(None, (self._socket, self._peer_socket)):
             set_filter(each, remote[1] if remote else ())
 
-    def receive(self, timeout: float) -> list[tuple[bytes, Endpoint]]:
+    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
         """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
         if self._peer_socket is None or self._followed is None:
             if timeout > 0 and not self._left:
@@ -127,7 +207,7 @@ class UdpSocket:
             return datagrams
         return datagrams + _read(self._socket, MAX_FOREIGN)
 
-    def send(self, datagrams: Iterable[tuple[bytes, Endpoint]]) -> int:
+    def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
         """Send each without waiting; return how many the system refused."""
         refused = 0
         for datagram, target in datagrams:
@@ -142,9 +222,9 @@ class UdpSocket:
         self._connect(None)
         self._socket.close()
 
-    def _read_peer(self, source: socket.socket, peer: Endpoint) -> list[tuple[bytes, Endpoint]]:
+    def _read_peer(self, source: socket.socket, peer: Address) -> list[tuple[bytes, Address]]:
         """Read from the connected socket, whose datagrams all come from ``peer``."""
-        datagrams: list[tuple[bytes, Endpoint]] = []
+        datagrams: list[tuple[bytes, Address]] = []
         for _ in range(_MOST_AT_ONCE):
             try:
                 datagrams.append((source.recv(_LARGEST), peer))
@@ -157,7 +237,7 @@ class UdpSocket:
                 break
         return datagrams
 
-    def _without_flood(self, datagrams: list[tuple[bytes, Endpoint]], waited: float) -> list[tuple[bytes, Endpoint]]:
+    def _without_flood(self, datagrams: list[tuple[bytes, Address]], waited: float) -> list[tuple[bytes, Address]]:
         """Drop handshakes from the peer's address where there are too many, here first and then in the kernel."""
         if self._closed_reads:
             self._closed_reads = max(0, self._closed_reads - max(1, round(waited / CLOSED_READ)))
@@ -176,13 +256,13 @@ class UdpSocket:
             self._closed = not accepted
             set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
 
-    def _address_of(self, target: Endpoint) -> tuple[Any, ...]:
+    def _address_of(self, target: Address) -> tuple[Any, ...]:
         """Return the address as the socket takes it; that of the last call is kept, as most go to one peer."""
         if target is not self._target[0]:
             self._target = target, _socket_address(target, self._socket.family)
         return self._target[1]
 
-    def _connect(self, peer: Endpoint | None) -> None:
+    def _connect(self, peer: Address | None) -> None:
         """Replace the peer's socket; without one, or if the system refuses it, the first one takes everything."""
         if self._peer_socket:
             self._left += _read(self._peer_socket, _MOST_AT_ONCE)
@@ -194,12 +274,12 @@ class UdpSocket:
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
 
 
-def resolve(host: str, port: int) -> Endpoint:
+def resolve(host: str, port: int) -> Address:
     """Resolve a host name; `DeviceError` when that fails."""
     return resolve_all(host, port)[0]
 
 
-def resolve_all(host: str, port: int) -> list[Endpoint]:
+def resolve_all(host: str, port: int) -> list[Address]:
     """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order; `DeviceError` when that fails."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
@@ -243,7 +323,7 @@ def _socket(family: int, *, only: bool) -> socket.socket:
     return opened
 
 
-def _share(first: socket.socket, peer: Endpoint) -> socket.socket:
+def _share(first: socket.socket, peer: Address) -> socket.socket:
     """Open a second socket at the port of ``first``, for one peer alone.
 
     Sharing is permitted for the time of the two calls only, so that no other program can ever take the port too.
@@ -264,8 +344,8 @@ def _share(first: socket.socket, peer: Endpoint) -> socket.socket:
     return second
 
 
-def _read(source: socket.socket, most: int) -> list[tuple[bytes, Endpoint]]:
-    datagrams: list[tuple[bytes, Endpoint]] = []
+def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
+    datagrams: list[tuple[bytes, Address]] = []
     # An error concerns an earlier datagram, which reached a closed port; the next may succeed.
     for _ in range(most):
         try:
@@ -282,13 +362,13 @@ def _is_handshake(datagram: bytes) -> bool:
     return DatagramKind.of(datagram) is DatagramKind.DTLS
 
 
-def _endpoint(address: tuple[Any, ...]) -> Endpoint:
+def _endpoint(address: tuple[Any, ...]) -> Address:
     """Return host and port; an IPv4 address that a socket of IPv6 reports as ``::ffff:192.0.2.1`` in its usual form."""
     host = str(address[0])
     return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
 
 
-def _socket_address(endpoint: Endpoint, family: int) -> tuple[Any, ...]:
+def _socket_address(endpoint: Address, family: int) -> tuple[Any, ...]:
     """Return the inverse of `_endpoint`, for a socket of ``family``."""
     host, port = endpoint
     if family == socket.AF_INET6 and ":" not in host:

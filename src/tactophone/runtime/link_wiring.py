@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast
 
 from tactophone.errors import ConfigError
 from tactophone.link import (
@@ -13,7 +12,6 @@ from tactophone.link import (
     Address,
     Codec,
     DatagramSocket,
-    Endpoint,
     Identity,
     Peers,
     RedundancyRule,
@@ -25,7 +23,7 @@ from tactophone.settings import Link, Settings
 from tactophone.types import LIVE_SAMPLE_RATE
 
 
-def open_session(settings: Settings, *, call: Sequence[Endpoint] = ()) -> Session:
+def open_session(settings: Settings, *, call: Sequence[Address] = ()) -> Session:
     """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
 
     Raises `ConfigError` if no peer is trusted yet.
@@ -34,10 +32,10 @@ def open_session(settings: Settings, *, call: Sequence[Endpoint] = ()) -> Sessio
     peers = Peers.load(folder)
     if not peers.items():
         raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
-    return Session(Identity.load(folder), peers, call=cast(list[Address], list(call)) or None)
+    return Session(Identity.load(folder), peers, call=list(call) or None)
 
 
-def operators_of(link: Link) -> list[Endpoint]:
+def operators_of(link: Link) -> list[Address]:
     """Return host and port of each operator that the robot calls.
 
     Raises
@@ -62,7 +60,7 @@ def operators_of(link: Link) -> list[Endpoint]:
     return operators
 
 
-def _endpoint(name: str, port: int) -> Endpoint:
+def _endpoint(name: str, port: int) -> Address:
     """Split ``host``, ``host:port`` or ``[host]:port``; the colons of an IPv6 address alone are no port."""
     host, colon, number = name.rpartition(":")
     if not colon or name.endswith("]") or (":" in host and not host.endswith("]")):
@@ -101,6 +99,6 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
 def send_outgoing(session: Session, socket: DatagramSocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the new preference.
-    socket.follow(cast("tuple[Endpoint, frozenset[int]] | None", session.remote))
+    socket.follow(session.remote)
     if outgoing := session.outgoing():
-        socket.send(cast("list[tuple[bytes, Endpoint]]", outgoing))
+        socket.send(outgoing)

@@ -1,7 +1,6 @@
 """The proxy between real sockets."""
 
 import time
-from typing import cast
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from tactophone.link import (
     Codec,
     DecodedAudio,
-    Endpoint,
     Identity,
     Peers,
     ReceiveSession,
@@ -72,9 +70,9 @@ def call(
         robot.push(AudioBlock(np.zeros((240, 2), np.float32), 48_000, step * 240))
         robot.receive(robots.receive(0), now=now)
         robot.poll(now)
-        robots.send(cast(list[tuple[bytes, Endpoint]], robot.members[0].session.outgoing()))
+        robots.send(robot.members[0].session.outgoing())
         events = operator.receive(operators.receive(0), now=now) + operator.poll(now)
         decoded += sum(isinstance(event, DecodedAudio) for event in events)
-        operators.send(cast(list[tuple[bytes, Endpoint]], operator.outgoing()))
+        operators.send(operator.outgoing())
         time.sleep(max(0.0, begun + 0.005 * (step + 1) - time.monotonic()))
     return decoded

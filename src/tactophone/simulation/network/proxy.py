@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Self
 
-from tactophone.link import Endpoint, UdpSocket
+from tactophone.link import Address, UdpSocket
 from tactophone.simulation.network.impairments import ImpairedLink, NetworkProfile
 
 _MAX_WAIT = 0.05
@@ -31,7 +31,7 @@ class ImpairmentProxy:
 
     def __init__(
         self,
-        operator: Endpoint,
+        operator: Address,
         profile: NetworkProfile,
         *,
         seed: int = 0,
@@ -40,7 +40,7 @@ class ImpairmentProxy:
         prepare: Callable[[], object] = lambda: None,
     ) -> None:
         self._operator, self._prepare = operator, prepare
-        self._robot: Endpoint | None = None
+        self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)
         self._to_robot = ImpairedLink(profile, seed=seed + 1)
         self._robot_side = UdpSocket(host, port)
@@ -59,7 +59,7 @@ class ImpairmentProxy:
         self._operator_side.close()
 
     @property
-    def address(self) -> Endpoint:
+    def address(self) -> Address:
         """The address for the robot to call."""
         return self._robot_side.address
 

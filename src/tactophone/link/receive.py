@@ -6,17 +6,23 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
-from tactophone.link.delay_estimator import MinDelayFilter
-from tactophone.link.depacketizer import STALENESS, DecodedAudio, Depacketizer
 from tactophone.link.events import Connected, Disconnected, Event, PacketReceived, Renewed
-from tactophone.link.handshake import Address
-from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType, TimestampUnwrapper, parse_packet
+from tactophone.link.packet import (
+    CLOCK_RATE,
+    Address,
+    Packet,
+    Payload,
+    PayloadType,
+    TimestampUnwrapper,
+    parse_packet,
+    read_predictions,
+)
 from tactophone.link.playout import Playout
-from tactophone.link.prediction_payload import read_predictions
 from tactophone.link.rtcp import ReceiverRequest, SenderReport, parse_report
 from tactophone.link.send import REPORT_INTERVAL, Datagrams
 from tactophone.link.session import Session
-from tactophone.link.stats import StreamStats
+from tactophone.link.stats import MinDelayFilter, StreamStats
+from tactophone.link.stream import STALENESS, DecodedAudio, Depacketizer
 from tactophone.types import FloatArray, Prediction
 
 DATAGRAM_OVERHEAD = 28
@@ -56,7 +62,7 @@ class ReceiveSession:
         The clocked buffer of the current session; ``None`` until the first `pull`.
     tap
         Called with the time and the session's events before they are processed, and with whether they came by `poll`:
-        all that a log needs to repeat this end (`tactophone.link.session_log`).
+        all that a log needs to repeat this end (`tactophone.link.events`).
     """
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:
