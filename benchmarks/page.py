@@ -34,7 +34,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
 from tactophone.dashboard import watch
-from tactophone.telemetry import State, Telemetry, Watcher
+from tactophone.telemetry import FingerState, State, Telemetry, Watcher
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480
@@ -117,7 +117,9 @@ def step(telemetry: Telemetry, number: int, touch: Touch) -> None:
     done = PipelineStep(block, (prediction,), (HapticCommand(amplitude, 60.0, times[-1]),))
     telemetry.publish(done, now=time.monotonic())
     telemetry.rendered((amplitude * np.sin(2 * np.pi * 60 * times)).astype(np.float32))
-    telemetry.update(State(role="operator", armed=True, muted_because="", ceiling=0.5), now=time.monotonic())
+    telemetry.update(
+        State("operator", fingers=(FingerState(armed=True, muted_because="", ceiling=0.5),)), now=time.monotonic()
+    )
 
 
 def run(name: str, changes: "object") -> None:

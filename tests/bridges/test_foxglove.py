@@ -14,7 +14,7 @@ from tactophone.bridges.topics import TOPICS
 from tactophone.errors import ConfigError
 from tactophone.runtime import SessionRecorder
 from tactophone.settings import Settings
-from tactophone.telemetry import State, Telemetry
+from tactophone.telemetry import FingerState, State, Telemetry
 from tests.bridges.test_osc import STEP
 from tests.node import NODE, needs_node
 
@@ -25,7 +25,9 @@ aiohttp = pytest.importorskip("aiohttp")
 def telemetry(request: pytest.FixtureRequest) -> Iterator[Telemetry]:
     with Telemetry(f"test-foxglove-{abs(hash(request.node.name))}") as telemetry:
         SessionRecorder(telemetry, Settings(), role="operator")
-        telemetry.update(State(role="operator", armed=True, muted_because=""), now=time.monotonic())
+        telemetry.update(
+            State(role="operator", fingers=(FingerState(armed=True, muted_because=""),)), now=time.monotonic()
+        )
         yield telemetry
 
 

@@ -25,7 +25,7 @@ from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, add_sound, decoded_sessions, joined, write_replay, write_sound
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, RunStart, State, Telemetry, layout
+from tactophone.telemetry import PREDICTION, FingerState, RunStart, State, Telemetry, layout
 from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, prediction_of
 from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model
@@ -184,7 +184,9 @@ def test_a_threshold_that_follows_the_noise_floor_is_no_event_at_each_read(tmp_p
     name = f"test-{tmp_path.name}"
     with Telemetry(name) as telemetry, McapLog(name, tmp_path / "a.mcap") as log:
         for threshold in (-40.4, -40.6, -40.2, -37.0):
-            telemetry.update(State(role="operator", threshold_dbfs=threshold, noise_floor_dbfs=threshold), now=0.0)
+            telemetry.update(
+                State("operator", fingers=(FingerState(threshold_dbfs=threshold, noise_floor_dbfs=threshold),)), now=0.0
+            )
             log.read()
     texts = [json.loads(data)["message"] for data in messages(tmp_path / "a.mcap", "/tactophone/events")]
     assert [text for text in texts if "threshold" in text] == ["threshold_dbfs: -40.4", "threshold_dbfs: -37.0"]

@@ -66,7 +66,7 @@ def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(browser: webdriver.C
         "const slider = document.getElementById('ceiling'); slider.value = 0.03;"
         "slider.dispatchEvent(new Event('change', { bubbles: true }));"
     )
-    wait(browser, lambda: watcher.snapshot().state.ceiling == pytest.approx(0.03))
+    wait(browser, lambda: watcher.snapshot().state.fingers[0].ceiling == pytest.approx(0.03))
     time.sleep(0.5)
     wait(browser, lambda: strength(watcher) > 0, 30)
     assert strength(watcher) <= 0.03 + 1e-6

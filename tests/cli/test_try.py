@@ -137,7 +137,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
         rows.append(new)
         time.sleep(0.2)
     assert "live" in text(listener, "listen-state")
-    assert seen[-1].state.detector == "stylus"
+    assert seen[-1].state.fingers[0].detector == "stylus"
     sound = np.concatenate([snapshot.sound for snapshot in seen])
     steps = np.concatenate([snapshot.steps for snapshot in seen])
     assert len(sound) == seen[-1].sound_end
@@ -181,7 +181,7 @@ def test_this_machines_microphone_is_a_source_through_portaudio() -> None:
                 player._client.connect("player:out", "PortAudio:in_0")
                 operator = watch(name)
                 assert eventually(lambda: np.abs(operator.snapshot().sound).max(initial=0.0) > 0.1, timeout=30)
-                assert operator.snapshot().state.detector == "stylus"
+                assert operator.snapshot().state.fingers[0].detector == "stylus"
             finally:
                 process.send_signal(signal.SIGINT)
                 process.wait(20)

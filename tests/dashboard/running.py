@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.game.rounds import Point
-from tactophone.telemetry import Fault, State, Telemetry
+from tactophone.telemetry import Fault, FingerState, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480
@@ -28,9 +28,14 @@ class Run:
         self.telemetry = Telemetry(name)
         self.touch = Touch.NONE
         self.state = State(
-            role="receive", armed=True, muted_because="", ceiling=0.5, local_ceiling=0.5, profile="paper",
-            profiles=("paper", "plain"), threshold_dbfs=-52.0, noise_floor_dbfs=-71.0, source="simulated finger",
-            link="127.0.0.1:48470", output="JACK system:playback_1",
+            role="receive", profiles=("paper", "plain"), source="simulated finger", link="127.0.0.1:48470",
+            output="JACK system:playback_1",
+            fingers=(
+                FingerState(
+                    armed=True, muted_because="", ceiling=0.5, local_ceiling=0.5, profile="paper", threshold_dbfs=-52.0,
+                    noise_floor_dbfs=-71.0,
+                ),
+            ),
         )  # fmt: skip
         self._rng = np.random.default_rng(1)
         self._ended = threading.Event()
@@ -52,7 +57,14 @@ class Run:
         self._ended.set()
 
     def fail(self, *faults: Fault) -> None:
-        self.state = _changed(self.state, faults=faults)
+        self.state = replace(self.state, faults=faults)
+
+    @property
+    def finger(self) -> FingerState:
+        return self.state.fingers[0]
+
+    def _change(self, **entries: object) -> None:
+        self.state = replace(self.state, fingers=(replace(self.finger, **entries),))  # type: ignore[arg-type]
 
     def _go(self) -> None:
         begin, step = time.monotonic(), 0
@@ -66,11 +78,11 @@ class Run:
         for request in self.telemetry.requests():
             if request.action in ("mute", "arm"):
                 armed = request.action == "arm"
-                self.state = _changed(self.state, armed=armed, muted_because="" if armed else "muted on the page")
+                self._change(armed=armed, muted_because="" if armed else "muted on the page")
             elif request.action == "profile":
-                self.state = _changed(self.state, profile=request.text)
+                self._change(profile=request.text)
             else:
-                self.state = _changed(self.state, **{request.action: request.value})
+                self._change(**{request.action: request.value})
 
     def _follow(self) -> None:
         while self._inbox is not None and self._inbox.poll():
@@ -98,7 +110,3 @@ class Run:
         )
         self.telemetry.publish(tick, now=time.monotonic(), truth=int(self.touch))
         self.telemetry.update(self.state, now=time.monotonic())
-
-
-def _changed(state: State, **entries: object) -> State:
-    return replace(state, **entries)  # type: ignore[arg-type]

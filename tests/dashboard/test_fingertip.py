@@ -48,5 +48,5 @@ async def felt(telemetry: Telemetry) -> list[list[float]]:
 def test_a_page_renders_the_finger_that_it_shows() -> None:
     fingers = tuple(FingerState(name, armed=True) for name in ("thumb", "index"))
     with Telemetry(NAME, fingers=2) as telemetry:
-        telemetry.update(State(armed=True, fingers=fingers), now=time.monotonic())
+        telemetry.update(State(fingers=fingers), now=time.monotonic())
         assert asyncio.run(felt(telemetry)) == [[0.25, 1.0, 60.0], [0.5, 1.0, 60.0]]

@@ -59,14 +59,14 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(browser: webdriver
     open_page(browser, page)
     wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.5")
     browser.find_element(By.ID, "level").send_keys(Keys.ARROW_LEFT * 3)
-    wait(browser, lambda: run.state.output_level == pytest.approx(0.97))
+    wait(browser, lambda: run.finger.output_level == pytest.approx(0.97))
     browser.find_element(By.ID, "ceiling").send_keys(Keys.ARROW_LEFT * 5)
-    wait(browser, lambda: run.state.ceiling == pytest.approx(0.45))
+    wait(browser, lambda: run.finger.ceiling == pytest.approx(0.45))
     wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.45")
     browser.find_element(By.ID, "threshold").send_keys(Keys.ARROW_RIGHT * 2)
-    wait(browser, lambda: run.state.threshold_dbfs == pytest.approx(-51.0))
+    wait(browser, lambda: run.finger.threshold_dbfs == pytest.approx(-51.0))
     browser.find_element(By.ID, "profile").send_keys("plain")
-    wait(browser, lambda: run.state.profile == "plain")
+    wait(browser, lambda: run.finger.profile == "plain")
 
 
 def test_faults_are_shown_and_removed(browser: webdriver.Chrome, page: Page, run: Run) -> None:

@@ -5,9 +5,9 @@ import json
 import pytest
 
 from tactophone.dashboard.requests import parse_request
-from tactophone.telemetry import Request, State
+from tactophone.telemetry import FingerState, Request, State
 
-STATE = State(ceiling=0.4, local_ceiling=0.5, profiles=("paper", "plain"))
+STATE = State(profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, local_ceiling=0.5),))
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_a_request_out_of_range_is_answered_with_a_reason_and_not_passed_on(page
         return ""
 
     assert "never raise it" in asyncio.run(ask())
-    assert run.state.ceiling == 0.5
+    assert run.finger.ceiling == 0.5
 
 
 def test_a_header_that_never_ends_is_cut_off(page: Page) -> None:

@@ -24,7 +24,7 @@ from tactophone.perception.calibration import Calibration
 from tactophone.perception.model_file import ModelCard
 from tactophone.recording.safe_writer import _read_entry
 from tactophone.settings import Settings, change, read_settings
-from tactophone.telemetry import State
+from tactophone.telemetry import FingerState, State
 from tactophone.telemetry.prediction_log import read_timeline
 
 from .target import Run, Target
@@ -68,7 +68,7 @@ def page_requests() -> tuple[Sequence[bytes], Run]:
     messages: list[dict[str, object]] = [
         {"action": "mute"}, {"action": "ceiling", "value": 0.2}, {"action": "profile", "text": "paper"},
     ]  # fmt: skip
-    state = State(ceiling=0.5, profiles=("paper",))
+    state = State(profiles=("paper",), fingers=(FingerState(ceiling=0.5),))
 
     def run(data: bytes) -> None:
         for local in (True, False):

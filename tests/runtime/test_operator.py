@@ -84,7 +84,7 @@ def test_a_page_lowers_the_ceiling_and_cannot_raise_it(system: LiveSystem) -> No
         assert eventually(lambda: 0.05 < system.amplitude() <= 0.1)
         watcher.ask("ceiling", 0.9)
         assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
-        assert system.snapshot().state.ceiling == 0.1
+        assert system.snapshot().state.fingers[0].ceiling == 0.1
         assert system.amplitude() <= 0.1
 
 
@@ -93,7 +93,7 @@ def test_threshold_and_profile_are_changed_only_to_what_there_is(system: LiveSys
         watcher = Watcher(system.names[1])
         watcher.ask("threshold_dbfs", -3.0)
         watcher.ask("profile", text="telephone")
-        assert eventually(lambda: system.snapshot().state.threshold_dbfs == -3.0)
+        assert eventually(lambda: system.snapshot().state.fingers[0].threshold_dbfs == -3.0)
         assert eventually(lambda: system.snapshot().counters["requests_refused"] == 1)
         assert eventually(lambda: system.amplitude() == 0.0)
 

@@ -131,5 +131,5 @@ def test_each_finger_has_its_own_rows_and_requests() -> None:
 
 def test_the_state_of_a_hand_names_its_fingers() -> None:
     fingers = (FingerState("thumb", armed=True, ceiling=0.5), FingerState("index", ceiling=0.1))
-    state = State.parse(bytes(State(armed=True, fingers=fingers)))
-    assert (state.of_finger(1).ceiling, state.of_finger(1).armed, state.of_finger(0).armed) == (0.1, False, True)
+    thumb, index = State.parse(bytes(State(fingers=fingers))).fingers
+    assert (index.ceiling, index.armed, thumb.armed) == (0.1, False, True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.telemetry import COUNTERS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import COUNTERS, Fault, FingerState, State, Telemetry, Watcher
 from tactophone.telemetry.layout import SOUND_CAPACITY
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
@@ -81,7 +81,9 @@ def test_an_unknown_counter_raises(telemetry: Telemetry) -> None:
 
 
 def test_the_state_is_published_with_a_heartbeat(telemetry: Telemetry) -> None:
-    telemetry.update(State(armed=True, faults=(Fault("link", "no sound from the robot"),)), now=5.0)
+    telemetry.update(
+        State(fingers=(FingerState(armed=True),), faults=(Fault("link", "no sound from the robot"),)), now=5.0
+    )
     snapshot = Watcher(telemetry.name).snapshot()
     assert snapshot.state.armed
     assert snapshot.state.faults[0].code == "link"

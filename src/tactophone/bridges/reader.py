@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -30,8 +30,6 @@ SILENCE = 0.1
 """Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
 
 _INFO, _WARNING = 2, 3
-
-_AnyState = TypeVar("_AnyState", State, FingerState)
 
 
 def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
@@ -73,7 +71,7 @@ class RunReader:
         self._epoch = time.time() - time.monotonic()
         self._lead = math.inf
         self._partial: tuple[bytes, ...] = ()
-        self._settled = State()
+        self._settled = State(fingers=(FingerState(),) * watcher.fingers)
         self._health_at = 0.0
 
     def _now(self) -> float:
@@ -130,15 +128,18 @@ class RunReader:
 
     def _state(self, now: float) -> Iterator[Message]:
         state, before = self.watcher.state(), self._settled
-        fingers = zip(state.fingers, before.fingers or state.fingers, strict=True)
-        settled = replace(_settle(state, before), fingers=tuple(_settle(*finger) for finger in fingers))
+        if len(state.fingers) != len(before.fingers):  # none is published yet
+            return
+        fingers = zip(state.fingers, before.fingers, strict=True)
+        settled = replace(state, fingers=tuple(_settle(*finger) for finger in fingers))
         if settled == before:
             return
         self._settled = settled
-        yield Message(topics.STATE, now, msgspec.json.encode(state))
-        for finger, name in enumerate(self.names):
+        entries = {**msgspec.to_builtins(state), "armed": state.armed, "muted_because": state.muted_because}
+        yield Message(topics.STATE, now, msgspec.json.encode(entries))
+        for name, *own in zip(self.names, before.fingers, settled.fingers, strict=True):
             of = f"{name}: " if name else ""
-            for text in _changes(before.of_finger(finger), settled.of_finger(finger)):
+            for text in _changes(*own):
                 yield self._event(now, f"{of}{text}", _INFO)
         if before.link != state.link:
             yield self._event(now, f"link: {state.link}", _INFO)
@@ -159,13 +160,13 @@ class RunReader:
         return Message(topics.EVENTS, now, msgspec.json.encode(entries))
 
 
-def _settle(now: _AnyState, before: _AnyState) -> _AnyState:
+def _settle(now: FingerState, before: FingerState) -> FingerState:
     """Leave out what moves all the time: the noise floor, and a threshold that follows it."""
     near = abs(now.threshold_dbfs - before.threshold_dbfs) < SETTLED_DB
     return replace(now, noise_floor_dbfs=0.0, threshold_dbfs=before.threshold_dbfs if near else now.threshold_dbfs)
 
 
-def _changes(before: State, after: State) -> Iterator[str]:
+def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
     """Say what changed between two states, in one line for each subject."""
     if before.muted_because != after.muted_because or before.armed != after.armed:
         yield f"muted: {after.muted_because}" if after.muted_because else "armed" if after.armed else "not armed"

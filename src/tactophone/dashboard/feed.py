@@ -2,7 +2,6 @@
 
 import time
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,6 @@ class WatchedRun:
             return None
         finger = finger if finger < self._watcher.fingers else 0
         snapshot = self._watcher.snapshot(since, finger=finger)
-        snapshot = replace(snapshot, state=snapshot.state.of_finger(finger))
         self._alive = snapshot.alive
         return snapshot
 

@@ -34,14 +34,14 @@ def command_of(snapshot: Snapshot, last: Snapshot | None) -> dict[str, Any]:
     """
     entries: dict[str, Any] = {
         "alive": snapshot.alive,
-        "armed": snapshot.state.armed,
-        "muted_because": snapshot.state.muted_because,
-        "ceiling": snapshot.state.ceiling,
+        "armed": snapshot.finger.armed,
+        "muted_because": snapshot.finger.muted_because,
+        "ceiling": snapshot.finger.ceiling,
         "command": None,
     }
     if len(snapshot.steps) and snapshot.alive and (last is None or snapshot.step_end != last.step_end):
         newest = snapshot.steps[-1]
-        amplitude = float(newest["amplitude"]) * snapshot.state.armed
+        amplitude = float(newest["amplitude"]) * snapshot.finger.armed
         entries["command"] = [amplitude, float(newest["roughness"]), float(newest["frequency"])]
     return entries
 

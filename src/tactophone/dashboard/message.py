@@ -51,10 +51,11 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
 
 
 def header(snapshot: Snapshot, *, full: bool) -> dict[str, Any]:
-    """Return the header of a message; a ``full`` one has the state, all counters and all gauges."""
+    """Return the header of a message; a ``full`` one has the state of run and finger, all counters and all gauges."""
     entries: dict[str, Any] = {"alive": snapshot.alive, "age": snapshot.age}
     if full:
-        entries |= {"state": asdict(snapshot.state), "counters": snapshot.counters, "gauges": snapshot.gauges}
+        state = {**asdict(snapshot.state), **asdict(snapshot.finger)}
+        entries |= {"state": state, "counters": snapshot.counters, "gauges": snapshot.gauges}
     return entries
 
 

@@ -172,13 +172,13 @@ async def _receive(
             credit.release()
             continue
         snapshot = run.snapshot(snapshot, finger=finger)  # only what is new: a flood of requests must stay cheap
-        request = parse_request(message.data, snapshot.state if snapshot else State(), local=local)
+        request = parse_request(message.data, snapshot.state if snapshot else State(), finger=finger, local=local)
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
         elif isinstance(request, RecordRequest):
             if recorder is not None:
                 recorder.ask(request.begin)
-        elif request.action == "stop" or snapshot is None or not snapshot.state.fingers:
+        elif request.action == "stop":
             run.ask(request)  # an emergency stop is for all fingers
         else:
             run.ask(replace(request, finger=finger))

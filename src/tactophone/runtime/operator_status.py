@@ -1,6 +1,5 @@
 """What watchers are shown of the operator's side: its counts, its latency budget, its state and its faults."""
 
-import dataclasses
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -104,7 +103,7 @@ class OperatorStatus:
 
     def _state(self, now: float) -> State:
         peer, states = self._session.peer, tuple(finger.state() for finger in self._fingers)
-        state = State(
+        return State(
             role="operator",
             profiles=self._fingers[0].requests.profiles,
             link=f"connected to {peer}" if peer else f"listening at port {self._port}",
@@ -112,11 +111,6 @@ class OperatorStatus:
             faults=tuple(self._faults(now)),
             fingers=states,
         )
-        first = state.of_finger(0)
-        if not self._settings.fingers:
-            return dataclasses.replace(first, fingers=())
-        armed = any(finger.armed for finger in states)
-        return dataclasses.replace(first, armed=armed, muted_because="" if armed else first.muted_because)
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self.warnings

@@ -5,6 +5,7 @@ well under a millisecond at a time, whatever arrives. The main thread does the h
 """
 
 import dataclasses
+import itertools
 import signal
 import threading
 import time
@@ -16,7 +17,7 @@ from typing import Self
 from tactophone.capture import LiveSource
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
-from tactophone.hand import channels_of, each_finger
+from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.deferred_telemetry import DeferredTelemetry
 from tactophone.runtime.device_wiring import OpenSource, open_device
@@ -150,14 +151,15 @@ class Robot:
                 yield Fault(code, f"no operator at {host}:{port} yet: {reason}")
 
     def _state(self) -> State:
-        capture = self._settings.capture
+        capture, detectors = self._settings.capture, [each.detector.name for each in self._endpoint.detectors]
         return State(
             role="robot",
-            muted_because="",
             source=capture.source,
-            detector=self._endpoint.detectors[0].detector.name if self._endpoint.detectors else "",
             channels=self._source.channels if not self._settings.fingers else 2,
-            fingers=tuple(FingerState(finger.name) for finger in self._settings.fingers),
+            fingers=tuple(
+                FingerState(name, muted_because="", detector=detector)
+                for name, detector in itertools.zip_longest(names_of(self._settings), detectors, fillvalue="")
+            ),
         )
 
     def _check_fingers(self) -> list[Settings]:

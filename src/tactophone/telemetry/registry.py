@@ -5,8 +5,10 @@ a reader knows the whole list beforehand.
 """
 
 import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass
 from typing import Literal, Self, TypeAlias, get_args
+
+import msgspec
 
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -98,11 +100,12 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class FingerState:
-    """What may differ from finger to finger of a hand; the fields are those of `State`."""
+    """The settings of one finger and whether it may vibrate; amplitudes are 0-1 of full drive."""
 
-    name: str
+    name: str = ""
+    """Empty for the only finger of a run without ``--fingers``."""
     armed: bool = False
-    muted_because: str = ""
+    muted_because: str = "starting"
     ceiling: float = 0.0
     local_ceiling: float = 0.0
     output_level: float = 1.0
@@ -114,50 +117,39 @@ class FingerState:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """The settings of the running endpoint and whether it may vibrate; amplitudes are 0-1 of full drive.
-
-    Of a hand, these are the settings of its first finger, and ``fingers`` has those of each; it is armed if any is.
-    """
+    """What the running endpoint shows of itself."""
 
     role: str = ""
-    armed: bool = False
-    muted_because: str = "starting"
-    ceiling: float = 0.0
-    local_ceiling: float = 0.0
-    output_level: float = 1.0
-    profile: str = ""
     profiles: tuple[str, ...] = ()
-    detector: str = ""
-    threshold_dbfs: float = float("-inf")
-    noise_floor_dbfs: float = float("-inf")
     link: str = ""
     source: str = ""
     output: str = ""
     sample_rate: int = LIVE_SAMPLE_RATE
     channels: int = 2
-    faults: tuple[Fault, ...] = field(default=())
-    fingers: tuple[FingerState, ...] = ()
+    """Of the sound of each finger."""
+    faults: tuple[Fault, ...] = ()
+    fingers: tuple[FingerState, ...] = (FingerState(),)
+    """At least one."""
 
-    def of_finger(self, finger: int) -> "State":
-        """Return the state as if there were this finger alone."""
-        if not self.fingers:
-            return self
-        own = asdict(self.fingers[finger])
-        del own["name"]
-        return replace(self, **own)
+    @property
+    def armed(self) -> bool:
+        """Whether any finger is armed."""
+        return any(finger.armed for finger in self.fingers)
+
+    @property
+    def muted_because(self) -> str:
+        """Why the first finger is muted; empty if any finger is armed."""
+        return "" if self.armed else self.fingers[0].muted_because
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
-        """Parse the output of `__bytes__`.
+        """Parse the output of `__bytes__`; raises `ValueError` or `msgspec.ValidationError` for anything else.
 
         >>> State.parse(bytes(State(faults=(Fault("link", "no sound"),)))).faults[0].code
         'link'
         """
-        entries = json.loads(text)
-        entries["profiles"] = tuple(entries["profiles"])
-        entries["faults"] = tuple(Fault(**fault) for fault in entries["faults"])
-        entries["fingers"] = tuple(FingerState(**finger) for finger in entries["fingers"])
-        return cls(**entries)
+        # Not parsed by msgspec itself, whose JSON has no infinity.
+        return msgspec.convert(json.loads(text), cls)
 
     def __bytes__(self) -> bytes:
         return json.dumps(asdict(self)).encode()

@@ -6,13 +6,14 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import layout
 from tactophone.telemetry.memory import PREFIX, Memory, folder
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, State
+from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
 from tactophone.telemetry.session_log import RunStart, read_records
 from tactophone.types import FloatArray
 
@@ -32,6 +33,8 @@ class Snapshot:
     """A run at one moment."""
 
     state: State
+    finger: FingerState
+    """State of the finger whose steps, sound and vibration these are."""
     counters: dict[str, int]
     gauges: dict[str, float]
     steps: NDArray[np.void]
@@ -88,7 +91,7 @@ class Watcher:
     def finger_names(self) -> list[str]:
         """Return the name of every finger of a hand, in order; one empty name where there is no hand."""
         names = [finger.name for finger in self.state().fingers]
-        if not names:
+        if not all(names):
             # A run that has just begun has published no state, and its log begins with how it was started.
             log, count = self.log()
             with contextlib.suppress(TactophoneError):
@@ -101,8 +104,10 @@ class Watcher:
         steps, step_end = self._ring("step", since.step_end if since else 0, finger)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
         vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
+        state = self._state()
         return Snapshot(
-            state=self._state(),
+            state=state,
+            finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
             counters=dict(zip(COUNTERS, self._memory["counters"].tolist(), strict=True)),
             gauges=dict(zip(GAUGES, self._memory["gauges"].tolist(), strict=True)),
             steps=steps,
@@ -219,7 +224,7 @@ class Watcher:
             text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
             if int(self._memory["state_count"]) == turn:
                 # Overwritten memory holds anything; the writer repairs it at its next update.
-                with contextlib.suppress(ValueError, TypeError, KeyError, AttributeError, RecursionError):
+                with contextlib.suppress(ValueError, msgspec.ValidationError, RecursionError):
                     return State.parse(text)
                 break
         return State()

@@ -23,14 +23,14 @@ BLOCK_DURATION = 0.01
 class Take:
     """A recording to play back under a title, a pipeline opened for it, and its labels where they are known.
 
-    Of a hand there are a recording and a pipeline for each of the ``fingers``, which these name.
+    There are a recording and a pipeline for each of the ``fingers``, which these name.
     """
 
     title: str
     paths: Sequence[Path]
     pipelines: Sequence[Pipeline]
     truth: Sequence[Segment] = ()
-    fingers: Sequence[str] = ()
+    fingers: Sequence[str] = ("",)
 
 
 def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
@@ -67,25 +67,24 @@ def _source(path: Path) -> FileSource:
 
 
 def _state(take: Take, source: FileSource) -> State:
-    first, *_ = fingers = [
+    fingers = tuple(
         FingerState(
             name=name,
+            muted_because="",
             ceiling=pipeline.limits.ceiling,
             local_ceiling=pipeline.limits.ceiling,
             profile=pipeline.profile.name,
             detector=pipeline.detector_name,
             threshold_dbfs=pipeline.threshold_dbfs,
         )
-        for name, pipeline in zip(take.fingers or ("",), take.pipelines, strict=True)
-    ]
-    state = State(
+        for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
+    )
+    return State(
         role="replay",
-        muted_because="",
-        profiles=(first.profile,),
+        profiles=(fingers[0].profile,),
         source=take.title,
         link="replay",
         sample_rate=source.sample_rate,
         channels=source.channels,
-        fingers=tuple(fingers),
+        fingers=fingers,
     )
-    return replace(state.of_finger(0), fingers=tuple(fingers) if take.fingers else ())

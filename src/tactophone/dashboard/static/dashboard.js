@@ -144,7 +144,7 @@ function onMessage({ header, tables }) {
   events.append(tables.events, now);
   appendScope(tables.scope);
   if (header.state) showState(header);
-  if (state?.fingers?.length) showHand(state.fingers, header.hand ?? []);
+  if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);
   showLife(alive ? "live" : header.age < 3600 ? `no heartbeat for ${formatNumber(header.age)} s` : "ended");
 }
 
