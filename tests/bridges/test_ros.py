@@ -12,7 +12,8 @@ import pytest
 
 pytest.importorskip("cyclonedds")
 
-from tactophone.bridges.ros import RosBridge, open_sinks
+from tactophone.bridges.ros import RosBridge
+from tactophone.bridges.ros_messages import open_sinks
 from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
 from tactophone.telemetry import Telemetry
@@ -28,8 +29,8 @@ from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
-from tactophone.bridges.ros import messages
-from tactophone.bridges.ros.dds import LATCHED, QOS
+from tactophone.bridges import ros_messages as messages
+from tactophone.bridges.ros import LATCHED, QOS
 domain = DomainParticipant(87)
 def topic(name, kind, qos=QOS):
     return Topic(domain, "rt/" + name, kind, qos)
@@ -161,9 +162,10 @@ def test_microphones_on_a_topic_are_a_source(telemetry: Telemetry, monkeypatch: 
 
 
 def test_a_topic_in_another_format_is_one_line() -> None:
-    from tactophone.bridges.ros import messages, source
+    from tactophone.bridges import ros_messages as messages
+    from tactophone.bridges.ros import RosSource
 
-    broken = source.RosSource.__new__(source.RosSource)
+    broken = RosSource.__new__(RosSource)
     broken._topic = "/audio"
     for info in (
         messages.AudioInfo(2, 48_000, "S16LE", 0, "mp3"),

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.offline.replay import Replay
 
     if args.to_rosbag:
-        extras.require_modules("rosbags")
+        extras.require_modules("cyclonedds", "rosbags")
         if args.out:
             raise ConfigError("--to-rosbag writes no other files: leave --out away, or call replay twice")
     if (args.plot or args.to) and args.out is None:
@@ -95,7 +95,7 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
 def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> None:
     """Write the steps as a bag whose time begins when the run did."""
     from tactophone.bridges import read_log
-    from tactophone.bridges.rosbag import RosBag
+    from tactophone.bridges.ros import RosBag
     from tactophone.telemetry import EventBatch, RunStart
 
     epoch, begun, names = 0.0, 0.0, ["index"]

@@ -27,7 +27,6 @@ EXTRA_OF_MODULE = {
     "cyclonedds": "ros",
     "rosbags": "ros",
     "zenoh": "zenoh",
-    "isaacteleop": "isaac",
     "tdw": "profiles",
 }
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""

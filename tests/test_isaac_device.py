@@ -1,5 +1,5 @@
-import time
-import uuid
+import runpy
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,14 +11,14 @@ from isaacteleop.retargeting_engine.deviceio_source_nodes import HapticSink
 from isaacteleop.retargeting_engine.interface import OptionalTensorGroup
 from isaacteleop.retargeting_engine.interface.tensor_group_type import OptionalType
 
-from tactophone.bridges.isaac import PULSE_DURATION, RunPulses, TactophoneDevice
 from tactophone.haptics import Limits, Oscillator
-from tactophone.telemetry import Telemetry
 from tactophone.types import HapticCommand
-from tests.bridges.test_osc import STEP
+from tests.test_examples import EXAMPLES
+
+TactophoneDevice: Any = runpy.run_path(str(EXAMPLES / "isaac_device.py"))["TactophoneDevice"]
 
 
-def pulse(device: TactophoneDevice, *values: float) -> dict[str, OptionalTensorGroup]:
+def pulse(device: Any, *values: float) -> dict[str, OptionalTensorGroup]:
     group = OptionalTensorGroup(OptionalType(device.accepted_type()))
     group[0] = np.array(values, np.float32)
     return {"right": group}
@@ -54,13 +54,3 @@ def test_a_pulse_is_rendered_and_fades_when_isaac_stops() -> None:
     oscillator.render(wave)
     assert 0.25 < np.abs(wave).max() <= np.float32(0.3)
     assert not wave[-960:].any()
-
-
-def test_a_runs_commands_are_isaacs_pulses() -> None:
-    with Telemetry(f"test-{uuid.uuid4().hex[:8]}") as telemetry:
-        pulses = RunPulses(telemetry.name)
-        telemetry.publish(STEP, now=time.monotonic())
-        assert pulses.pulse() == pytest.approx([0.5, 60.0, PULSE_DURATION])
-        assert not pulses.pulse().any()  # nothing new: silence
-        telemetry.publish(STEP, now=time.monotonic())
-        assert pulses.finger_power("index").tolist() == [0.0, 0.5, 0.0, 0.0, 0.0]

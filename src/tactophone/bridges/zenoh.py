@@ -16,7 +16,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from tactophone.bridges.rosbag import open_type_store
+from tactophone.bridges.ros_messages import open_type_store, type_name
 from tactophone.errors import ConfigError
 
 ROUTER = "tcp/localhost:7447"
@@ -45,10 +45,10 @@ class ZenohTransport:
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return a publisher."""
-        key = f"{self._domain}/{topic}/{_type_name(kind)}/{self._hash(kind)}"
+        key = f"{self._domain}/{topic}/{_wire_name(kind)}/{self._hash(kind)}"
         cache = ext.CacheConfig(max_samples=1) if latched else None
         publisher = ext.declare_advanced_publisher(self._session, key, cache=cache, publisher_detection=latched)
-        place = f"%{topic.replace('/', '%')}/{_type_name(kind)}/{self._hash(kind)}"
+        place = f"%{topic.replace('/', '%')}/{_wire_name(kind)}/{self._hash(kind)}"
         self._tokens.append(
             self._token("MP", next(self._numbers), f"/{place}/{_TRANSIENT_LOCAL if latched else _VOLATILE}")
         )
@@ -57,7 +57,7 @@ class ZenohTransport:
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return a subscriber; the hash of the type may be that of any version of ROS."""
         del latched
-        return _Reader(self._session.declare_subscriber(f"{self._domain}/{topic}/{_type_name(kind)}/*"))
+        return _Reader(self._session.declare_subscriber(f"{self._domain}/{topic}/{_wire_name(kind)}/*"))
 
     def close(self) -> None:
         """Leave."""
@@ -69,8 +69,7 @@ class ZenohTransport:
         return self._session.liveliness().declare_token(f"@ros2_lv/{self._domain}/{place}{ending}")
 
     def _hash(self, kind: type) -> str:
-        package, _, message = _type_name(kind).split("::", 2)
-        return str(self._types.hash_rihs01(f"{package}/msg/{message.removeprefix('dds_::').removesuffix('_')}"))
+        return str(self._types.hash_rihs01(type_name(kind)))
 
 
 class _Writer:
@@ -92,7 +91,7 @@ class _Reader:
         return list(itertools.takewhile(lambda sample: sample is not None, samples))
 
 
-def _type_name(kind: type) -> str:
+def _wire_name(kind: type) -> str:
     return str(kind.__idl_typename__).replace(".", "::")  # type: ignore[attr-defined]
 
 

@@ -1,0 +1,328 @@
+"""ROS 2's messages as DDS types, so that no ROS installation is needed; and how predictions become messages.
+
+A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a topic ``/name`` is ``rt/name``
+(ROS 2 design, "Topic and Service name mapping to DDS"). Fields and their order are those of ROS 2 Humble to Kilted.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from cyclonedds.idl import IdlStruct, types
+
+from tactophone.errors import ConfigError
+from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray, HapticCommand, Prediction, Touch
+
+
+def _name(package: str, message: str) -> str:
+    return f"{package}::msg::dds_::{message}_"
+
+
+@dataclass
+class Time(IdlStruct, typename=_name("builtin_interfaces", "Time")):
+    """Seconds and nanoseconds since 1970."""
+
+    sec: types.int32 = 0
+    nanosec: types.uint32 = 0
+
+
+@dataclass
+class Header(IdlStruct, typename=_name("std_msgs", "Header")):
+    """Time and frame."""
+
+    stamp: Time = field(default_factory=Time)
+    frame_id: str = ""
+
+
+@dataclass
+class Empty(IdlStruct, typename=_name("std_msgs", "Empty")):
+    """Nothing; DDS needs a member."""
+
+    structure_needs_at_least_one_member: types.uint8 = 0
+
+
+@dataclass
+class Float32(IdlStruct, typename=_name("std_msgs", "Float32")):
+    """One number."""
+
+    data: types.float32 = 0.0
+
+
+@dataclass
+class Dimension(IdlStruct, typename=_name("std_msgs", "MultiArrayDimension")):
+    """One axis of an array."""
+
+    label: str = ""
+    size: types.uint32 = 0
+    stride: types.uint32 = 0
+
+
+@dataclass
+class Layout(IdlStruct, typename=_name("std_msgs", "MultiArrayLayout")):
+    """Axes of an array."""
+
+    dim: types.sequence[Dimension] = field(default_factory=list)
+    data_offset: types.uint32 = 0
+
+
+@dataclass
+class Float32MultiArray(IdlStruct, typename=_name("std_msgs", "Float32MultiArray")):
+    """Numbers."""
+
+    layout: Layout = field(default_factory=Layout)
+    data: types.sequence[types.float32] = field(default_factory=list)
+
+
+@dataclass
+class Float64MultiArray(IdlStruct, typename=_name("std_msgs", "Float64MultiArray")):
+    """Numbers in double precision."""
+
+    layout: Layout = field(default_factory=Layout)
+    data: types.sequence[types.float64] = field(default_factory=list)
+
+
+@dataclass
+class KeyValue(IdlStruct, typename=_name("diagnostic_msgs", "KeyValue")):
+    """A name and its value."""
+
+    key: str = ""
+    value: str = ""
+
+
+@dataclass
+class DiagnosticStatus(IdlStruct, typename=_name("diagnostic_msgs", "DiagnosticStatus")):
+    """State of a part: level 0 is OK, 1 a warning, 2 an error."""
+
+    level: types.uint8 = 0
+    name: str = ""
+    message: str = ""
+    hardware_id: str = ""
+    values: types.sequence[KeyValue] = field(default_factory=list)
+
+
+@dataclass
+class DiagnosticArray(IdlStruct, typename=_name("diagnostic_msgs", "DiagnosticArray")):
+    """States of parts."""
+
+    header: Header = field(default_factory=Header)
+    status: types.sequence[DiagnosticStatus] = field(default_factory=list)
+
+
+@dataclass
+class AudioData(IdlStruct, typename=_name("audio_common_msgs", "AudioData")):
+    """Samples as bytes."""
+
+    data: types.sequence[types.uint8] = field(default_factory=list)
+
+
+@dataclass
+class AudioDataStamped(IdlStruct, typename=_name("audio_common_msgs", "AudioDataStamped")):
+    """Samples as bytes, with the time of the first."""
+
+    header: Header = field(default_factory=Header)
+    audio: AudioData = field(default_factory=AudioData)
+
+
+@dataclass
+class AudioInfo(IdlStruct, typename=_name("audio_common_msgs", "AudioInfo")):
+    """What the bytes are; published once, for late subscribers too."""
+
+    channels: types.uint8 = 0
+    sample_rate: types.uint32 = 0
+    sample_format: str = ""
+    bitrate: types.uint32 = 0
+    coding_format: str = ""
+
+
+@dataclass
+class JoyFeedback(IdlStruct, typename=_name("sensor_msgs", "JoyFeedback")):
+    """Feedback of a gamepad: type 1 is rumble, intensity 0 to 1."""
+
+    type: types.uint8 = 0
+    id: types.uint8 = 0
+    intensity: types.float32 = 0.0
+
+
+@dataclass
+class TactorGroupState(IdlStruct, typename=_name("haptx_interfaces", "TactorGroupState")):
+    """Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1."""
+
+    tactor_group: types.sequence[str] = field(default_factory=list)
+    inflation: types.sequence[types.float64] = field(default_factory=list)
+
+
+@dataclass
+class ManusVibrationCommand(IdlStruct, typename=_name("manus_ros2_msgs", "ManusVibrationCommand")):
+    """Intensities of a MANUS glove, thumb to little finger, 0 to 1."""
+
+    intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)
+
+
+PUBLISHED: dict[str, Any] = {
+    "prediction": Float32MultiArray,
+    "vibration": Float32MultiArray,
+    "roughness": Float32,
+    "contact_dbfs": Float32,
+    "audio": AudioDataStamped,
+}
+"""Topics of a finger, under ``/tactophone/<finger>/``, without the latched ``audio_info``."""
+
+INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
+
+
+def predicted(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
+    """Return the messages of a prediction and its command, by the topics of `PUBLISHED`."""
+    return {
+        "prediction": Float32MultiArray(data=list(prediction.probabilities)),
+        "vibration": Float32MultiArray(data=[command.amplitude, command.frequency]),
+        "roughness": Float32(prediction.roughness if prediction.touch is not Touch.NONE else 0.0),
+        "contact_dbfs": Float32(max(prediction.level_dbfs, -200.0)),
+    }
+
+
+def sound(samples: FloatArray, now: float) -> AudioDataStamped:
+    """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
+    stereo = samples if samples.shape[1] == 2 else np.repeat(samples, 2, axis=1)
+    data = (np.clip(stereo, -1, 1) * 32_767).astype("<i2").tobytes()
+    return AudioDataStamped(header(now), AudioData(data=list(data)))
+
+
+def header(now: float) -> Header:
+    """Return the header of a message of ``now`` (s since 1970)."""
+    return Header(Time(int(now), int(now % 1 * 1e9)), "fingertip")
+
+
+_FURTHER = {
+    "audio_common_msgs/msg/AudioData": "uint8[] data",
+    "audio_common_msgs/msg/AudioDataStamped": "std_msgs/Header header\naudio_common_msgs/AudioData audio",
+    "audio_common_msgs/msg/AudioInfo": (
+        "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format"
+    ),
+    "manus_ros2_msgs/msg/ManusVibrationCommand": "float32[5] intensities",
+    "haptx_interfaces/msg/TactorGroupState": "string[] tactor_group\nfloat64[] inflation",
+}
+"""Types that are not among those of ROS itself."""
+
+
+def open_type_store() -> Any:
+    """Return the types of all messages here, with their serialization and RIHS01 hashes."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in _FURTHER.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+def type_name(kind: type) -> str:
+    """Return the name that ROS gives a type.
+
+    >>> type_name(Float32)
+    'std_msgs/msg/Float32'
+    """
+    package, _, message = str(kind.__idl_typename__).replace(".", "::").split("::", 2)  # type: ignore[attr-defined]
+    return f"{package}/msg/{message.removeprefix('dds_::').removesuffix('_')}"
+
+
+_SENSEGLOVE_VALUES = 12
+# The order of the values (github.com/Adjuvo/senseglove_ros/issues/47): brakes of thumb to little finger, vibration of
+# their tips, then of two places of the palm. A Nova 2 has tips of thumb and index only.
+_SENSEGLOVE_TIPS = 5
+
+_HAPTX_FINGERS = ("th", "ff", "mf", "rf", "lf")
+# Names of a HaptX glove's tactor groups, in the order of FINGER_NAMES (github.com/NU-Haptics-Lab/haptx_interfaces).
+
+_RUMBLE = 1
+
+HEARTBEAT = 0.01
+"""Per cent that the SenseGlove's value alternates by: its driver does not send an equal value again."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sink:
+    """A device of ROS that takes amplitudes *as limited*, 0 to 1 of full drive.
+
+    Its topic, its type, and how the amplitudes of the fingers become its message; ``beat`` counts the messages.
+    """
+
+    topic: str
+    kind: type
+    make: Callable[[Mapping[str, float], int], Any]
+
+
+def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
+    """Return the sinks of ``KIND`` or ``KIND:TOPIC``: one, or for plain numbers one for each finger.
+
+    Raises `ConfigError` if there is none of that kind, or a finger has no name that the glove knows.
+    """
+    kind, _, topic = text.partition(":")
+    if kind not in _SINKS:
+        raise ConfigError(f"--ros-sink {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
+    strange = [finger for finger in fingers if finger not in FINGER_NAMES]
+    if kind not in ("joy", "float32") and strange:
+        raise ConfigError(f"--ros-sink {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
+    sinks = [_SINKS[kind](own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
+    if topic and len(sinks) > 1:
+        raise ConfigError(
+            f"--ros-sink {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
+        )
+    return [Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks]
+
+
+def _joy(fingers: Sequence[str]) -> Sink:
+    return Sink(
+        "joy/set_feedback", JoyFeedback,
+        # One rumble for all: it follows the finger that vibrates most.
+        lambda amplitudes, beat: JoyFeedback(type=_RUMBLE, id=0, intensity=max(amplitudes.values())),
+    )  # fmt: skip
+
+
+def _senseglove(fingers: Sequence[str]) -> Sink:
+    def make(amplitudes: Mapping[str, float], beat: int) -> Any:
+        values = [0.0] * _SENSEGLOVE_VALUES
+        for finger, amplitude in amplitudes.items():
+            # Below its highest value, so that the heartbeat adds nothing to full drive; silence stays silence.
+            value = max(0.0, 100 * amplitude - HEARTBEAT * (beat % 2)) if amplitude else 0.0
+            values[_SENSEGLOVE_TIPS + FINGER_NAMES.index(finger)] = value
+        return Float64MultiArray(data=values)
+
+    return Sink("haptics_controller/commands", Float64MultiArray, make)
+
+
+def _manus(fingers: Sequence[str]) -> Sink:
+    return Sink(
+        "manus_glove_0/vibration_cmd", ManusVibrationCommand,
+        lambda amplitudes, beat: ManusVibrationCommand(
+            intensities=[amplitudes.get(finger, 0.0) for finger in FINGER_NAMES]
+        ),
+    )  # fmt: skip
+
+
+def _haptx(hand: str, fingers: Sequence[str]) -> Sink:
+    groups = [f"{hand}_{_HAPTX_FINGERS[FINGER_NAMES.index(finger)]}" for finger in fingers]
+    return Sink(
+        f"haptx/{hand}/tactor_group_state", TactorGroupState,
+        lambda amplitudes, beat: TactorGroupState(
+            tactor_group=groups, inflation=[amplitudes[finger] for finger in fingers]
+        ),
+    )  # fmt: skip
+
+
+def _float32(fingers: Sequence[str]) -> Sink:
+    (finger,) = fingers
+    return Sink(
+        f"tactophone/{finger}/amplitude", Float32,
+        lambda amplitudes, beat: Float32(data=amplitudes[finger]),
+    )  # fmt: skip
+
+
+_SINKS: dict[str, Callable[[Sequence[str]], Sink]] = {
+    "joy": _joy,
+    "senseglove": _senseglove,
+    "manus": _manus,
+    "haptx": partial(_haptx, "rh"),
+    "haptx-left": partial(_haptx, "lh"),
+    "float32": _float32,
+}
