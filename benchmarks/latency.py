@@ -31,7 +31,7 @@ from tactophone.measurement import (
     measure,
     measure_time_to_silence,
 )
-from tactophone.measurement.impulse_latency import ImpulsePlayer
+from tactophone.measurement.impulses import ImpulsePlayer
 from tactophone.pipeline import open_pipeline
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE as RATE

@@ -15,7 +15,7 @@ import numpy as np
 
 from tactophone.devices import DummyServer, JackClient
 from tactophone.errors import DeviceError, TactophoneError
-from tactophone.measurement.impulse_latency import ImpulseLatency, ImpulsePlayer, analyse
+from tactophone.measurement.impulses import ImpulseLatency, ImpulsePlayer, analyse
 from tactophone.telemetry import MARK, MARKS
 
 FREE_PORTS = 18_464, 18_465

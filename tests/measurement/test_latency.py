@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.devices import DummyServer
-from tactophone.measurement.latency import Graph, measure
+from tactophone.measurement.impulses import Graph, measure
 from tactophone.settings import Settings, change
 from tactophone.telemetry import STAGES
 

@@ -1,7 +1,7 @@
 """Measurements of the running system: impulse latency, time to silence after a failure, decision delay."""
 
-from tactophone.measurement.decision_delay import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
-from tactophone.measurement.failsafe_timing import (
+from tactophone.measurement.delays import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
+from tactophone.measurement.failsafe import (
     ENDLESS_TONE,
     EndlessStroke,
     PeakRecorder,
@@ -12,8 +12,7 @@ from tactophone.measurement.failsafe_timing import (
     measure_time_to_silence,
     recording,
 )
-from tactophone.measurement.impulse_latency import ImpulseLatency
-from tactophone.measurement.latency import Graph, Sides, measure, running_sides
+from tactophone.measurement.impulses import Graph, ImpulseLatency, Sides, measure, running_sides
 
 __all__ = [
     "ENDLESS_TONE",

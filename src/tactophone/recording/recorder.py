@@ -7,8 +7,8 @@ from types import MappingProxyType
 from tactophone.dataset import Dataset, Recording
 from tactophone.perception import Reference
 from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Protocol, Stage, TakePlan
+from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.recording.safe_writer import TakeWriter
-from tactophone.recording.take_quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.types import AudioBlock, Touch
 
 

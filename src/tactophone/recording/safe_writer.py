@@ -137,20 +137,17 @@ def recover(root: Path) -> Iterator[Recording]:
         recording = _read_entry(entry)
         if recording is None:
             continue
+        part = recording.path.with_suffix(PART)
         try:
-            yield _finish(root, _cut_off(recording))
+            # Where its quality is known, the take itself had ended, and only its copying was cut off.
+            if "quality" not in recording.properties and part.is_file():
+                duration = soundfile.info(part).duration
+                recording = recording.with_properties(quality=f"cut off after {duration:.1f} s")
+            yield _finish(root, recording)
         except (OSError, soundfile.LibsndfileError) as error:
             raise DatasetError(
                 f"{entry.parent}: cannot finish {recording.path.name} ({error}); free some space"
             ) from None
-
-
-def _cut_off(recording: Recording) -> Recording:
-    """Note that a take ended early, unless its quality is known and only its copying was cut off."""
-    part = recording.path.with_suffix(PART)
-    if "quality" in recording.properties or not part.is_file():
-        return recording
-    return recording.with_properties(quality=f"cut off after {soundfile.info(part).duration:.1f} s")
 
 
 def _finish(root: Path, recording: Recording) -> Recording:
@@ -169,21 +166,16 @@ def _finish(root: Path, recording: Recording) -> Recording:
 
 def _write_entry(recording: Recording) -> None:
     """Write the entry beside the old one and rename it: a full disk then leaves the old one whole."""
-    entry = recording.path.with_suffix(ENTRY)
-    with atomic_write(entry) as draft:
-        draft.write_text(_entry_json(recording), encoding="utf-8")
-
-
-def _entry_json(recording: Recording) -> str:
     fields: dict[str, Any] = {
         name: recording.known(name) for name in ("surface", "label", "take", "scenario", "session")
     }
     fields |= {"file": recording.path.name, "channels": recording.channels, "properties": dict(recording.properties)}
-    return json.dumps(fields)
+    with atomic_write(recording.path.with_suffix(ENTRY)) as draft:
+        draft.write_text(json.dumps(fields), encoding="utf-8")
 
 
 def _read_entry(entry: Path) -> Recording | None:
-    """Read what :func:`_entry_json` wrote; of another version's entry, what is known here.
+    """Read what :func:`_write_entry` wrote; of another version's entry, what is known here.
 
     An entry that cannot be read at all is left where it is while there is sound beside it, and deleted otherwise.
     """

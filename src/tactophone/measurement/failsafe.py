@@ -17,8 +17,7 @@ import numpy as np
 
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.measurement.impulse_latency import PEAK, TONE
-from tactophone.measurement.latency import Graph, Sides, running_sides, vibration_port
+from tactophone.measurement.impulses import PEAK, TONE, Graph, Sides, running_sides, vibration_port
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 
@@ -35,7 +34,7 @@ AFTERMATH = 0.6
 """Seconds recorded after the failure."""
 
 _LONGEST = 60.0
-
+"""Seconds that are recorded at most."""
 
 ENDLESS_TONE = ("detector.model=paper", "detector.threshold_dbfs=-26")
 """Settings for an endless tone: it has no rest in which a noise floor could be measured, so the threshold is given."""

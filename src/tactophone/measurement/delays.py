@@ -2,7 +2,7 @@
 
 The simulated finger strokes to and fro over a smooth and a rough stone side by side, and taps them now and then. Its
 sound goes through the same pipeline as live sound, in virtual time, and the oscillator renders the result. Network and
-devices are measured separately (`tactophone.measurement.latency`) and add to these delays.
+devices are measured separately (`tactophone.measurement.impulses`) and add to these delays.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ MIDDLE = sqrt(SMOOTH_STIMULUS.frequency * ROUGH_STIMULUS.frequency)
 """Hz that separate the smooth from the rough vibration: their geometric mean."""
 
 FIRST = 1e-4
-"""Amplitude above which a sample vibrates, as in `impulse_latency`."""
+"""Amplitude above which a sample vibrates, as in `impulses`."""
 
 CHANGED_FOR = 0.03
 """Seconds that a changed vibration must last to count: the shortest burst that is felt (Sci. Rep. 2025, 15:5057)."""

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.measurement.impulse_latency import ImpulsePlayer, analyse
+from tactophone.measurement.impulses import ImpulsePlayer, analyse
 from tactophone.telemetry import MARK, MARKS
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -22,7 +22,7 @@ def player(monkeypatch: pytest.MonkeyPatch) -> ImpulsePlayer:
     """A run of ten impulses, each with vibration three periods after its own, on an exact clock."""
     player = ImpulsePlayer(10, seed=3)
     monkeypatch.setattr(
-        "tactophone.measurement.impulse_latency.time.monotonic", lambda: 100.0 + player.position / LIVE_SAMPLE_RATE
+        "tactophone.measurement.impulses.time.monotonic", lambda: 100.0 + player.position / LIVE_SAMPLE_RATE
     )
     vibration = np.zeros_like(player.vibration)
     for impulse in player.impulses:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.measurement.decision_delay import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
+from tactophone.measurement.delays import MAX_DECISION_DELAY, DecisionDelays, measure_decisions
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 

@@ -3,7 +3,7 @@ import pytest
 
 from tactophone.perception import FaultKind, Reference, SensorFault
 from tactophone.recording.protocol import PROTOCOL
-from tactophone.recording.take_quality import TakeLevels, TakeMeter, assess_take
+from tactophone.recording.quality import TakeLevels, TakeMeter, assess_take
 from tactophone.types import AudioBlock
 
 LIGHT, MEDIUM = PROTOCOL[:2]
