@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 BOXES = {
-    "piezo": (20, 50, "piezo disc", "in the finger pad"),
+    "piezo": (20, 50, "piezo disc", "glued inside the pad"),
     "mems": (20, 150, "MEMS microphone", "20 mm beside the pad"),
     "card": (250, 100, "sound card, robot", "two inputs, 48 kHz"),
     "robot": (470, 100, "tactophone send", "robot"),
@@ -17,13 +17,13 @@ BOXES = {
 """Left, top, title and note of each box."""
 
 WIRES = (
-    ("piezo", "card", "input 1, 1 MΩ (instrument)"),
-    ("mems", "card", "input 2, line"),
+    ("piezo", "card", "input 1, INST: ceramic to tip, brass to sleeve"),
+    ("mems", "card", "input 2, INST: OUT to tip, GND to sleeve; VDD 3.3 V"),
     ("card", "robot", "USB"),
     ("robot", "operator", "UDP 48470, encrypted"),
     ("operator", "out", "USB"),
-    ("out", "amp", "shielded cable"),
-    ("amp", "coil", "two wires, twisted"),
+    ("out", "amp", "left to tip, ground to sleeve"),
+    ("amp", "coil", "+ and -, twisted; polarity does not matter"),
 )
 WIDTH, HEIGHT = 170, 50
 
