@@ -30,7 +30,15 @@ from tactophone.link.packet import (
     read_predictions,
     write_predictions,
 )
-from tactophone.link.rtcp import Goodbye, ReceiverReport, ReceiverRequest, SenderReport, goodbye_reason, parse_report
+from tactophone.link.rtcp import (
+    Goodbye,
+    Introduction,
+    ReceiverReport,
+    ReceiverRequest,
+    SenderReport,
+    goodbye_reason,
+    parse_report,
+)
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
 from tactophone.types import Prediction, Touch
 
@@ -49,6 +57,7 @@ _REPORTS = [
         ReceiverReport(1, 2, 0.1, 3, 4, 0.001, 5, 0.2),
         SenderReport(1, 1.7e9, 5, 6, 7),
         Goodbye(1, "busy"),
+        Introduction(1, "0.1.0"),
         ReceiverRequest(1, 1_000),
     )
 ]

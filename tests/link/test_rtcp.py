@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from tactophone.errors import PacketError
 from tactophone.link.rtcp import (
     Goodbye,
+    Introduction,
     ReceiverReport,
     ReceiverRequest,
     Report,
@@ -18,7 +19,10 @@ from tactophone.link.rtcp import (
 REPORT = ReceiverReport(1, 2, fraction_lost=0.25, lost=300, highest=70_000, jitter=0.001, last_report=9, since=0.5)
 
 
-@pytest.mark.parametrize("report", [REPORT, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7), ReceiverRequest(3, 7_600)])
+@pytest.mark.parametrize(
+    "report",
+    [REPORT, SenderReport(1, 5.5, 960, 4, 1000), Goodbye(7), Introduction(2, "0.1.0"), ReceiverRequest(3, 7_600)],
+)
 def test_reports_survive_the_wire(report: Report) -> None:
     assert parse_report(bytes(report)) == report
 
@@ -31,7 +35,7 @@ def test_a_receiver_report_has_the_bytes_of_the_standard() -> None:
 
 @given(st.binary(max_size=60))
 def test_no_bytes_crash_the_parser(content: bytes) -> None:
-    for start in (b"", b"\x80\xc8\x00\x06", b"\x81\xc9\x00\x07"):
+    for start in (b"", b"\x80\xc8\x00\x06", b"\x81\xc9\x00\x07", b"\x81\xca\x00\x06\x00\x00\x00\x01\x06"):
         try:
             parse_report(start + content)
         except PacketError:

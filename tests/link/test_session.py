@@ -49,6 +49,34 @@ def test_packets_pass_both_ways_encrypted() -> None:
     assert pair.at_robot[-1] == PacketReceived(report, report=True)
 
 
+def introduced(robot: str, operator: str) -> SessionPair:
+    """Connect ends of these versions."""
+    caller = Session(ROBOT, Peers({OPERATOR.fingerprint: "operator"}), call=AT_OPERATOR, version=robot)
+    pair = SessionPair(caller, Session(OPERATOR, Peers({ROBOT.fingerprint: "robot"}), version=operator))
+    pair.wait(0.2)
+    return pair
+
+
+def test_ends_of_different_versions_say_so_in_one_sentence() -> None:
+    pair = introduced("0.1.0", "0.2.0")
+    assert pair.robot.version_conflict.startswith("operator runs tactophone 0.2.0, this machine 0.1.0: update the")
+    assert pair.operator.version_conflict.startswith("robot runs tactophone 0.1.0, this machine 0.2.0: update the")
+    pair.operator.hang_up()
+    assert pair.operator.version_conflict == ""
+
+
+def test_ends_of_one_version_say_nothing_of_it_and_introduce_themselves_a_few_times_only() -> None:
+    pair = introduced("0.1.0", "0.1.0")
+    begun = len(pair.passed)
+    ssrc = next(event.local_ssrc for event in pair.at_operator if isinstance(event, Connected))
+    for number in range(100):
+        pair.robot.send(rtp(pair, number))
+        pair.operator.send(bytes(ReceiverReport(ssrc, 1, 0.0, 0, 0, 0.0)))
+        pair.wait(0.2)
+    assert pair.robot.version_conflict == pair.operator.version_conflict == ""
+    assert 200 < len(pair.passed) - begun < 220
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_lossy_link_connects(seed: int) -> None:
     rng = random.Random(seed)

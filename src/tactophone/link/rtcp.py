@@ -11,7 +11,9 @@ from typing import TypeAlias
 from tactophone.errors import PacketError
 from tactophone.link.packet import CLOCK_RATE
 
-_SENDER, _RECEIVER, _GOODBYE, _APPLICATION = 200, 201, 203, 204
+_SENDER, _RECEIVER, _DESCRIPTION, _GOODBYE, _APPLICATION = 200, 201, 202, 203, 204
+_TOOL = 6
+_PROGRAM = "tactophone "
 _HEAD = struct.Struct("!BBHI")
 _SENT = struct.Struct("!QIII")
 _BLOCK = struct.Struct("!IIIIII")
@@ -99,6 +101,26 @@ class Goodbye:
 
 
 @dataclass(frozen=True, slots=True)
+class Introduction:
+    """The version of the program that an end runs: a description with one item, TOOL (RFC 3550 section 6.5.6).
+
+    Examples
+    --------
+    >>> bytes(Introduction(1, "0.1.0"))
+    b'\x81\xca\x00\x06\x00\x00\x00\x01\x06\x10tactophone 0.1.0\x00\x00'
+    """
+
+    ssrc: int
+    version: str
+
+    def __bytes__(self) -> bytes:
+        text = (_PROGRAM + self.version).encode()[:255]
+        item = bytes([_TOOL, len(text)]) + text
+        # At least one zero byte ends the list of items.
+        return _head(_DESCRIPTION, 1, self.ssrc, item + bytes(4 - len(item) % 4))
+
+
+@dataclass(frozen=True, slots=True)
 class ReceiverRequest:
     """The highest frequency in Hz that the operator's model uses (an APP packet, RFC 3550 section 6.7)."""
 
@@ -109,11 +131,11 @@ class ReceiverRequest:
         return _head(_APPLICATION, 0, self.ssrc, _REQUEST.pack(_NAME, self.bandwidth))
 
 
-Report: TypeAlias = ReceiverReport | SenderReport | Goodbye | ReceiverRequest
+Report: TypeAlias = ReceiverReport | SenderReport | Introduction | Goodbye | ReceiverRequest
 
 
 def parse_report(packet: bytes) -> Report:
-    """Parse a report; raises `PacketError` when the bytes are not one of the four reports above."""
+    """Parse a report; raises `PacketError` when the bytes are not one of the five reports above."""
     if len(packet) < _HEAD.size:
         raise PacketError(f"{len(packet)} bytes, but a report has at least {_HEAD.size}")
     first, kind, words, ssrc = _HEAD.unpack_from(packet)
@@ -123,6 +145,8 @@ def parse_report(packet: bytes) -> Report:
     match kind:
         case 203:
             return Goodbye(ssrc, goodbye_reason(packet) or "")
+        case 202 if version := introduced_version(packet):
+            return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:
             return _read_block(ssrc, body)
         case 200 if len(body) == _SENT.size:
@@ -130,7 +154,7 @@ def parse_report(packet: bytes) -> Report:
             return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
         case 204 if len(body) == _REQUEST.size and body.startswith(_NAME):
             return ReceiverRequest(ssrc, _REQUEST.unpack(body)[1])
-    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; 200, 201, 203 and 204 are known")
+    raise PacketError(f"an RTCP packet of type {kind} with {len(body)} bytes; 200 to 204 are known")
 
 
 def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
@@ -156,8 +180,20 @@ def goodbye_reason(packet: bytes) -> str | None:
     """
     if len(packet) < 2 or packet[1] != _GOODBYE:
         return None
-    body = packet[_HEAD.size :]
-    text = body[1 : 1 + body[0]] if body else b""
+    return _text(packet[_HEAD.size :])
+
+
+def introduced_version(packet: bytes) -> str | None:
+    """Return the version in an `Introduction`; ``None`` for any other packet."""
+    if packet[1:2] != bytes([_DESCRIPTION]) or packet[_HEAD.size : _HEAD.size + 1] != bytes([_TOOL]):
+        return None
+    program = _text(packet[_HEAD.size + 1 :])
+    return program.removeprefix(_PROGRAM) if program.startswith(_PROGRAM) else None
+
+
+def _text(field: bytes) -> str:
+    """Return the text after a byte with its length, without characters that a terminal may interpret."""
+    text = field[1 : 1 + field[0]] if field else b""
     return "".join(filter(str.isprintable, text.decode(errors="ignore")))
 
 

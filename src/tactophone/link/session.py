@@ -34,7 +34,7 @@ from tactophone.link.handshake import (
 )
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import Address, DatagramKind, is_report, stream_of
-from tactophone.link.rtcp import Goodbye, goodbye_reason
+from tactophone.link.rtcp import Goodbye, Introduction, goodbye_reason, introduced_version
 
 RENEW_AFTER = 11 * 3600.0
 """Seconds after which the caller renews the keys; it then has an hour for it."""
@@ -215,6 +215,10 @@ SESSION_TIMEOUT = 5.0
 BUSY = "it is connected to another robot, and takes one at a time"
 """The reason that a second trusted caller gets."""
 
+INTRODUCTION_PAUSE = 0.1
+"""Seconds from a new connection's first introduction to the second; each further pause is twice the one before, so that
+one of them arrives over any link, and a run of a day sends twenty."""
+
 BUSY_PAUSE = 3.0
 """Seconds before a caller that was sent away, or that has refused a peer as taken, calls again."""
 
@@ -223,7 +227,8 @@ class Session:
     """One end of the link.
 
     It calls the addresses of ``call`` in turn; without one it waits for a call. ``renew_after`` is when a caller renews
-    the keys, in s.
+    the keys, in s; ``version`` of this program is what it tells the other end of
+    itself; nothing by default.
 
     Attributes
     ----------
@@ -243,6 +248,7 @@ class Session:
         *,
         call: Address | list[Address] | None = None,
         renew_after: float = RENEW_AFTER,
+        version: str = "",
     ) -> None:
         self.faults: Counter[str] = Counter()
         self.failure: str | None = None
@@ -250,6 +256,8 @@ class Session:
         self._identity = identity
         self._handshakes = Handshakes(identity, peers)
         self._admission = Admission()
+        self._version, self._peer_version = version, ""
+        self._introduce_at = 0.0
         self._callees: list[Address] = call if isinstance(call, list) else [] if call is None else [call]
         self._call_after = -1.0
         self._renew_after = renew_after
@@ -262,6 +270,16 @@ class Session:
         """Name of the connected peer, or ``None``."""
         current = self._keys.current
         return current.agreement.peer if current else None
+
+    @property
+    def version_conflict(self) -> str:
+        """One sentence for the user where the two ends run different versions; else empty."""
+        if not (self._current and self._version and self._peer_version) or self._peer_version == self._version:
+            return ""
+        return (
+            f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
+            "update the older of the two, or what one sends the other may not understand"
+        )
 
     def leave_to_others(self, is_taken: Callable[[str], bool]) -> None:
         """Refuse the peers, by fingerprint, that other sessions of this end `claims`."""
@@ -316,6 +334,9 @@ class Session:
             if handshake.failure:
                 self._drop(key, handshake.failure)
         self._keys.expire(now)
+        if self._version and self._current and now >= self._introduce_at:
+            self.send(bytes(Introduction(self._current.agreement.secrets.local_ssrc, self._version)))
+            self._introduce_at = now + max(INTRODUCTION_PAUSE, now - self._current.begun)
         if self._current and now - self._current.last_received > SESSION_TIMEOUT:
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
         if self._current and now > self._current.until:
@@ -368,6 +389,9 @@ class Session:
             current.last_received = now  # also under the keys before: it is the same peer, and it lives
         if report and (reason := goodbye_reason(packet)) is not None:
             return [*events, *self._leave(reason, now)]
+        if report and (version := introduced_version(packet)) is not None:
+            self._peer_version = version
+            return events
         events.append(PacketReceived(packet, report))
         return events
 
@@ -441,6 +465,7 @@ class Session:
             self._keys.add(connection, now)
             return [connection.renewed] if self._callees and self._keys.confirm(connection, now) else []
         self._keys.replace(connection)
+        self._peer_version, self._introduce_at = "", now
         return [Connected(agreement.peer, agreement.secrets.local_ssrc, agreement.secrets.remote_ssrc)]
 
     def _send_away(self, agreement: Agreement, address: Address, now: float) -> None:

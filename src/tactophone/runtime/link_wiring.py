@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from tactophone import __version__
 from tactophone.errors import ConfigError
 from tactophone.link import (
     IDENTITY_FOLDER,
@@ -32,7 +33,7 @@ def open_session(settings: Settings, *, call: Sequence[Address] = ()) -> Session
     peers = Peers.load(folder)
     if not peers.items():
         raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
-    return Session(Identity.load(folder), peers, call=list(call) or None)
+    return Session(Identity.load(folder), peers, call=list(call) or None, version=__version__)
 
 
 def operators_of(link: Link) -> list[Address]:

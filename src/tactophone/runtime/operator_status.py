@@ -127,6 +127,8 @@ class OperatorStatus:
         elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
             yield Fault("silence", reason)
 
+        if conflict := self._session.session.version_conflict:
+            yield Fault("version", conflict)
         sent_away = self._session.session.sent_away
         if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
             yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")

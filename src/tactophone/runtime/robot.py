@@ -143,12 +143,14 @@ class Robot:
         self._telemetry.update(dataclasses.replace(self._state(), link=link, faults=faults), now=now)
 
     def _link_faults(self) -> Iterator[Fault]:
-        """Yield which operators are not connected, and why."""
+        """Yield which operators are not connected, and why, and which run another version."""
         for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
+            which = "" if len(self._operators) == 1 else f"-{number}"
             if member.session.peer is None:
                 reason = member.session.failure or "start `tactophone receive` there"
-                code = "link" if len(self._operators) == 1 else f"link-{number}"
-                yield Fault(code, f"no operator at {host}:{port} yet: {reason}")
+                yield Fault(f"link{which}", f"no operator at {host}:{port} yet: {reason}")
+            elif conflict := member.session.version_conflict:
+                yield Fault(f"version{which}", conflict)
 
     def _state(self) -> State:
         capture, detectors = self._settings.capture, [each.detector.name for each in self._endpoint.detectors]
