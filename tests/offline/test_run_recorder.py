@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.offline.run_recorder import RunRecorder
+from tactophone.offline.recording import RunRecorder
 from tactophone.telemetry import PredictionLog, Telemetry, read_timeline
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 

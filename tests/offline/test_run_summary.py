@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.dataset import Segment
-from tactophone.offline.run_summary import score_run
+from tactophone.offline.recording import score_run
 from tactophone.types import Touch
 
 

@@ -6,7 +6,7 @@ import soundfile
 
 from tactophone.capture import FileSource
 from tactophone.offline import Preparation, PreparedSource
-from tactophone.offline.mains_hum import Hum
+from tactophone.offline.hum import Hum
 from tests.sounds import noise
 
 

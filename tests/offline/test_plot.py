@@ -6,8 +6,8 @@ import soundfile
 
 from tactophone.capture import FileSource
 from tactophone.dataset import Segment
-from tactophone.offline.plots import draw_recording
-from tactophone.offline.process_recording import OutputFiles, process_recording
+from tactophone.offline.plot import draw_recording
+from tactophone.offline.recording import OutputFiles, process_recording
 from tactophone.pipeline import open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import noise

@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.offline.mains_hum import Hum, HumMeter
+from tactophone.offline.hum import Hum, HumMeter
 from tactophone.perception import find_invalid
 from tactophone.types import AudioBlock, Source
 

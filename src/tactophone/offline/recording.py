@@ -1,29 +1,84 @@
-"""A recording, or any source that ends, through the pipeline to a vibration and a timeline on disk.
+"""A recording, or any source that ends, through the pipeline to a vibration and a timeline on disk; a run's scores.
 
 The sound is processed block by block, so that memory does not grow with its length.
 """
 
+import contextlib
+import itertools
 import time
 from collections import Counter
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import soundfile
+from numpy.typing import NDArray
 
+from tactophone.dataset import Segment
 from tactophone.errors import ConfigError
 from tactophone.haptics import Oscillator, Passthrough, Playback
-from tactophone.offline.peaks import PeakEnvelope
 from tactophone.perception import Resampler
 from tactophone.pipeline import Pipeline
-from tactophone.telemetry import TimelineWriter
+from tactophone.telemetry import STEP, RunFollower, Snapshot, TimelineWriter
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep, Source, Touch
 
 TAIL = 0.1
 """Seconds of vibration after the end of the sound: the fade that follows the last command, to its last sample."""
+
+CAPACITY = 4096
+"""Greatest number of columns, an even number: more than any figure has pixels across."""
+
+PERCEPTIBLE = 0.02
+"""Amplitude from which a vibration can be felt, -34 dB: well under the paper's smooth, at -25 dBFS."""
+
+
+class PeakEnvelope:
+    """Collects the extremes of a stream of sound; memory does not grow with its length.
+
+    When the columns are full, neighbours are joined, and each column then spans twice as many samples.
+
+    Examples
+    --------
+    >>> envelope = PeakEnvelope(1, sample_rate=1000)
+    >>> envelope.push(np.sin(np.arange(100_000, dtype=np.float32))[:, None])
+    >>> time, low, high = envelope.columns()
+    >>> len(time) <= CAPACITY, round(float(low.min())), round(float(high.max()))
+    (True, -1, 1)
+    """
+
+    def __init__(self, channels: int, *, sample_rate: int) -> None:
+        self._sample_rate = sample_rate
+        self._step = 16
+        self._rest: FloatArray = np.empty((0, channels), np.float32)
+        self._low: list[FloatArray] = []
+        self._high: list[FloatArray] = []
+
+    def push(self, samples: FloatArray) -> None:
+        """Add sound, shape ``(samples, channels)``."""
+        while len(samples):
+            room = (CAPACITY - len(self._low)) * self._step - len(self._rest)
+            self._add_columns(np.concatenate((self._rest, samples[:room])))
+            samples = samples[room:]
+            if len(self._low) == CAPACITY:
+                self._low = list(np.minimum(self._low[::2], self._low[1::2]))
+                self._high = list(np.maximum(self._high[::2], self._high[1::2]))
+                self._step *= 2
+
+    def columns(self) -> tuple[NDArray[np.float64], FloatArray, FloatArray]:
+        """Return the time of each column in s, and its least and greatest values, each ``(columns, channels)``."""
+        time = np.arange(len(self._low)) * self._step / self._sample_rate
+        empty = np.empty((0, self._rest.shape[1]), np.float32)
+        return time, np.array(self._low) if self._low else empty, np.array(self._high) if self._high else empty
+
+    def _add_columns(self, sound: FloatArray) -> None:
+        # What does not fill a column waits for the next block.
+        whole = len(sound) // self._step * self._step
+        columns = sound[:whole].reshape(-1, self._step, sound.shape[1])
+        self._rest = sound[whole:]
+        self._low += list(columns.min(axis=1))
+        self._high += list(columns.max(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +152,7 @@ class OfflineRenderer:
         self._counts: Counter[Touch] = Counter()
         self._loudest_dbfs = -np.inf
         self._last: AudioBlock | None = None
-        self._resources = ExitStack()
+        self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
         outputs = self._outputs
@@ -188,3 +243,86 @@ def process_recording(
     except (OSError, soundfile.LibsndfileError) as error:  # of the results: a source has errors of its own
         folder, reason = outputs.waveform.parent, getattr(error, "strerror", None) or error
         raise ConfigError(f"the results cannot be written to {folder} ({reason}); choose another folder") from error
+
+
+class RunRecorder(RunFollower):
+    """Records an operator's run (of a hand: one finger's vibration); a context manager around the run.
+
+    Its predictions are written by `tactophone.telemetry.PredictionLog`.
+    """
+
+    def __init__(self, name: str, *, finger: int = 0) -> None:
+        super().__init__(name)
+        self._finger = finger
+        self._last: Snapshot | None = None
+        self._steps: list[NDArray[np.void]] = []
+        self._vibration: list[FloatArray] = []
+
+    def vibration(self, *, sample_rate: int) -> FloatArray:
+        """Return the actuator's waveform, shape ``(samples,)``, from the arrival of the first sound on."""
+        steps = np.concatenate([np.empty(0, STEP), *self._steps])
+        if not len(steps):
+            return np.empty(0, np.float32)
+        # Each step holds how much vibration had been rendered at its time: that aligns the two.
+        first = int(np.median(steps["vibration_end"] - steps["time"] * sample_rate))
+        rendered = np.concatenate([np.zeros(0, np.float32), *self._vibration])
+        return np.concatenate((np.zeros(max(0, -first), np.float32), rendered[max(0, first) :]))
+
+    def read(self) -> None:
+        """Add what is new since the last read."""
+        with contextlib.suppress(OSError):  # the run has ended and removed its shared memory
+            self._last = self.watcher.snapshot(self._last, finger=self._finger)
+            self._steps.append(self._last.steps)
+            self._vibration.append(self._last.vibration)
+
+
+@dataclass(frozen=True, slots=True)
+class RunScores:
+    """Scores of a run."""
+
+    smooth_right: float
+    rough_right: float
+    """`smooth_right` and `rough_right`: share of correct predictions while a smooth, or rough, stone was touched."""
+    false_bumps: int
+    """Number of times that smooth was rendered as rough."""
+    touch_to_vibration: float
+    """Median time in s from the start of a contact to a vibration that can be felt."""
+    lift_to_silence: float
+    """Median time in s from the end of a contact to the command for silence."""
+
+
+def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:
+    """Score a run's timeline against its labelled segments; a score without data is NaN."""
+    time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
+    smooth, rough = (_inside(time, truth, label) for label in (Touch.SMOOTH, Touch.ROUGH))
+    bumps = smooth & (touch == Touch.ROUGH)
+    pairs = list(itertools.pairwise(truth))
+    touched = [after.start for before, after in pairs if after.contact and not before.contact]
+    lifted = [after.start for before, after in pairs if before.contact and not after.contact]
+    return RunScores(
+        smooth_right=_share(touch[smooth] == Touch.SMOOTH),
+        rough_right=_share(touch[rough] == Touch.ROUGH),
+        false_bumps=int((np.diff(bumps.astype(int)) > 0).sum()),
+        touch_to_vibration=_delay(time, amplitude >= PERCEPTIBLE, touched),
+        lift_to_silence=_delay(time, amplitude == 0, lifted),
+    )
+
+
+def _share(right: NDArray[np.bool_]) -> float:
+    return float(right.mean()) if len(right) else float("nan")
+
+
+def _inside(time: NDArray[Any], truth: tuple[Segment, ...], label: Touch) -> NDArray[np.bool_]:
+    """Return which times lie in segments of a label."""
+    inside = np.zeros(len(time), bool)
+    for segment in truth:
+        if segment.label is label:
+            inside |= (time >= segment.start) & (time < segment.end)
+    return inside
+
+
+def _delay(time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]) -> float:
+    """Return the median time in s from each event to the first line that meets the condition."""
+    found = [time[condition & (time >= event)] for event in events]
+    delays = [float(after[0] - event) for after, event in zip(found, events, strict=True) if len(after)]
+    return float(np.median(delays)) if delays else float("nan")

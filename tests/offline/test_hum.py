@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.offline.mains_hum import Hum, HumMeter
+from tactophone.offline.hum import Hum, HumMeter
 from tactophone.types import FloatArray
 from tests.sounds import noise
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from tactophone.dataset import Segment
-from tactophone.offline.peaks import PeakEnvelope
+from tactophone.offline.recording import PeakEnvelope
 from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
 from tactophone.telemetry import read_timeline
 from tactophone.types import Touch

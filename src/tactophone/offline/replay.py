@@ -1,0 +1,476 @@
+"""Logs of live runs: computed again from their packets, compared, rendered, and read as sound.
+
+The same endpoint gets the same packets at the same times, without network or clock. Needs the link's libraries.
+"""
+
+import hashlib
+import itertools
+import math
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
+
+import numpy as np
+import soundfile
+
+from tactophone.bridges.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
+from tactophone.bridges.reader import entries_of
+from tactophone.bridges.sound import SoundMessages
+from tactophone.bridges.topics import topics_of
+from tactophone.endpoints import OperatorEndpoint
+from tactophone.errors import ConfigError, DatasetError
+from tactophone.hand import channels_of, each_finger, names_of
+from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, open_profile
+from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
+from tactophone.offline.plot import draw_recording
+from tactophone.offline.recording import OfflineRenderer, OutputFiles, RunSummary
+from tactophone.perception import model_path
+from tactophone.pipeline import Hand, Pipeline
+from tactophone.runtime import OutputGate, open_pipeline_for
+from tactophone.settings import Finger, Settings, change, set_value
+from tactophone.telemetry import Controls, EventBatch, RunStart
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
+
+Change = Callable[[Settings], Settings]
+
+_NOWHERE: Address = ("", 0)
+_CALIBRATION = "detector.calibration"
+
+
+@dataclass(slots=True)
+class WakeUp:
+    """What the end processed at one moment, and what was changed while it did."""
+
+    time: float
+    received: tuple[bytes, ...] = ()
+    polled: tuple[bytes, ...] = ()
+    changes: list[Controls] = field(default_factory=list)
+
+
+LoggedItem = RunStart | Controls | WakeUp | LoggedPrediction | LogEnd
+
+
+def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
+    """Put together the arrivals of each moment, and the changes during them; pass on everything else."""
+    pending: WakeUp | None = None
+    for entry in entries:
+        match entry:
+            case LoggedPrediction():
+                yield entry  # written after what it was made of, so it ends nothing
+            case Controls(step=step) if step and pending:
+                pending.changes.append(entry)
+            case EventBatch(time, events, polled=True) if pending and time == pending.time and not pending.changes:
+                pending.polled = events
+            case _:
+                if pending:
+                    yield pending
+                    pending = None
+                if isinstance(entry, EventBatch):
+                    pending = WakeUp(entry.time, *((), entry.events) if entry.polled else (entry.events,))
+                else:
+                    yield entry
+    if pending:
+        yield pending
+
+
+def _open_session() -> tuple[LoggedSession, ReceiveSession]:
+    """Return what repeats the events of a log, and what receives them as from a `Session`."""
+    logged = LoggedSession()
+    return logged, ReceiveSession(cast(Session, logged))
+
+
+class LoggedEndpoint:
+    """The operator's end of one logged process.
+
+    ``change`` changes its settings: another model, another profile. Controls in the log then no longer set them.
+
+    Attributes
+    ----------
+    notes
+        What differs here from the machine of the run.
+    """
+
+    def __init__(self, run: RunStart, change: Change) -> None:
+        logged = settings_of(run)
+        self.settings, self.notes = change(logged), list[str]()
+        if self.settings.detector.model == logged.detector.model:
+            for name, digest in run.models.items():
+                if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
+                    self.notes.append(f"the model {name} here is not the one that the run used")
+        calibrations = [finger["calibration"] for finger in run.fingers] or [run.calibration]
+        fingers = zip(each_finger(self.settings), each_finger(logged), calibrations, strict=True)
+        self.fingers = [_LoggedFinger(own, before, calibration) for own, before, calibration in fingers]
+        self._session, session = _open_session()
+        first = self.fingers[0]
+        if self.settings.fingers:
+            channels = channels_of(self.settings, alone=2)
+            pipelines = [finger.open(count) for finger, count in zip(self.fingers, channels, strict=True)]
+            self.endpoint = OperatorEndpoint(session, Hand(pipelines, channels=channels))
+        else:
+            self.endpoint = OperatorEndpoint(session, first.open(2), reopen=first.open)
+
+    def process(self, wake_up: WakeUp) -> Iterator[tuple[PipelineStep, bool]]:
+        """Process one moment again; returns its steps, with commands as limited and gated.
+
+        Beside each, whether it is certain: where a control changed while a step was computed, the log cannot say
+        whether that was before its command or after.
+        """
+        datagrams = [(content, _NOWHERE) for content in wake_up.received]
+        self._session.polled = list(wake_up.polled)
+        steps = itertools.chain(self.endpoint.receive(datagrams, now=wake_up.time), self.endpoint.poll(wake_up.time))
+        for number, (_, step) in enumerate(steps, 1):
+            changes = [controls for controls in wake_up.changes if controls.step == number]
+            if step is not None:
+                bound = self.fingers[step.finger].gate.bound
+                bounded = tuple(replace(command, amplitude=bound(command.amplitude)) for command in step.commands)
+                yield replace(step, commands=bounded), not changes
+            for controls in changes:
+                self.apply(controls)
+
+    def apply(self, controls: Controls) -> None:
+        """Set what somebody changed during the run; what was chosen for the replay stays.
+
+        Raises `DatasetError` if they are of a finger that the run does not have.
+        """
+        if not 0 <= controls.finger < len(self.fingers):
+            raise DatasetError(
+                f"controls of finger {controls.finger}, but the run has {len(self.fingers)}: a changed log"
+            )
+        self.fingers[controls.finger].apply(controls, self.endpoint.hand.pipelines[controls.finger])
+
+
+class _LoggedFinger:
+    """One finger, or the only one: its gate, and which of its settings were chosen for the replay."""
+
+    def __init__(self, settings: Settings, logged: Settings, calibration: str) -> None:
+        self._settings, self._calibration = settings, calibration
+        rendering = settings.rendering
+        self.gate = OutputGate(ceiling=rendering.ceiling, output_level=rendering.output_level)
+        self._fixed_profile = rendering.profile != logged.rendering.profile
+        self._fixed_detector = settings.detector != logged.detector
+        self._fixed_ceiling = rendering.ceiling != logged.rendering.ceiling
+
+    def open(self, channels: int) -> Pipeline:
+        """Open its pipeline, with the calibration that the log holds."""
+        if not self._calibration:
+            return open_pipeline_for(self._settings, channels=channels)
+        with TemporaryDirectory(prefix="tactophone-") as folder:
+            path = Path(folder, "calibration.json")
+            path.write_text(self._calibration)
+            settings = change(self._settings, [f"{_CALIBRATION}={path}"])
+            return open_pipeline_for(settings, channels=channels)
+
+    def apply(self, controls: Controls, pipeline: Pipeline) -> None:
+        """Set what somebody changed, as far as it was not chosen for the replay."""
+        gate = self.gate
+        # A replay moves nothing but numbers, so it may be armed without anyone at the machine.
+        gate.muted_because = "" if controls.armed else "muted in the log"
+        gate.output_level = controls.output_level
+        if not self._fixed_ceiling:
+            gate.ceiling = controls.ceiling
+            if pipeline.limits.ceiling != controls.limit:
+                pipeline.limits = replace(pipeline.limits, ceiling=controls.limit)
+        if not self._fixed_profile and pipeline.profile.name != controls.profile:
+            pipeline.profile = (
+                GateProfile(controls.profile) if controls.profile in PASSTHROUGH else open_profile(controls.profile)
+            )
+        # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
+        # end that.
+        threshold_dbfs = controls.threshold_dbfs
+        if not self._fixed_detector and threshold_dbfs is not None and pipeline.threshold_dbfs != threshold_dbfs:
+            pipeline.threshold_dbfs = threshold_dbfs
+
+
+def settings_of(run: RunStart) -> Settings:
+    """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
+    tables = {f"{section}.{name}": value for section, table in run.settings.items() for name, value in table.items()}
+    settings = _with(Settings(), tables)
+    fingers = []
+    for finger in run.fingers:
+        own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
+        _with(settings, own)  # checked here, where the log can be named
+        fingers.append(Finger(finger["name"], tuple(own.items())))
+    return replace(settings, fingers=tuple(fingers))
+
+
+def _with(settings: Settings, values: dict[str, Any]) -> Settings:
+    for name, value in values.items():
+        # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
+        if value is not None and name != _CALIBRATION:
+            settings = set_value(settings, name, value, where="the log")
+    return settings
+
+
+@dataclass(slots=True)
+class Comparison:
+    """How the predictions and commands of a replay compare with those in the log, one by one.
+
+    Attributes
+    ----------
+    equal, different
+        Predictions that are equal to the bit, command included, and those that are not.
+    uncertain
+        Of which the log cannot say which controls held; not compared.
+    first
+        The first that differs: as logged, and as computed.
+    """
+
+    equal: int = 0
+    different: int = 0
+    uncertain: int = 0
+    first: tuple[LoggedPrediction, LoggedPrediction] | None = None
+
+    def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
+        """Compare one."""
+        # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
+        if entries_of(logged.prediction, logged.command) == entries_of(computed.prediction, computed.command):
+            self.equal += 1
+        elif not certain:
+            self.uncertain += 1
+        else:
+            self.different += 1
+            self.first = self.first or (logged, computed)
+
+
+@dataclass(slots=True)
+class Replay:
+    """Runs the entries of a log; iterate over :meth:`steps` to the end.
+
+    Attributes
+    ----------
+    comparison
+        With what was logged; complete when the steps have been computed.
+    complete
+        Whether the log has its end; the writer of one without was killed, or its disk was full.
+    missed
+        Bytes and predictions that the log lacks, because they were not read in time.
+    """
+
+    entries: Iterable[LogEntry]
+    change: Change = lambda settings: settings
+    """Changes the settings of each process in it."""
+    comparison: Comparison = field(default_factory=Comparison)
+    role: str = ""
+    complete: bool = True
+    missed: int = 0
+    processes: int = 0
+    notes: list[str] = field(default_factory=list)
+    endpoint: LoggedEndpoint | None = None
+    _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
+    _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))
+    _offset: int = 0
+    _end: int = 0
+
+    def steps(self) -> Iterator[PipelineStep]:
+        """Compute the run again; returns its steps on one time axis, through all its sessions.
+
+        Raises `DatasetError` if the log holds no beginning of a run.
+        """
+        for item in wake_ups(self.entries):
+            match item:
+                case RunStart():
+                    self._begin(item)
+                case Controls() if self.endpoint:
+                    self.endpoint.apply(item)
+                case WakeUp():
+                    yield from self._process(item)
+                case LoggedPrediction():
+                    self._logged[item.finger].append(item)
+                case LogEnd(complete, missed):
+                    self.complete, self.missed = complete, missed
+            self._compare()
+        if self.endpoint is None:
+            raise DatasetError("the log holds no run: was it written by --record?")
+
+    def _begin(self, run: RunStart) -> None:
+        self.endpoint = LoggedEndpoint(run, self.change)
+        self.role, self.processes = run.role, self.processes + 1
+        self.notes += [note for note in self.endpoint.notes if note not in self.notes]
+        # What a killed process had no time to publish has no counterpart.
+        self._logged.clear()
+        self._computed.clear()
+        self._offset = self._end
+
+    def _process(self, wake_up: WakeUp) -> Iterator[PipelineStep]:
+        if self.endpoint is None:
+            raise DatasetError("the log begins within a run: packets before its start cannot be replayed")
+        for step, certain in self.endpoint.process(wake_up):
+            for number, prediction in enumerate(step.predictions):
+                command = step.commands[number] if step.commands else HapticCommand(math.nan, math.nan, prediction.end)
+                logged = LoggedPrediction(prediction, command, step.finger)
+                self._computed[step.finger].append((logged, certain))
+            self._end = max(self._end, step.block.end + self._offset)
+            yield _shifted(step, self._offset) if self._offset else step
+
+    def _compare(self) -> None:
+        # The robot's log holds the packets as sent and predictions from the sound before: no counterparts.
+        for finger, logged in self._logged.items() if self.role == "operator" else ():
+            while logged and self._computed[finger]:
+                computed, certain = self._computed[finger].popleft()
+                self.comparison.add(logged.popleft(), computed, certain=certain)
+
+
+@dataclass(frozen=True, slots=True)
+class RenderedFinger:
+    """What a replay wrote of one finger; its name is empty for the only one."""
+
+    name: str
+    summary: RunSummary
+    files: dict[str, Path]
+
+
+def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False) -> list[RenderedFinger]:
+    """Compute a log again and write vibration and timeline of each finger, as for a recording, and a figure if wanted.
+
+    Raises `DatasetError` if nothing in the log can be rendered.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = replay.steps()
+    first = next(steps, None)
+    if first is None or replay.endpoint is None:
+        raise DatasetError("the log holds no sound and no predictions: was a robot connected?")
+    names, pipelines = names_of(replay.endpoint.settings), replay.endpoint.endpoint.hand.pipelines
+    stems = [f"{stem}-{name}" if name else stem for name in names]
+    outputs = [OutputFiles.in_folder(folder, each) for each in stems]
+    with ExitStack() as stack:
+        renderers = [
+            stack.enter_context(OfflineRenderer(files, pipeline, channels=2, sample_rate=LIVE_SAMPLE_RATE))
+            for files, pipeline in zip(outputs, pipelines, strict=True)
+        ]
+        for step in itertools.chain([first], steps):
+            renderers[step.finger].write(_complete(step))
+        summaries = [renderer.finish(flush=False) for renderer in renderers]
+    written = [{"vibration": files.waveform, "timeline": files.timeline} for files in outputs]
+    for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
+        files["figure"] = folder / f"{name}.replay.png"
+        draw_recording(
+            files["figure"],
+            timeline=files["timeline"],
+            microphones=renderer.microphones,
+            vibration=renderer.vibration,
+            title=f"{name}, replayed; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+        )
+    return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
+
+
+def _complete(step: PipelineStep) -> PipelineStep:
+    """Give each prediction a command, silence where there was none, and each block two channels."""
+    samples = step.block.samples
+    if samples.shape[1] == 1:
+        step = replace(step, block=replace(step.block, samples=np.repeat(samples, 2, axis=1)))
+    if len(step.commands) == len(step.predictions):
+        return step
+    silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)
+    return replace(step, commands=silence)
+
+
+def _shifted(step: PipelineStep, offset: int) -> PipelineStep:
+    """Return a step ``offset`` samples later: the processes of a run follow one another, each begins at 0."""
+    shift = offset / step.block.sample_rate
+    return PipelineStep(
+        replace(step.block, start=step.block.start + offset),
+        tuple(replace(each, start=each.start + shift, end=each.end + shift) for each in step.predictions),
+        tuple(replace(each, time=each.time + shift) for each in step.commands),
+        step.finger,
+    )
+
+
+def decoded_sessions(entries: Iterable[LogEntry]) -> Iterator[list[AudioBlock]]:
+    """Return the blocks of sound of each session in a log; sessions without sound are left out."""
+    (logged, session), blocks = _open_session(), list[AudioBlock]()
+    for item in wake_ups(entries):
+        if isinstance(item, RunStart):
+            logged, session = _open_session()
+        if not isinstance(item, WakeUp):
+            continue
+        logged.polled = list(item.polled)
+        events = session.receive([(content, _NOWHERE) for content in item.received], now=item.time)
+        for event in [*events, *session.poll(item.time)]:
+            match event:
+                case DecodedAudio(block):
+                    blocks.append(block)
+                case Connected() if blocks:
+                    yield blocks
+                    blocks = []
+    if blocks:
+        yield blocks
+
+
+def joined(blocks: Iterable[AudioBlock]) -> FloatArray:
+    """Join blocks to one array, ``(samples, channels)``; gaps too long to be concealed are silence."""
+    parts: list[FloatArray] = []
+    reached = 0
+    for block in blocks:
+        if block.start > reached and parts:
+            parts.append(np.zeros((block.start - reached, block.channels), np.float32))
+        parts.append(block.samples)
+        reached = block.end
+    channels = max(part.shape[1] for part in parts)
+    return np.concatenate([part if part.shape[1] == channels else np.repeat(part, channels, axis=1) for part in parts])
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSound:
+    """The sound of one session of a log, counted from 1, at one finger; its name is empty for the only one."""
+
+    path: Path
+    session: int
+    finger: str = ""
+
+
+def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
+    """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
+
+    Raises `DatasetError` if the log holds no sound, as one of a link that carries predictions only, or has no such
+    finger.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    settings = settings_of(start)
+    names, channels = names_of(settings), channels_of(settings, alone=2)
+    if finger and finger not in names:
+        known = f"there are {', '.join(names)}" if any(names) else "it is of a single one"
+        raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
+    written = []
+    for number, blocks in enumerate(decoded_sessions(read_log(log)), 1):
+        sound = joined(blocks)
+        if max(1, sound.shape[1] // 2) != len(names):
+            continue  # of a robot with another number of fingers, which the operator refused
+        for place, (name, count) in enumerate(zip(names, channels, strict=True)):
+            if finger in ("", name):
+                parts = (log.stem, name, "" if number == 1 else str(number))
+                path = folder / f"{'-'.join(filter(None, parts))}.wav"
+                soundfile.write(path, sound[:, 2 * place : 2 * place + count], LIVE_SAMPLE_RATE, subtype="FLOAT")
+                written.append(SessionSound(path, number, name))
+    if not written:
+        raise DatasetError(f"{log}: no sound in it; was it recorded with predictions sent in place of sound?")
+    return written
+
+
+def add_sound(log: Path, path: Path) -> Path:
+    """Copy a log and add its sound as topics that Foxglove plays: Opus as it came, or samples of 16 bits.
+
+    Raises `DatasetError` if the log cannot be read, and `ConfigError` if the copy cannot be written.
+    """
+    start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
+    names = names_of(settings_of(start))
+    if path.exists() and path.samefile(log):
+        raise ConfigError(f"{path}: the log itself; name another file")
+    sound = SoundMessages(names)
+    try:
+        with LogFile(path, topics_of(names, sound=True)) as copy:
+            for message in read_messages(log):
+                if isinstance(message, LogEnd):
+                    added = sound.flush()
+                else:
+                    added = sound.push(message.topic.name, message.data)
+                    copy.write(message)
+                for each in added:
+                    copy.write(each)
+    except OSError as error:
+        raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
+    return path
