@@ -220,7 +220,10 @@ def check_consistency(
         if measured is not None:
             digest, contact = measured
             problems += _duplicate(recording, seen.setdefault(digest, recording))
-            problems += _without_contact(recording, contact, threshold_dbfs)
+            if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < MIN_CONTACT:
+                found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
+                message = f"{found}; record it again, or label it none"
+                problems.append(Problem(recording.path, "no contact", message, fatal=False))
         progress(done)
     return tuple(problems)
 
@@ -263,12 +266,6 @@ def _duplicate(recording: Recording, first: Recording) -> Iterator[Problem]:
     yield Problem(recording.path, "duplicate", f"{message}; drop either file", fatal=False)
 
 
-def _without_contact(recording: Recording, contact: float, threshold_dbfs: float) -> Iterator[Problem]:
-    if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < MIN_CONTACT:
-        found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
-        yield Problem(recording.path, "no contact", f"{found}; record it again, or label it none", fatal=False)
-
-
 def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, float] | None:
     """Return a hash of the sound, whatever its container, and the share of it in contact; nothing if unusable."""
     try:
@@ -288,60 +285,49 @@ def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, 
     return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
 
 
-@dataclass(frozen=True, slots=True)
-class PairFault:
-    """What is wrong with a pair; if ``fatal``, the two cannot be joined."""
-
-    message: str
-    fatal: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Lag:
-    """How late the second sound is: ``seconds`` after the first, at a ``correlation`` of the levels from -1 to 1."""
-
-    seconds: float
-    correlation: float
-
-
-def pair_fault(contact: Path, air: Path) -> PairFault | None:
+def pair_problem(contact: Path, air: Path) -> Problem | None:
     """Return what keeps two mono files from being channels of one recording; ``None`` if nothing does."""
+    message, fatal = _pair_fault(contact, air)
+    return Problem(contact, "pair", message, fatal) if message else None
+
+
+def _pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
+    """What is wrong with a pair, empty if nothing is, and whether it keeps the two from being joined."""
     try:
         one, two = (Recording(path, "").read() for path in (contact, air))
     except DatasetError as error:
-        return PairFault(f"its pair cannot be read: {error}")
+        return f"its pair cannot be read: {error}", True
+    name, rate = air.name, one.sample_rate
     if one.channels != 1 or two.channels != 1:
-        found = f"{one.channels} and {two.channels}"
-        return PairFault(f"it and {air.name} hold {found} channels; two mono files make a pair")
-    if one.sample_rate != two.sample_rate:
-        return PairFault(f"{one.sample_rate} Hz, but {air.name} has {two.sample_rate} Hz; resample one of them first")
-    return _timing_fault(one.samples[:, 0], two.samples[:, 0], rate=one.sample_rate, name=air.name)
-
-
-def _timing_fault(first: NDArray[np.float32], second: NDArray[np.float32], *, rate: int, name: str) -> PairFault | None:
-    difference = abs(len(first) - len(second)) / rate
+        return f"it and {name} hold {one.channels} and {two.channels} channels; two mono files make a pair", True
+    if rate != two.sample_rate:
+        return f"{rate} Hz, but {name} has {two.sample_rate} Hz; resample one of them first", True
+    difference = abs(one.size - two.size) / rate
     if difference > MOST_DIFFERENCE:
-        return PairFault(f"{name} differs in length by {difference:.3f} s; cut both to the same touch")
-    size = min(len(first), len(second))
-    lags = [measure_lag(first[part], second[part], rate) for part in (slice(size // 2), slice(size // 2, size))]
-    if min(lag.correlation for lag in lags) < LEAST_CORRELATION:
-        return PairFault(f"whether {name} is in step is unknown: the levels do not correlate", fatal=False)
-    begin, end = (1000 * lag.seconds for lag in lags)
+        return f"{name} differs in length by {difference:.3f} s; cut both to the same touch", True
+    size = min(one.size, two.size)
+    halves = slice(size // 2), slice(size // 2, size)
+    lags = [measure_lag(one.samples[half, 0], two.samples[half, 0], rate) for half in halves]
+    if min(correlation for _, correlation in lags) < LEAST_CORRELATION:
+        return f"whether {name} is in step is unknown: the levels do not correlate", False
+    begin, end = (1000 * seconds for seconds, _ in lags)
     if max(abs(begin), abs(end)) <= 1000 * MOST_LAG:
-        return None
+        return "", False
     if abs(end - begin) > 1000 * MOST_LAG:
-        return PairFault(f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock")
-    return PairFault(f"{name} is {begin:+.0f} ms out of step; shift it by that and import again")
+        return f"{name} drifts: {begin:+.0f} ms in its first half, {end:+.0f} ms in its last; use one clock", True
+    return f"{name} is {begin:+.0f} ms out of step; shift it by that and import again", True
 
 
-def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> Lag:
+def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: int) -> tuple[float, float]:
     """Measure how late ``second`` is by the correlation of levels in dB; both are mono and as long, at ``rate`` Hz.
+
+    Returns the lag in s, and the correlation of the levels at it, from -1 to 1.
 
     Examples
     --------
     >>> noise = np.random.default_rng(0).normal(0, 0.1, 8000).astype(np.float32)
     >>> noise[2000:5000] *= 10
-    >>> round(measure_lag(noise, np.roll(noise, 160), 8000).seconds, 3)
+    >>> round(measure_lag(noise, np.roll(noise, 160), 8000)[0], 3)
     0.02
     """
     size = max(1, round(LAG_CELL * rate))
@@ -349,13 +335,13 @@ def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: i
     count, reach = len(levels[0]), round(LONGEST_LAG / LAG_CELL)
     norm = float(np.linalg.norm(levels[0]) * np.linalg.norm(levels[1]))
     if count < 2 or norm == 0:
-        return Lag(0.0, 0.0)
+        return 0.0, 0.0
     # Padded to twice the length, the circular correlation is the linear one.
     spectra = [np.fft.rfft(level, 2 * count) for level in levels]
     correlation = np.fft.irfft(spectra[1] * spectra[0].conj(), 2 * count) / norm
     lags = np.arange(-min(reach, count - 1), min(reach, count - 1) + 1)
     best = int(lags[np.argmax(correlation[lags])])
-    return Lag(best * size / rate, float(correlation[best]))
+    return best * size / rate, float(correlation[best])
 
 
 def _level(sound: NDArray[np.float32], size: int) -> NDArray[np.float64]:

@@ -99,7 +99,9 @@ def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, pe
     rough = roughness_profile(heights, step=step, cutoff=cutoff, periodic=periodic)
     rough = rough - rough.mean()
     rq = float(np.sqrt(np.square(rough).mean()))
-    rz = _rz(rough, round(cutoff / step))
+    size = max(1, round(cutoff / step))
+    count = max(1, min(LENGTHS, len(rough) // size))
+    rz = float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
     skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
     rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
     return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, _rms_slope(rough, step, periodic))
@@ -174,26 +176,19 @@ def _rms_slope(rough: Heights, step: float, periodic: bool) -> float:
     return float(np.sqrt(np.square(slope).mean()))
 
 
-def _rz(rough: Heights, size: int) -> float:
-    count = max(1, min(LENGTHS, len(rough) // max(size, 1)))
-    return float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
-
-
 def _rsm(rough: Heights, least: float) -> float:
     """Mean width of elements, in heights: from one up-crossing to the next, peak and valley both high enough."""
     beyond = np.flatnonzero(np.abs(rough) >= least)
     sides = np.sign(rough[beyond])
     # Small wiggles between two excursions on the same side are not crossings.
     ups = np.flatnonzero((sides[:-1] < 0) & (sides[1:] > 0))
-    crossings = [_crossing(rough, int(beyond[up]), int(beyond[up + 1])) for up in ups]
+    crossings = []
+    for low, high in zip(beyond[ups], beyond[ups + 1], strict=True):
+        # Where the profile first rises through the mean line between the two, to a fraction of a step.
+        part = rough[low : high + 1]
+        at = int(np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))[0])
+        crossings.append(low + at + float(part[at] / (part[at] - part[at + 1])))
     return float(np.diff(crossings).mean()) if len(crossings) > 1 else float("nan")
-
-
-def _crossing(rough: Heights, low: int, high: int) -> float:
-    """Where the profile first rises through the mean line between two indices, to a fraction of a step."""
-    part = rough[low : high + 1]
-    at = int(np.flatnonzero((part[:-1] < 0) & (part[1:] >= 0))[0])
-    return low + at + float(part[at] / (part[at] - part[at + 1]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,10 +247,12 @@ def measure_heights(
         cutoff, long_enough = choose_cutoff(rows[len(rows) // 2], step=step)
     short = SHORT_CUTOFFS.get(cutoff, cutoff / 300)
     if fine_enough := 2 * step <= short:
-        rows = _without_noise(rows, step=step, cutoff=short)
+        rows = _gaussian_mean(rows, step=step, cutoff=short)
     drawn = np.unique(np.linspace(0, len(rows) - 1, min(ROWS, len(rows))).round().astype(int))
     found = [measure_profile(rows[row], step=step, cutoff=cutoff) for row in drawn]
-    profile = Roughness(*(_mean([getattr(row, name) for row in found]) for name in asdict(found[0])))
+    columns = np.array([list(asdict(row).values()) for row in found]).T
+    known = [column[np.isfinite(column)] for column in columns]
+    profile = Roughness(*(float(values.mean()) if len(values) else math.nan for values in known))
     area = measure_area(rows, step=step, cutoff=cutoff) if len(rows) > 1 and len(rows) * step >= 2 * cutoff else None
     notes = _doubts(np.atleast_2d(heights), profile, step=step, resolution=resolution)
     if not fine_enough:
@@ -291,15 +288,12 @@ def measure_area(heights: Heights, *, step: float, cutoff: float) -> ArealRoughn
 def areal_roughness(heights: Heights, *, step: float, cutoff: float) -> Heights:
     """Return a map less its Gaussian mean surface, half a cut-off smaller at each edge."""
     half = round(cutoff / 2 / step)
-    middle = heights - heights.mean()
-    # Separable: along rows, then along columns.
-    along = gaussian_line(middle, step=step, cutoff=cutoff)
-    waviness = gaussian_line(np.ascontiguousarray(along.T), step=step, cutoff=cutoff).T
     inner = slice(half, -half or None)
-    return np.asarray((middle - waviness)[inner, inner])
+    return np.asarray((heights - _gaussian_mean(heights, step=step, cutoff=cutoff))[inner, inner])
 
 
-def _without_noise(rows: Heights, *, step: float, cutoff: float) -> Heights:
+def _gaussian_mean(rows: Heights, *, step: float, cutoff: float) -> Heights:
+    """The Gaussian mean surface of a map, or the mean line of one row; the filter is separable."""
     mean = rows.mean()
     smooth = gaussian_line(rows - mean, step=step, cutoff=cutoff)
     if len(rows) > 1:
@@ -368,15 +362,20 @@ def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights
         case ".png":
             if height_range is None:
                 raise ValueError("grey has no unit: give --height-range, the height of white over black")
-            return _read_image(path) * height_range, None
+            from matplotlib import image
+
+            pixels = np.asarray(image.imread(path), float)  # from 0 to 1; of a colour image, the mean of its colours
+            return (pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)) * height_range, None
     raise ValueError(f"{path.suffix or 'no suffix'}: only .npy, .npz, .csv and .png are read")
 
 
 def _read_csv(path: Path, scale: float) -> tuple[Heights, float | None]:
     text = path.read_text(encoding="utf-8-sig").replace(";", ",").replace("\t", ",")
     lines = text.splitlines()
-    # A first line of words is a heading.
-    lines = lines[0 if lines and _is_number(lines[0].split(",")[0]) else 1 :]
+    try:
+        float(lines[0].split(",")[0] if lines else "")
+    except ValueError:
+        lines = lines[1:]  # a heading of words
     if not lines:
         raise ValueError("it holds no numbers")
     rows = np.loadtxt(lines, delimiter=",", ndmin=2)
@@ -388,27 +387,6 @@ def _read_csv(path: Path, scale: float) -> tuple[Heights, float | None]:
     if steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
         raise ValueError("two columns are place and height, and the places are not equally spaced")
     return rows[:, 1] * scale, float(steps.mean() * scale)
-
-
-def _read_image(path: Path) -> Heights:
-    """Read a grey image as heights from 0 to 1; of a colour image, the mean of its colours."""
-    from matplotlib import image
-
-    pixels = np.asarray(image.imread(path), float)
-    return pixels if pixels.ndim == 2 else np.asarray(pixels[..., :3].mean(axis=2))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _mean(values: list[float]) -> float:
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else float("nan")
 
 
 def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float) -> list[str]:

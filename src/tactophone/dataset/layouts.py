@@ -16,16 +16,17 @@ them; without it recordings are imported without a label.
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset.checks import pair_fault
+from tactophone.dataset.checks import pair_problem
 from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
 from tactophone.dataset.values import (
@@ -114,17 +115,16 @@ def _manifest_recording(
         path,
         row["surface"],
         label,
-        tuple(_channels(row.get("channel_meaning", ""))),
+        tuple(
+            "air" if part.strip().startswith("air") else "contact"
+            for part in row.get("channel_meaning", "").split(" | ")
+            if part
+        ),
         take=row.get("recording", ""),
         tier=row.get("tier", ""),
         segments=tuple(segments.get(row["file"], ())),
         properties=MappingProxyType({key: value for key, value in row.items() if key not in _COLUMNS and value}),
     )
-
-
-def _channels(meaning: str) -> Iterator[str]:
-    for part in filter(None, meaning.split(" | ")):
-        yield "air" if part.strip().startswith("air") else "contact"
 
 
 def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]:
@@ -249,8 +249,12 @@ def read_lab_folder(folder: Path) -> LabFolder:
             continue
         groups[name.key][name.microphone] = path, name
     entries = list(_recordings(groups, problems))
-    names = _surface_names(entries)
-    recordings = tuple(replace(recording, surface=names[recording.path]) for recording, _, _ in entries)
+    # A surface under two labels is two surfaces: each gets its label in front.
+    labels = Counter(surface for surface, _ in {(recording.surface, name.label) for recording, name, _ in entries})
+    recordings = tuple(
+        replace(recording, surface=f"{name.label} {name.surface}") if labels[name.surface] > 1 else recording
+        for recording, name, _ in entries
+    )
     dataset = Dataset(folder.resolve().name, folder, recordings, tuple(problems))
     air_of = {recording.path: air for recording, _, air in entries if air}
     targets = {recording.path: name.key for recording, name, _ in entries}
@@ -273,8 +277,9 @@ def _parse_name(path: Path) -> _Name:
     others = []
     for part in path.parts[:-1]:
         word = part.lower()
-        if not label and _is_label(word):
-            label = word.replace(" ", "_").replace("-", "_")
+        name = word.replace(" ", "_").replace("-", "_")
+        if not label and word and name in LABEL_NAMES and word not in MICROPHONES:
+            label = name
         elif not microphone and word in MICROPHONES:
             microphone = MICROPHONES[word]
         elif not side and word in PARTS:
@@ -293,10 +298,6 @@ def _parse_name(path: Path) -> _Name:
     return _Name(key, label, microphone, side, surface, take, True)
 
 
-def _is_label(word: str) -> bool:
-    return bool(word) and word.replace(" ", "_").replace("-", "_") in LABEL_NAMES and word not in MICROPHONES
-
-
 def _recordings(
     groups: Mapping[Path, Mapping[str, tuple[Path, _Name]]], problems: list[Problem]
 ) -> Iterator[tuple[Recording, _Name, Path | None]]:
@@ -309,10 +310,10 @@ def _recordings(
             continue
         if "contact" in files and "air" in files:
             air = files["air"][0]
-            fault = pair_fault(path, air)
-            if fault:
-                problems.append(Problem(path, "pair", fault.message, fault.fatal))
-            if not (fault and fault.fatal):
+            problem = pair_problem(path, air)
+            if problem:
+                problems.append(problem)
+            if not (problem and problem.fatal):
                 yield _lab_recording(path, name, TWO_CHANNELS), name, air
             continue
         for each, its_name in files.values():
@@ -337,16 +338,6 @@ def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:
         return ()
 
 
-def _surface_names(entries: Iterable[tuple[Recording, _Name, Path | None]]) -> dict[Path, str]:
-    """Name each recording's surface; a name under two labels gets the label in front."""
-    entries = list(entries)
-    labels = Counter(surface for surface, _ in {(recording.surface, name.label) for recording, name, _ in entries})
-    return {
-        recording.path: f"{name.label} {recording.surface}" if labels[recording.surface] > 1 else recording.surface
-        for recording, name, _ in entries
-    }
-
-
 BIOTAC_RATE = 2200
 """Hz of the BioTac's dynamic pressure, PAC: 22 values in each line of 10 ms (SynTouch's product manual)."""
 
@@ -368,27 +359,23 @@ LABELS = "labels.csv"
 
 Imported = tuple[Dataset, tuple[Problem, ...]]
 
+Found: TypeAlias = tuple[str, Mapping[str, str], NDArray[np.float64] | None]
+"""The surface of a file, what else its name says, and its sound at `BIOTAC_RATE` where the file itself holds none."""
+
 
 def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
     """Convert CSV files with the columns pac1 to pac22 into sound of 2.2 kHz, contact alone.
 
     ``folder`` is searched to any depth; the folder of a file names its surface.
     """
-    problems: list[Problem] = []
-    labels = _labels(folder, problems)
-    recordings = []
-    for done, path in enumerate(_files(folder, {".csv"}), 1):
-        progress(done)
+
+    def find(path: Path) -> Found | Problem:
         pac = _read_pac(path)
         if pac is None:
-            problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
-            continue
-        target = (out / path.relative_to(folder)).with_suffix(".flac")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        soundfile.write(target, pac, BIOTAC_RATE, "PCM_24")
-        surface = path.parent.name
-        recordings.append(Recording(target, surface, labels.get(surface), ("contact",), take=path.stem))
-    return _finished(folder, out, recordings, problems)
+            return Problem(path, "columns", "lacks the columns pac1 to pac22; left out")
+        return path.parent.name, {}, pac
+
+    return _import(folder, out, _files(folder, {".csv"}), find, "contact", progress)
 
 
 def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
@@ -396,32 +383,18 @@ def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] =
 
     Of a sound that is there before and after its noise was cancelled, the latter is taken.
     """
-    problems: list[Problem] = []
-    labels = _labels(folder, problems)
-    recordings = []
-    files = list(_files(folder, {".wav", ".flac"}))
-    cleaned = {path.stem for path in files if RAW_AUDIO not in path.parts}
-    for done, path in enumerate(files, 1):
-        progress(done)
-        if RAW_AUDIO in path.parts and path.stem in cleaned:
-            continue
+
+    def find(path: Path) -> Found | Problem:
         match = CLUSTER_NAME.fullmatch(path.stem)
         if not match:
-            problems.append(Problem(path, "name", "is not surface_direction_speed_force_repetition; left out"))
-            continue
-        target = (out / path.relative_to(folder)).with_suffix(".flac")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        copy_as_flac(path, target)
-        # Its second microphone records the noise of the machine; neither lies on the finger.
-        channels = ("air",) * int(soundfile.info(target).channels)
-        properties = {key: match[key] for key in ("direction", "speed", "force")}
-        recordings.append(
-            Recording(
-                target, match["surface"], labels.get(match["surface"]), channels, take=path.stem,
-                properties=MappingProxyType(properties),
-            )
-        )  # fmt: skip
-    return _finished(folder, out, recordings, problems)
+            return Problem(path, "name", "is not surface_direction_speed_force_repetition; left out")
+        return match["surface"], {key: match[key] for key in ("direction", "speed", "force")}, None
+
+    files = _files(folder, {".wav", ".flac"})
+    cleaned = {path.stem for path in files if RAW_AUDIO not in path.parts}
+    chosen = [path for path in files if RAW_AUDIO not in path.parts or path.stem not in cleaned]
+    # Its second microphone records the noise of the machine; neither lies on the finger.
+    return _import(folder, out, chosen, find, "air", progress)
 
 
 def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
@@ -430,22 +403,14 @@ def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = l
     The microphone was in the air beside the surface (Balasubramanian et al., SENS3, EuroHaptics 2024). The paper names
     no files, so a path is read for what it must say: the surface and the kind of touch.
     """
-    problems: list[Problem] = []
-    labels = _labels(folder, problems)
-    recordings = []
-    for done, path in enumerate(_files(folder, {".wav", ".flac"}), 1):
-        progress(done)
+
+    def find(path: Path) -> Found | Problem:
         place = path.relative_to(folder)
         if len(place.parts) < 2 or not SLIDING.search(str(place)):
-            reason = "is not surface/...sliding...: taps and presses have no texture; left out"
-            problems.append(Problem(path, "name", reason))
-            continue
-        target = (out / place).with_suffix(".flac")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        copy_as_flac(path, target)
-        channels = ("air",) * int(soundfile.info(target).channels)
-        recordings.append(Recording(target, place.parts[0], labels.get(place.parts[0]), channels, take=path.stem))
-    return _finished(folder, out, recordings, problems)
+            return Problem(path, "name", "is not surface/...sliding...: taps and presses have no texture; left out")
+        return place.parts[0], {}, None
+
+    return _import(folder, out, _files(folder, {".wav", ".flac"}), find, "air", progress)
 
 
 FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType(
@@ -454,18 +419,50 @@ FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType(
 """Importers by the name that `dataset import --format` takes."""
 
 
-def _files(folder: Path, suffixes: set[str]) -> Iterator[Path]:
+def _files(folder: Path, suffixes: set[str]) -> list[Path]:
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; name the one that holds the published files")
-    yield from sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.name != LABELS)
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.name != LABELS)
 
 
-def _labels(folder: Path, problems: list[Problem]) -> dict[str, Touch | None]:
-    path = folder / LABELS
-    if not path.is_file():
-        return {}
-    lines = rows(path, required=("surface", "label"))
-    return {row["surface"]: LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)] for _, row in lines}
+def _import(
+    folder: Path,
+    out: Path,
+    files: list[Path],
+    find: Callable[[Path], Found | Problem],
+    microphone: str,
+    progress: Callable[[int], None],
+) -> Imported:
+    """Convert each file in which something is found, and write the manifest."""
+    problems: list[Problem] = []
+    labels: dict[str, Touch | None] = {}
+    if (folder / LABELS).is_file():
+        for _, row in rows(folder / LABELS, required=("surface", "label")):
+            labels[row["surface"]] = LABEL_NAMES[parse_label(row["label"], path=folder / LABELS, problems=problems)]
+    recordings = []
+    for done, path in enumerate(files, 1):
+        progress(done)
+        found = find(path)
+        if isinstance(found, Problem):
+            problems.append(found)
+            continue
+        surface, properties, sound = found
+        target = (out / path.relative_to(folder)).with_suffix(".flac")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if sound is None:
+            copy_as_flac(path, target)
+        else:
+            soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
+        channels = (microphone,) * int(soundfile.info(target).channels)
+        recordings.append(
+            Recording(
+                target, surface, labels.get(surface), channels, take=path.stem, properties=MappingProxyType(properties)
+            )
+        )
+    if not recordings:
+        raise DatasetError(f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}")
+    write_metadata(out, recordings)
+    return Dataset(out.name, out, tuple(recordings)), tuple(problems)
 
 
 def _read_pac(path: Path) -> NDArray[np.float64] | None:
@@ -478,11 +475,3 @@ def _read_pac(path: Path) -> NDArray[np.float64] | None:
         values = np.loadtxt((line.replace(";", ",") for line in file), delimiter=",", usecols=columns, ndmin=2)
     pac = values.reshape(-1) / BIOTAC_FULL_SCALE
     return np.asarray(np.clip(pac - pac.mean(), -1, 1))
-
-
-def _finished(folder: Path, out: Path, recordings: list[Recording], problems: list[Problem]) -> Imported:
-    if not recordings:
-        reason = problems[0] if problems else "it holds no such files"
-        raise DatasetError(f"{folder}: nothing to import: {reason}")
-    write_metadata(out, recordings)
-    return Dataset(out.name, out, tuple(recordings)), tuple(problems)
