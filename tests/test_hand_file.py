@@ -24,7 +24,7 @@ def test_a_finger_has_its_own_settings_and_shares_the_rest(tmp_path: Path) -> No
     assert (index.capture.contact, index.capture.air, index.detector.threshold_dbfs) == ("system:capture_3", "", -34.0)
     assert (thumb.output.port, index.output.port, index.output.channel) == ("system:playback_1", "system:playback_2", 2)
     assert {thumb.link.codec, index.link.codec} == {"pcm16"}
-    assert not thumb.fingers
+    assert not thumb.is_hand
 
 
 def test_a_number_makes_fingers_with_defaults() -> None:

@@ -80,37 +80,35 @@ def default_names(count: int) -> dict[str, dict[str, Any]]:
 
 
 def of_finger(settings: Settings, index: int) -> Settings:
-    """Return the settings of one finger, as of a run with this finger alone; without a hand, the settings themselves.
+    """Return the settings of one finger, as of a run with this finger alone.
 
     >>> of_finger(with_fingers(Settings(), "2"), 1).capture.contact
     'system:capture_3'
     """
-    if not settings.fingers:
-        return settings
-    own, settings = settings.fingers[index].settings, replace(settings, fingers=())
+    own, settings = settings.fingers[index].settings, replace(settings, fingers=(Finger(),))
     for name, value in own:
         settings = set_value(settings, name, value, where=name)
     return settings
 
 
 def each_finger(settings: Settings) -> list[Settings]:
-    """Return the settings of every finger, in order; of one where there is no hand."""
-    return [of_finger(settings, index) for index in range(max(1, len(settings.fingers)))]
+    """Return the settings of every finger, in order."""
+    return [of_finger(settings, index) for index in range(len(settings.fingers))]
 
 
 def names_of(settings: Settings) -> list[str]:
-    """Return the name of every finger, in order; one empty name where there is no hand."""
-    return [finger.name for finger in settings.fingers] or [""]
+    """Return the name of every finger, in order; one empty name without ``--fingers``."""
+    return [finger.name for finger in settings.fingers]
 
 
 def channels_of(settings: Settings, *, alone: int) -> list[int]:
-    """Return the channels of every finger's sound: 2, or 1 without an air microphone; ``alone`` where is no hand."""
-    return [2 if own.capture.air else 1 for own in each_finger(settings)] if settings.fingers else [alone]
+    """Return the channels of every finger's sound: 2, or 1 without an air microphone; ``alone`` if there is no hand."""
+    return [2 if own.capture.air else 1 for own in each_finger(settings)] if settings.is_hand else [alone]
 
 
 def finger_named(settings: Settings, name: str) -> Settings:
     """Return the settings of the finger of that name (`of_finger`); raises `ConfigError` if there is no such finger."""
-    names = [finger.name for finger in settings.fingers]
+    names = list(filter(None, names_of(settings)))
     if name not in names:
         known = f"there are {', '.join(names)}" if names else "name the hand with --fingers hand.toml"
         raise ConfigError(f"there is no finger {name!r}; {known}{did_you_mean(name, names)}")

@@ -200,10 +200,13 @@ class Hand:
 
 
 def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock]:
-    """Return the sound of each finger of a hand, of which each has the given number of channels, 1 or 2.
+    """Return the sound of each finger, of which each has the given number of channels, 1 or 2.
 
-    Raises `ValueError` if the block has not two channels for each.
+    The block has two channels for each; the sound of a single finger passes if it has that finger's channels already.
+    Raises `ValueError` for any other number.
     """
+    if [block.channels] == list(channels):
+        return [block]
     if block.channels != 2 * len(channels):
         raise ValueError(f"sound of {block.channels} channels, but {len(channels)} fingers have {2 * len(channels)}")
     # Copied to memory of its own: the result of a sum may depend on how its numbers lie there.

@@ -338,9 +338,10 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True)
 class Finger:
-    """One finger of a hand: its name, and the settings that are its own, by dotted name (`tactophone.hand`)."""
+    """One finger: its name, and the settings that are its own, by dotted name (`tactophone.hand`)."""
 
-    name: str
+    name: str = ""
+    """Empty for the only finger of a run without ``--fingers``."""
     settings: tuple[tuple[str, Any], ...] = ()
 
 
@@ -358,8 +359,13 @@ class Settings:
     page: Page = Page()
     bridges: Bridges = Bridges()
     simulation: Simulation = Simulation()
-    fingers: tuple[Finger, ...] = ()
-    """Of a hand, in the order of the link's channels; none: the one finger that the tables above describe."""
+    fingers: tuple[Finger, ...] = (Finger(),)
+    """At least one, in the order of the link's channels; by default the one that the tables above describe."""
+
+    @property
+    def is_hand(self) -> bool:
+        """Whether ``--fingers`` named the fingers: each then has two channels of sound, and ports of its own."""
+        return bool(self.fingers[0].name)
 
 
 SECTIONS = tuple(section.name for section in dataclasses.fields(Settings) if section.name != "fingers")

@@ -5,6 +5,7 @@ import pytest
 
 from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
+from tactophone.settings import Finger
 
 FLAGS = {"--ceiling": "rendering.ceiling", "--muted": "rendering.muted", "--codec": "link.codec"}
 
@@ -38,7 +39,11 @@ def test_a_verb_of_one_finger_takes_its_settings_from_the_hand(tmp_path: Path) -
     flags.add_settings(parser, {})
     flags.add_finger(parser)
     settings = flags.settings_of(parser.parse_args(["--fingers", str(path), "--finger", "index"]))
-    assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == ("system:capture_3", "lra", ())
+    assert (settings.capture.contact, settings.rendering.profile, settings.fingers) == (
+        "system:capture_3",
+        "lra",
+        (Finger(),),
+    )
     with pytest.raises(ConfigError, match="there are thumb, index"):
         flags.settings_of(parser.parse_args(["--fingers", str(path)]))
 

@@ -134,7 +134,7 @@ RUN = Topic(
     _json_schema(
         "tactophone.Run",
         {"role": "string", "settings": "object", "models": "object", "versions": "object",
-         "calibration": "string", "epoch": "number"},
+         "epoch": "number", "fingers": "array"},
     ),
     "how the process was started: settings, hash of the model, versions",
 )  # fmt: skip

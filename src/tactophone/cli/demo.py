@@ -15,7 +15,7 @@ from tactophone.cli._support import console, dashboard_options, flags, log_optio
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED
 from tactophone.errors import ConfigError
-from tactophone.hand import each_finger
+from tactophone.hand import each_finger, names_of
 from tactophone.settings import Finger, Settings, change
 
 if TYPE_CHECKING:
@@ -69,7 +69,6 @@ def run(args: argparse.Namespace) -> int:
     settings = _with_sound(args, flags.settings_of(args))
     name = settings.process.name or "demo"
     settings = change(settings, [*RECORDED, f"process.name={name}"])
-    names = [finger.name for finger in settings.fingers]
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)
     terminal.log().print(f"sending {duration:.0f} s of sound over {args.network}, in real time", style="dim")
@@ -85,11 +84,11 @@ def run(args: argparse.Namespace) -> int:
     if outcome.signal:
         raise KeyboardInterrupt
     scores, files = {}, {}
-    for finger, source, recorder in zip(names or [""], sources, recorders, strict=True):
+    for finger, source, recorder in zip(names_of(settings), sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)
         files[finger] = _write(args, source, recorder, truth, finger=finger)
         scores[finger] = score_run(read_timeline(_timeline(args), finger=finger), truth)
-    if names:
+    if settings.is_hand:
         _print_hand(args, outcome, scores, files)
     else:
         _print(args, outcome, scores[""], files[""])
@@ -99,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
     """Name a recording for every finger; where there is none, the demonstration is rendered first."""
     tip = settings.capture.tip
-    if not settings.fingers:
+    if not settings.is_hand:
         sound = args.recording
         if sound is None:
             from tactophone.simulation import write_demonstration
@@ -112,7 +111,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
         return settings
     from tactophone.simulation import demonstrate_hand
 
-    paths = demonstrate_hand(args.out, [finger.name for finger in settings.fingers], seed=args.seed, tip=tip)
+    paths = demonstrate_hand(args.out, names_of(settings), seed=args.seed, tip=tip)
     fingers = zip(settings.fingers, paths, strict=True)
     return replace(
         settings,

@@ -102,7 +102,7 @@ def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path
     for entry in read_log(args.log):
         if isinstance(entry, RunStart):
             epoch = entry.epoch
-            names = [finger["name"] for finger in entry.fingers] or names
+            names = [finger["name"] or "index" for finger in entry.fingers]
         elif isinstance(entry, EventBatch):
             begun = entry.time
             break
@@ -132,7 +132,7 @@ def _show(args: argparse.Namespace, change: Any) -> None:
             pipelines = [
                 finger.open(FileSource(path).channels) for finger, path in zip(endpoint.fingers, paths, strict=True)
             ]
-            names = list(filter(None, names_of(endpoint.settings)))
+            names = names_of(endpoint.settings)
             takes.append(recording_playback.Take(args.log.name, paths, pipelines, fingers=names))
         recording_playback.play_on_page(args, takes, name="replay")
 

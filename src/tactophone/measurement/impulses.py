@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tactophone.devices import JackClient
 from tactophone.errors import TactophoneError
+from tactophone.hand import names_of
 from tactophone.runtime import (
     OpenSource,
     Supervisor,
@@ -214,15 +215,13 @@ def measure(
     with running_sides(settings, graph) as sides:
         player = ImpulsePlayer(impulses, seed=seed)
         robot = sides.robot.name
-        ports = [f"{finger.name}-{microphone}" for finger in settings.fingers for microphone in ("contact", "air")] or [
-            "contact",
-            "air",
-        ]
+        fingers = names_of(settings)
+        ports = [f"{name}-{end}".lstrip("-") for name in fingers for end in ("contact", "air")]
         outputs = {port: f"{robot}:{port}" for port in ports}
         if graph.external:
             outputs = {"impulse": graph.impulse_port}
         # Of a hand, the last finger: its step is computed after those of all others.
-        last = settings.fingers[-1].name if settings.fingers else "vibration"
+        last = fingers[-1] or "vibration"
         inputs = {"vibration": graph.vibration_port or f"{sides.operator.name}:{last}"}
         client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
         client.open()

@@ -102,12 +102,12 @@ class LoggedEndpoint:
             for name, digest in run.models.items():
                 if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
                     self.notes.append(f"the model {name} here is not the one that the run used")
-        calibrations = [finger["calibration"] for finger in run.fingers] or [run.calibration]
+        calibrations = [finger["calibration"] for finger in run.fingers]
         fingers = zip(each_finger(self.settings), each_finger(logged), calibrations, strict=True)
         self.fingers = [_LoggedFinger(own, before, calibration) for own, before, calibration in fingers]
         self._session, session = _open_session()
         first = self.fingers[0]
-        if self.settings.fingers:
+        if self.settings.is_hand:
             channels = channels_of(self.settings, alone=2)
             pipelines = [finger.open(count) for finger, count in zip(self.fingers, channels, strict=True)]
             self.endpoint = OperatorEndpoint(session, Hand(pipelines, channels=channels))
@@ -195,7 +195,7 @@ def settings_of(run: RunStart) -> Settings:
         own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
         _with(settings, own)  # checked here, where the log can be named
         fingers.append(Finger(finger["name"], tuple(own.items())))
-    return replace(settings, fingers=tuple(fingers))
+    return replace(settings, fingers=tuple(fingers) or settings.fingers)
 
 
 def _with(settings: Settings, values: dict[str, Any]) -> Settings:

@@ -31,7 +31,7 @@ OpenSource = Callable[[Settings], Source]
 def open_device(settings: Settings) -> Source:
     """Open the microphones; recordings and the simulated finger are opened by the command line."""
     capture = settings.capture
-    if settings.fingers:
+    if settings.is_hand:
         return _open_hand(settings)
     if capture.source == "jack":
         process = settings.process
@@ -83,15 +83,14 @@ def open_actuator(
     match output.actuator:
         case "jack":
             process = settings.process
-            ports = {finger.name: own.output.port for finger, own in zip(settings.fingers, fingers, strict=False)} or {
-                "vibration": output.port
-            }
+            names = [name or "vibration" for name in names_of(settings)]
+            ports = {name: own.output.port for name, own in zip(names, fingers, strict=True)}
             name = process.name or "tactophone-operator"
             return jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
         case "portaudio":
             channels = [own.output.channel for own in fingers]
             return portaudio_hand_actuator(render, device=output.device, channels=channels)
-        case "gamepad" if settings.fingers:
+        case "gamepad" if settings.is_hand:
             raise ConfigError("a gamepad's motors play one finger: choose another --actuator, or leave --fingers out")
         case "gamepad":
             return gamepad_actuator(

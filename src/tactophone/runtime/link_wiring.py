@@ -89,7 +89,7 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
         channels=channels,
         packet_size=round(link.packet_duration * LIVE_SAMPLE_RATE),
         bandwidth=link.bandwidth or NARROW_BAND,
-        bitrate_bps=link.bitrate_bps * max(1, len(settings.fingers)),
+        bitrate_bps=link.bitrate_bps * len(settings.fingers),
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()

@@ -67,7 +67,7 @@ class Operator:
         self.failure: BaseException | None = None
         self._settings, self._info = settings, info
         fingers = each_finger(settings)
-        renderers = [open_renderer(own, self._pull, hand=bool(settings.fingers)) for own in fingers]
+        renderers = [open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
         self._actuator = open_actuator(
             settings,
             self._render,

@@ -46,7 +46,7 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
     A single finger has one for one microphone and one for two; of a hand, a finger without an air microphone has that
     for one.
     """
-    if settings.fingers:
+    if settings.is_hand:
         fingers, channels = each_finger(settings), channels_of(settings, alone=2)
         hand = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
         rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])

@@ -77,7 +77,7 @@ class Robot:
         self._microphones = MicrophoneCheck(settings, channels=channels)
         predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
         detectors = [open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
-        self._endpoint = RobotEndpoint(self._group, detectors, channels=channels if settings.fingers else ())
+        self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
         rehearse_encoder(self._group.codec)
         rehearse_statistics()
         self._lock = threading.Lock()
@@ -94,7 +94,7 @@ class Robot:
             self._resources.enter_context(self._source)
             self._sockets = [self._resources.enter_context(UdpSocket()) for _ in self._operators]
             self._telemetry = self._resources.enter_context(
-                Telemetry(self._info.name, fingers=max(1, len(self._settings.fingers)))
+                Telemetry(self._info.name, fingers=len(self._settings.fingers))
             )
             self._telemetry.count("process_restarts", self._info.restarts)
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
@@ -157,7 +157,7 @@ class Robot:
         return State(
             role="robot",
             source=capture.source,
-            channels=self._source.channels if not self._settings.fingers else 2,
+            channels=self._source.channels if not self._settings.is_hand else 2,
             fingers=tuple(
                 FingerState(name, muted_because="", detector=detector)
                 for name, detector in itertools.zip_longest(names_of(self._settings), detectors, fillvalue="")
@@ -167,7 +167,7 @@ class Robot:
     def _check_fingers(self) -> list[Settings]:
         """Return the settings of each finger; `ConfigError` where the source has the sound of another number."""
         fingers, found = each_finger(self._settings), self._source.channels
-        if self._settings.fingers and found != 2 * len(fingers):
+        if self._settings.is_hand and found != 2 * len(fingers):
             raise ConfigError(
                 f"the source has {found} channels, but {len(fingers)} fingers have {2 * len(fingers)}, contact and air "
                 "of each in turn: give --fingers as many, or another source"

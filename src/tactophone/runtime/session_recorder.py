@@ -6,7 +6,7 @@ import itertools
 import platform
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import tactophone
@@ -84,7 +84,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     fingers = each_finger(settings)
     models = {own.detector.model or default_model(own.capture.tip): "" for own in fingers}
-    tables = asdict(replace(settings, fingers=()))
+    tables = asdict(settings)
     del tables["fingers"]
     return RunStart(
         role=role,
@@ -95,7 +95,6 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             "python": platform.python_version(),
             **{package: _version(package) for package in _PACKAGES},
         },
-        calibration=_calibration(settings),
         epoch=time.time() - time.monotonic(),
         fingers=[
             {
@@ -103,7 +102,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
                 "settings": finite(dict(finger.settings)),
                 "calibration": _calibration(own),
             }
-            for finger, own in zip(settings.fingers, fingers, strict=False)
+            for finger, own in zip(settings.fingers, fingers, strict=True)
         ],
     )
 

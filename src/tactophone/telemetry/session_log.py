@@ -40,12 +40,10 @@ class RunStart:
     """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
     """Of Tactophone and of what its numbers depend on."""
-    calibration: str = ""
-    """Text of the calibration file; empty if there is none."""
     epoch: float = 0.0
     """Seconds since 1970 at 0 of the monotonic clock, on which all other times are."""
     fingers: list[dict[str, Any]] = field(default_factory=list)
-    """Of a hand: name, settings of its own by dotted name, and text of the calibration file of each."""
+    """Name, settings of its own by dotted name, and text of the calibration file (empty if there is none) of each."""
 
 
 @dataclass(frozen=True, slots=True)

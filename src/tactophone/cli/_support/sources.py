@@ -20,7 +20,7 @@ def open_source(settings: Settings) -> Source:
     missing or damaged.
     """
     capture = settings.capture
-    if settings.fingers and capture.source in ("finger", "file"):
+    if settings.is_hand and capture.source in ("finger", "file"):
         return _hand(settings)
     if capture.source == "finger":
         from tactophone.simulation import StrokingFinger
