@@ -93,7 +93,7 @@ def change(pipeline: Pipeline, control: dict[str, Any]) -> None:
     if "profile" in control:
         pipeline.profile = open_profile(control["profile"])
     if "threshold_dbfs" in control:
-        pipeline.threshold_dbfs = control["threshold_dbfs"]
+        pipeline.detector.threshold.dbfs = control["threshold_dbfs"]
 
 
 def write(rows: list[Row]) -> None:

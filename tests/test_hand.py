@@ -71,8 +71,8 @@ def test_a_finger_without_an_air_microphone_and_one_with_broken_sound_leave_the_
     silent = [step.command for step in steps if step.finger == 1 and step.command]
     assert silent
     assert not any(command.amplitude for command in silent)
-    assert hand.pipelines[1].faults["sound"] > 0
-    assert not hand.pipelines[0].faults
+    assert hand.pipelines[1].detector.faults["sound"] > 0
+    assert not hand.pipelines[0].detector.faults
 
 
 def test_sound_of_another_number_of_fingers_raises(model: str) -> None:

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +9,8 @@ import pytest
 
 from tactophone.errors import ConfigError
 from tactophone.haptics import PROFILES, Limits, PaperProfile, Stimulus, open_profile
-from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.types import AudioBlock, FloatArray, HapticCommand, Prediction, Touch
+from tactophone.pipeline import Hand, Pipeline, open_pipeline
+from tactophone.types import AudioBlock, ContactThreshold, FloatArray, HapticCommand, Prediction, Touch
 from tests.models import write_tiny_model
 from tests.sounds import ODD_SIZES, blocks, strokes, tone
 
@@ -103,7 +104,7 @@ def test_invalid_sound_is_silence_at_once_and_counted(model: str) -> None:
         command.time for _, command in processed(pipeline, samples) if command.amplitude == 0 and command.time > 0.01
     ]
     assert 0 < quiet[0] - 1.0 < 0.003
-    assert pipeline.faults["sound"] > 0
+    assert pipeline.detector.faults["sound"] > 0
 
 
 def test_limits_bound_every_command(model: str) -> None:
@@ -149,7 +150,7 @@ def test_a_profile_that_is_changed_in_a_run_is_scaled_by_its_own_peak(model: str
 
 def test_a_threshold_set_in_a_run_holds_for_window_and_gate(model: str) -> None:
     pipeline = pipeline_of(model)
-    pipeline.threshold_dbfs = 0.0
+    pipeline.detector.threshold.dbfs = 0.0
     assert not any(command.amplitude for _, command in processed(pipeline, strokes()))
 
 
@@ -181,3 +182,33 @@ def test_feel_imports_the_core_dependencies_alone() -> None:
     imported = f"import sys, tactophone.cli.feel; print([name for name in {extras} if name in sys.modules])"
     done = subprocess.run([sys.executable, "-c", imported], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+class Loudness:
+    """A detector as a user may write it: all that the contract lists, and nothing more."""
+
+    name, latency, bandwidth = "loudness", 0.0, 8_000.0
+
+    def __init__(self) -> None:
+        self.faults: Counter[str] = Counter()
+        self.threshold = ContactThreshold(-30.0)
+
+    def push(self, block: AudioBlock) -> list[Prediction]:
+        level_dbfs = 10 * float(np.log10(np.square(block.samples).mean() + 1e-12))
+        touch = Touch.ROUGH if level_dbfs > self.threshold.dbfs else Touch.NONE
+        return [Prediction((0.0, 0.0, 1.0), touch, 1.0, level_dbfs, block.time, block.end / block.sample_rate)]
+
+    def flush(self) -> list[Prediction]:
+        return []
+
+    def reset(self) -> None:
+        """Nothing is kept."""
+
+
+def test_a_detector_of_a_users_own_needs_no_more_than_its_contract_lists() -> None:
+    fingers = [Pipeline(Loudness(), PaperProfile()) for _ in range(2)]
+    fingers[1].detector.threshold.dbfs = 0.0
+    loud = AudioBlock(np.full((480, 4), 0.5, np.float32), 48_000)
+    touches = [step.predictions[0].touch for step in Hand(fingers).push(loud)]
+    assert touches == [Touch.ROUGH, Touch.NONE]
+    assert fingers[0].flush(loud).predictions == ()

@@ -25,9 +25,9 @@ from tactophone.link import (
     ReceiveSession,
     SendGroup,
 )
-from tactophone.perception import AnyTouchDetector, process_together
+from tactophone.perception import push_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Prediction
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
 """What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost."""
@@ -51,7 +51,7 @@ class RobotEndpoint:
     def __init__(
         self,
         group: SendGroup,
-        detector: AnyTouchDetector | Sequence[AnyTouchDetector] | None = None,
+        detector: Detector | Sequence[Detector] | None = None,
         *,
         channels: Sequence[int] = (),
     ) -> None:
@@ -64,8 +64,7 @@ class RobotEndpoint:
         if not self.detectors:
             self.group.push(block)
             return [PipelineStep(part, (), (), finger) for finger, part in enumerate(blocks)]
-        together = zip(self.detectors, blocks, strict=True)
-        found = list(map(tuple, process_together([detector.process(part) for detector, part in together])))
+        found = list(map(tuple, push_together(self.detectors, blocks)))
         # Predictions whose windows end together travel in one packet, oldest first.
         by_end: dict[float, dict[int, Prediction]] = {}
         for finger, predictions in enumerate(found):

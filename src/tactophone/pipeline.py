@@ -8,7 +8,6 @@
 `tactophone.endpoints` so that processing a recording needs none of the network's libraries.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
@@ -16,15 +15,13 @@ import numpy as np
 
 from tactophone.haptics import Limits, open_profile, peak_amplitude
 from tactophone.perception import (
-    AnyTouchDetector,
     EventDetector,
     EventMerger,
-    ModelCard,
     default_model,
     open_detector,
-    process_together,
+    push_together,
 )
-from tactophone.types import DEFAULT_TIP, AudioBlock, HapticCommand, PipelineStep, Prediction, Profile
+from tactophone.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
 
 
 class Pipeline:
@@ -33,7 +30,7 @@ class Pipeline:
     Parameters
     ----------
     detector
-        Makes predictions from sound.
+        Makes predictions from sound. It holds what a page shows and changes: name, faults and contact threshold.
     profile
         Maps a prediction to a vibration; another may be assigned at any time.
     limits
@@ -56,13 +53,13 @@ class Pipeline:
 
     def __init__(
         self,
-        detector: AnyTouchDetector,
+        detector: Detector,
         profile: Profile,
         limits: Limits | None = None,
         *,
         events: EventMerger | None = None,
     ) -> None:
-        self.detector: AnyTouchDetector = detector
+        self.detector = detector
         self._events = events
         self.limits = limits or Limits()
         self.profile = profile
@@ -76,41 +73,6 @@ class Pipeline:
     def profile(self, profile: Profile) -> None:
         # One assignment, so that a network thread never combines a new profile with the peak of the old one.
         self._profile_and_peak = profile, peak_amplitude(profile)
-
-    @property
-    def detector_name(self) -> str:
-        """Name of the model."""
-        return self.detector.detector.name
-
-    @property
-    def card(self) -> ModelCard:
-        """Description of the model."""
-        card: ModelCard = self.detector.detector.card
-        return card
-
-    @property
-    def bandwidth(self) -> float:
-        """The highest frequency, in Hz, that the model uses."""
-        return self.detector.detector.bandwidth
-
-    @property
-    def threshold_dbfs(self) -> float:
-        """Level of the contact channel above which there is contact; may be assigned at any time."""
-        return self.detector.threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        self.detector.threshold_dbfs = level_dbfs
-
-    @property
-    def follows_floor(self) -> bool:
-        """Whether the contact threshold follows the noise floor; not once it was given or calibrated."""
-        return self.detector.follows_floor
-
-    @property
-    def faults(self) -> Counter[str]:
-        """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
-        return self.detector.detector.faults
 
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block of sound; returns its predictions and commands."""
@@ -181,8 +143,7 @@ class Hand:
 
     def _push_together(self, block: AudioBlock) -> Iterator[PipelineStep]:
         parts = self.split(block)
-        together = zip(self.pipelines, parts, strict=True)
-        predictions = process_together([pipeline.detector.process(part) for pipeline, part in together])
+        predictions = push_together([pipeline.detector for pipeline in self.pipelines], parts)
         for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
             step = pipeline.complete(part, found)
             yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
@@ -248,8 +209,8 @@ def open_pipeline(
     fast_contact
         Detect contact within milliseconds (`tactophone.perception.contact`); if false, by the window, as in the paper.
     follow_floor
-        Let the contact threshold follow the noise floor; if false, it is the model's own. Assigning
-        `Pipeline.threshold_dbfs` ends the following.
+        Let the contact threshold follow the noise floor, until another is assigned (`ContactThreshold`); if false, it
+        is the model's own.
     events
         Detect touch events (taps, strokes, slips); the profile ``events`` always does.
     tip

@@ -6,7 +6,7 @@ Values are frozen. Arrays inside them are shared, never copied: a receiver does 
 import enum
 import math
 from collections import Counter
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias
@@ -294,6 +294,37 @@ class AlwaysOpen:
         return None
 
 
+class ContactThreshold:
+    """Level of the contact microphone from which there is contact: fixed, or following the noise floor.
+
+    One object is shared by the contact gate, the windows, and whoever shows or changes it.
+
+    Parameters
+    ----------
+    dbfs
+        In dB of full scale; another may be assigned at any time, and then follows the noise floor no longer.
+    follows_floor
+        Whether the contact gate moves it with the noise.
+    """
+
+    def __init__(self, dbfs: float, *, follows_floor: bool = False) -> None:
+        self._dbfs, self.follows_floor = dbfs, follows_floor
+
+    @property
+    def dbfs(self) -> float:
+        """Level in dB of full scale."""
+        return self._dbfs
+
+    @dbfs.setter
+    def dbfs(self, dbfs: float) -> None:
+        self._dbfs, self.follows_floor = dbfs, False
+
+    def follow(self, dbfs: float) -> None:
+        """Move to what the noise floor asks for; without effect once a level was assigned."""
+        if self.follows_floor:
+            self._dbfs = dbfs
+
+
 class Detector(Protocol):
     """Sound to predictions: a streaming stage with its own rate, window, hop, gate and hysteresis.
 
@@ -303,14 +334,6 @@ class Detector(Protocol):
     @property
     def name(self) -> str:
         """As ``feel --model`` takes it."""
-
-    @property
-    def card(self) -> Any:
-        """The model's `tactophone.perception.ModelCard`."""
-
-    @property
-    def hop(self) -> float:
-        """Seconds between two predictions."""
 
     @property
     def latency(self) -> float:
@@ -325,17 +348,11 @@ class Detector(Protocol):
         """Predictions withheld, by cause: ``sound`` or ``model`` held invalid numbers."""
 
     @property
-    def threshold_dbfs(self) -> float:
-        """Level of the contact channel above which there is contact; may be assigned at any time."""
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None: ...
+    def threshold(self) -> ContactThreshold:
+        """Level of the contact channel above which there is contact."""
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Process a block; returns the predictions that it completes, oldest first."""
-
-    def process(self, block: AudioBlock) -> Generator[Any, list[Prediction], list[Prediction]]:
-        """Do as `push`, one of several detectors (`tactophone.perception.detector`)."""
 
     def flush(self) -> list[Prediction]:
         """Return what the end of the stream still completes."""

@@ -54,7 +54,7 @@ class RecordedOperator:
         for finger, (pipeline, gate) in enumerate(zip(self.endpoint.hand.pipelines, self.gates, strict=True)):
             self.recorder.controls(
                 gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-                None if pipeline.follows_floor else pipeline.threshold_dbfs, finger=finger,
+                None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs, finger=finger,
             )  # fmt: skip
 
     def _published(self, steps: Iterable[EventStep], now: float) -> Iterator[EventStep]:

@@ -44,7 +44,7 @@ def sound() -> FloatArray:
 def mute_the_index(operator: RecordedOperator, now: float) -> None:
     operator.gates[1].muted_because = "muted" if 0.7 < now < 0.8 else ""
     if now > 0.85:
-        operator.endpoint.hand.pipelines[1].threshold_dbfs = -30.0
+        operator.endpoint.hand.pipelines[1].detector.threshold.dbfs = -30.0
 
 
 @pytest.fixture(scope="module")

@@ -81,7 +81,7 @@ def test_mutes_ceilings_profiles_and_thresholds_set_meanwhile_are_replayed_to_th
         operator.gate.output_level = 0.5 if now > 0.6 else 1.0
         operator.gate.muted_because = "muted" if 0.7 < now < 0.8 else ""
         if now > 0.85:
-            operator.endpoint.pipeline.threshold_dbfs = -30.0
+            operator.endpoint.pipeline.detector.threshold.dbfs = -30.0
         if 0.9 < now < 0.91:
             from tactophone.haptics import open_profile
 

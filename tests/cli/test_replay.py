@@ -83,4 +83,6 @@ def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypa
     shown: list[recording_playback.Take] = []
     monkeypatch.setattr(recording_playback, "play_on_page", lambda args, takes, name: shown.extend(takes))
     assert main(["replay", str(log), "--dashboard"]) == 0
-    assert [pipeline.threshold_dbfs for take in shown for pipeline in take.pipelines] == [CALIBRATION.threshold_dbfs]
+    assert [pipeline.detector.threshold.dbfs for take in shown for pipeline in take.pipelines] == [
+        CALIBRATION.threshold_dbfs
+    ]

@@ -145,7 +145,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
 
     pipeline = open_pipeline("stylus", sample_rate=RATE, channels=1)
     if not math.isnan(threshold):
-        pipeline.detector.threshold_dbfs = threshold
+        pipeline.detector.threshold.dbfs = threshold
     expected = [item for block in blocks_of(steps, sound) for item in pipeline.push(block).predictions]
     # Then Chromium repeats its last 10 ms for ever, which the live side, but not `feel`, reports as hum.
     end = len(spoken[1]) / RATE - 0.5

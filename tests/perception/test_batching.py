@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tactophone.perception import WindowDetector, model_path, process_together, read_model
+from tactophone.perception import WindowDetector, model_path, read_model
+from tactophone.perception.detector import process_together
 from tactophone.perception.model_file import Engine
 from tactophone.types import AudioBlock, FloatArray, Prediction
 from tests.sounds import blocks, strokes

@@ -63,7 +63,7 @@ def test_steps_that_wait_change_nothing(rate: int, rule: LoudnessRule) -> None:
         for number, block in enumerate(blocks(samples, 57, sample_rate=rate)):
             found += [(contact, contact.threshold_dbfs) for contact in gate.push(block)]
             if number == len(samples) // 114:
-                gate.threshold_dbfs = -37.0
+                gate.threshold.dbfs = -37.0
         return found
 
     found = reports(ContactGate)

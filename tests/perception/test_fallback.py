@@ -54,9 +54,9 @@ def test_no_fault_is_reported_as_rough_and_a_healed_one_changes_nothing(code: st
 def test_without_the_air_microphone_the_one_channel_model_goes_on() -> None:
     detector, block = open_both(), sound("air-dead")
     detector.push(AudioBlock(block.samples[: 4 * RATE], RATE))
-    assert (detector.mode, detector.detector.name) == (
+    assert (detector.mode, detector.name) == (
         FallbackMode.ONE_CHANNEL,
-        open_detector("paper-mono", sample_rate=RATE).detector.name,
+        open_detector("paper-mono", sample_rate=RATE).name,
     )
     alone = open_detector("paper-mono", sample_rate=RATE).push(AudioBlock(block.samples, RATE))
     # The spare one began in the middle, so its windows lie elsewhere; the nearest ones are compared.
@@ -101,10 +101,11 @@ def test_the_worst_fault_decides() -> None:
 
 def test_a_threshold_is_set_for_both_models() -> None:
     detector = open_both()
-    detector.threshold_dbfs = -30.0
-    assert detector.threshold_dbfs == -30.0
+    detector.threshold.dbfs = -30.0
+    assert detector.threshold.dbfs == -30.0
     detector.push(sound("air-dead"))
-    assert detector.detector.threshold_dbfs == open_both().detector.threshold_dbfs - open_both().threshold_dbfs - 30.0
+    own = open_both()
+    assert detector.active.detector.threshold_dbfs == own.active.detector.threshold_dbfs - own.threshold.dbfs - 30.0
 
 
 def test_lost_sound_resets_the_fault_detector() -> None:

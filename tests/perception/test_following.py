@@ -47,10 +47,10 @@ def test_a_touch_is_detected_within_milliseconds_at_any_gain(gain_db: float) -> 
 
 def test_an_assigned_threshold_wins_and_stays() -> None:
     detector = open_detector("texture", sample_rate=RATE, follow_floor=True)
-    detector.threshold_dbfs = -3.0
+    detector.threshold.dbfs = -3.0
     assert not detector.floors
     found = detector.push(AudioBlock(sound(), RATE))
-    assert detector.threshold_dbfs == -3.0
+    assert detector.threshold.dbfs == -3.0
     assert {p.touch for p in found} == {Touch.NONE}
 
 
@@ -64,6 +64,6 @@ def test_a_faulty_microphone_leaves_the_floor_as_it_was() -> None:
     thresholds, touches = [], []
     for block in blocks(silence, 6000):
         touches += [p for p in detector.push(block) if p.end > 1]
-        thresholds.append(main.threshold_dbfs)
+        thresholds.append(main.threshold.dbfs)
     assert thresholds[-1] == pytest.approx(thresholds[20], abs=1.0)
     assert np.mean([p.touch is not Touch.NONE for p in touches]) < 0.02

@@ -10,7 +10,7 @@ import pytest
 from tactophone.perception import ContactGate, TouchDetector
 from tactophone.perception.contact import Contact
 from tactophone.perception.detector import FADED_DB, FADED_PAUSE, PAUSE
-from tactophone.types import AudioBlock, Prediction, Touch
+from tactophone.types import AudioBlock, ContactThreshold, Prediction, Touch
 
 RATE, HOP = 8000, 80
 
@@ -18,11 +18,12 @@ RATE, HOP = 8000, 80
 class Scripted:
     """Predicts from a list, every 10 ms."""
 
-    name, card, hop, latency, bandwidth, threshold_dbfs = "scripted", None, 0.01, 0.0, 4000.0, -40.0
+    name, hop, latency, bandwidth, floor = "scripted", 0.01, 0.0, 4000.0, None
 
     def __init__(self, touches: list[Touch], level_dbfs: float = -20.0) -> None:
         self._touches, self._level_dbfs, self._done = touches, level_dbfs, 0
         self.faults: Counter[str] = Counter()
+        self.threshold, self.margin_db = ContactThreshold(-40.0), 0.0
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         first, self._done = self._done, block.end // HOP

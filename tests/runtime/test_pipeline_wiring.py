@@ -22,16 +22,16 @@ def noise(seconds: float, levels: tuple[float, float]) -> AudioBlock:
 def test_a_calibration_sets_the_threshold_and_a_setting_goes_before_it(tmp_path: Path) -> None:
     settings = calibrated(tmp_path)
     # The default model's contact rule is `banded`, the paper's network's is `rms`.
-    assert open_pipeline_for(settings, channels=2).threshold_dbfs == CALIBRATION.banded_dbfs
+    assert open_pipeline_for(settings, channels=2).detector.threshold.dbfs == CALIBRATION.banded_dbfs
     paper = change(settings, ["detector.model=paper"])
-    assert open_pipeline_for(paper, channels=2).threshold_dbfs == CALIBRATION.threshold_dbfs
+    assert open_pipeline_for(paper, channels=2).detector.threshold.dbfs == CALIBRATION.threshold_dbfs
     louder = change(settings, ["detector.threshold_dbfs=-10"])
-    assert open_pipeline_for(louder, channels=2).threshold_dbfs == -10
+    assert open_pipeline_for(louder, channels=2).detector.threshold.dbfs == -10
 
 
 def test_a_calibration_of_two_microphones_is_not_taken_for_one(tmp_path: Path) -> None:
-    own = open_pipeline_for(Settings(), channels=1).threshold_dbfs
-    assert open_pipeline_for(calibrated(tmp_path), channels=1).threshold_dbfs == own
+    own = open_pipeline_for(Settings(), channels=1).detector.threshold.dbfs
+    assert open_pipeline_for(calibrated(tmp_path), channels=1).detector.threshold.dbfs == own
 
 
 def test_a_dead_microphone_is_reported_with_its_consequence_and_silenced(tmp_path: Path) -> None:

@@ -81,13 +81,13 @@ def test_threshold_and_profile_reach_the_pipeline_or_are_refused(
     handler: RequestHandler, endpoint: OperatorEndpoint
 ) -> None:
     assert handler.apply([Request("threshold_dbfs", -12.0), Request("profile", text="paper")]) == []
-    assert endpoint.pipeline.threshold_dbfs == -12.0
+    assert endpoint.pipeline.detector.threshold.dbfs == -12.0
     assert handler.apply([Request("threshold_dbfs", 3.0), Request("profile", text="telephone")]) == [
         "threshold_dbfs",
         "profile",
     ]
     assert handler.apply([Request("threshold_dbfs", float("nan"))]) == ["threshold_dbfs"]
-    assert endpoint.pipeline.threshold_dbfs == -12.0
+    assert endpoint.pipeline.detector.threshold.dbfs == -12.0
 
 
 def test_a_renderer_of_sound_gets_no_other_profile(endpoint: OperatorEndpoint) -> None:

@@ -177,7 +177,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
             timeline=outputs.timeline,
             microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{path.name}{labelled}; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+            title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
             truth=truth,
         )
     mono = sound.channels == 1 and not args.model and args.tip == DEFAULT_TIP
@@ -231,5 +231,5 @@ def _open_pipeline(
         events=args.events,
         tip=args.tip,
     )
-    pipeline.threshold_dbfs = floor.threshold_dbfs if floor else args.threshold
+    pipeline.detector.threshold.dbfs = floor.threshold_dbfs if floor else args.threshold
     return pipeline

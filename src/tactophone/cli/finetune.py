@@ -155,7 +155,7 @@ def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_d
 
     def open_detector(rate: int) -> Detector:
         detector = WindowDetector(model, sample_rate=rate)
-        detector.threshold_dbfs = threshold_dbfs
+        detector.threshold.dbfs = threshold_dbfs
         return detector
 
     predict = streaming_predictor(open_detector, channels=model.card.channels)

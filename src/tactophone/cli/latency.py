@@ -62,12 +62,12 @@ def run(args: argparse.Namespace) -> int:
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
     if args.json:
-        terminal.print_json({**as_figures(measured, delays), "detector": decider.detector_name if decider else None})
+        terminal.print_json({**as_figures(measured, delays), "detector": decider.detector.name if decider else None})
         return 0
     terminal.out().print(_table(measured, delays))
     terminal.out().print(_notes(measured, settings, dummy=args.dummy), soft_wrap=True)
     if decider and delays is not None:
-        terminal.out().print(_decision_notes(delays, decider.detector_name), soft_wrap=True)
+        terminal.out().print(_decision_notes(delays, decider.detector.name), soft_wrap=True)
     return 0
 
 

@@ -80,7 +80,7 @@ def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
         sound = recording.read(channels=channels, single=single)
         rate, contact = sound.sample_rate, replace(sound, samples=np.ascontiguousarray(sound.samples[:, :1]))
         detector = with_gate(WindowDetector(model, sample_rate=rate), sample_rate=rate)
-        detector.threshold_dbfs = measure_floor([contact], sample_rate=rate, rule=model.card.gate.rule).threshold_dbfs
+        detector.threshold.dbfs = measure_floor([contact], sample_rate=rate, rule=model.card.gate.rule).threshold_dbfs
         # In pieces, because a detector holds all windows of a block at once.
         pieces = (replace(sound, samples=sound.samples[n : n + PIECE], start=n) for n in range(0, sound.size, PIECE))
         predictions = [update for piece in pieces for update in detector.push(piece)] + detector.flush()

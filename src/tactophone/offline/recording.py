@@ -184,7 +184,7 @@ class OfflineRenderer:
         """Write what the end of the sound completes, unless ``flush`` is false; return the totals."""
         duration = self._last.end / self._sample_rate if self._last else 0.0
         # Counted before the tail: the fade at the end is the oscillator's timeout, but not a fault.
-        faults = dict(self._pipeline.faults + self._oscillator.faults)
+        faults = dict(self._pipeline.detector.faults + self._oscillator.faults)
         if self._last:
             tail = self._pipeline.flush(self._last) if flush else PipelineStep(self._last, (), ())
             self._write(replace(tail, block=replace(self._last, samples=self._last.samples[:0])), until=duration + TAIL)

@@ -182,8 +182,9 @@ class _LoggedFinger:
         # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
         # end that.
         threshold_dbfs = controls.threshold_dbfs
-        if not self._fixed_detector and threshold_dbfs is not None and pipeline.threshold_dbfs != threshold_dbfs:
-            pipeline.threshold_dbfs = threshold_dbfs
+        threshold = pipeline.detector.threshold
+        if not self._fixed_detector and threshold_dbfs is not None and threshold.dbfs != threshold_dbfs:
+            threshold.dbfs = threshold_dbfs
 
 
 def settings_of(run: RunStart) -> Settings:
@@ -353,7 +354,7 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
             timeline=files["timeline"],
             microphones=renderer.microphones,
             vibration=renderer.vibration,
-            title=f"{name}, replayed; model {pipeline.detector_name}, profile {pipeline.profile.name}",
+            title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
         )
     return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
 

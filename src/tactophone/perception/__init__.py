@@ -9,11 +9,10 @@ from tactophone.perception.calibration import (
 )
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, Decision, DecisionRule
-from tactophone.perception.detector import TouchDetector, WindowDetector, process_together
+from tactophone.perception.detector import TouchDetector, WindowDetector, push_together
 from tactophone.perception.events import EventDetector, EventMerger
 from tactophone.perception.fallback import (
     FALLBACK_MESSAGES,
-    AnyTouchDetector,
     FallbackDetector,
     with_fallback,
 )
@@ -83,7 +82,6 @@ __all__ = [
     "SILENT_POWER",
     "SUPPORTS_MISSING_CHANNEL",
     "TIP_MODELS",
-    "AnyTouchDetector",
     "BandFeatures",
     "Calibration",
     "CalibrationResult",
@@ -124,7 +122,7 @@ __all__ = [
     "measure_floor",
     "model_path",
     "open_detector",
-    "process_together",
+    "push_together",
     "read_model",
     "shipped_models",
     "texture_features",

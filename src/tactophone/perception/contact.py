@@ -19,7 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from tactophone.perception.levels import LoudnessRule, StepLevels
 from tactophone.perception.noise_floor import RATE, WINDOW, NoiseFloor
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import AudioBlock, ContactThreshold, FloatArray
 
 FAST, SLOW = 0.004, WINDOW
 """Seconds that the two levels cover: half a period of 125 Hz, and a period of 31 Hz."""
@@ -77,9 +77,14 @@ class ContactGate:
     sample_rate
         Of the sound to come, in Hz.
     floor
-        Where there is one, the threshold follows it, until another threshold is assigned.
+        Where there is one, the threshold begins at its own and follows it, until another threshold is assigned.
     hold
         Seconds that contact lasts on over silence.
+
+    Attributes
+    ----------
+    threshold
+        A shared one may take its place.
 
     Examples
     --------
@@ -110,23 +115,9 @@ class ContactGate:
         self._windows = sliding_window_view(self._powers[1:], self._slow)
         self._slow_weights, self._fast_weights = (np.full(steps, 1 / steps) for steps in (self._slow, self._fast))
         self._filled = self._slow
-        self.floor: NoiseFloor | None = None
-        self.threshold_dbfs = threshold_dbfs
-        self.floor = floor  # after the threshold, whose assignment ends the following
+        self.threshold, self.floor = ContactThreshold(threshold_dbfs, follows_floor=floor is not None), floor
+        self._set(threshold_dbfs, threshold_dbfs - RELEASE_DB)
         self.reset()
-
-    @property
-    def threshold_dbfs(self) -> float:
-        """Level from which there is contact; may be assigned at any time, and then follows nothing."""
-        return self._threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        if self._filled > self._slow:
-            self._evaluate()  # the steps that wait, by the threshold of their time: none changes anything
-        self.floor = None
-        self._room = 0.0
-        self._set(level_dbfs, level_dbfs - RELEASE_DB)
 
     def _set(self, level_dbfs: float, release_dbfs: float) -> None:
         power = self._levels.power
@@ -134,11 +125,7 @@ class ContactGate:
         self._clear_from = 10 ** (power * (level_dbfs + CLEAR_DB) / 20)
         self._open_from = 10 ** (power * level_dbfs / 20)
         self._close_under = 10 ** (power * release_dbfs / 20)
-
-    @property
-    def latency(self) -> float:
-        """Duration of a step in s."""
-        return self._levels.step_size / self._sample_rate
+        self._following = self.threshold.follows_floor
 
     def reset(self) -> None:
         """Return to the initial state: no contact; the floor is measured anew."""
@@ -147,12 +134,18 @@ class ContactGate:
         self._filled, self._room, self._steps = self._slow, 0.0, 0
         self._touching = self._held = False
         self._lasted = self._quiet = 0
-        if self.floor:
+        if self.floor and self.threshold.follows_floor:
             self.floor.reset()
-            self._set(self.floor.threshold_dbfs, self.floor.release_dbfs)
+            self._move(self.floor)
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT`` s."""
+        if (self.threshold.dbfs, self.threshold.follows_floor) != (self._threshold_dbfs, self._following):
+            # Another was assigned. The steps that wait are from before, and change nothing by the threshold in force.
+            if self._filled > self._slow:
+                self._evaluate()
+            self._room = 0.0
+            self._set(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
         powers = self._levels.push(block)
         if len(powers) <= MOST_STEPS:
             return self._take(powers)
@@ -233,7 +226,7 @@ class ContactGate:
     def _report(self, slow: float, *, changed: bool) -> Contact | None:
         """Return the state if it changed or a heartbeat is due."""
         if self._steps % self._heartbeat == 0:
-            if self.floor:
+            if self.floor and self._following:
                 self._follow(self.floor, slow)
         elif not changed:
             return None
@@ -253,4 +246,8 @@ class ContactGate:
         # Until the window is full of sound, the level is that of its zeros.
         floor.push(level_dbfs if self._steps >= self._slow else math.nan, touching=self._touching)
         if floor.threshold_dbfs != self._threshold_dbfs:
-            self._set(floor.threshold_dbfs, floor.release_dbfs)
+            self._move(floor)
+
+    def _move(self, floor: NoiseFloor) -> None:
+        self.threshold.follow(floor.threshold_dbfs)
+        self._set(floor.threshold_dbfs, floor.release_dbfs)

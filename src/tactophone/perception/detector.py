@@ -26,13 +26,26 @@ from tactophone.perception.health import InvalidSampleFilter
 from tactophone.perception.model_file import Engine, Model, ModelCard
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.resample import LOWEST_RATE, Resampler, Windower
-from tactophone.types import AIR, CONTACT, AudioBlock, Detector, FloatArray, Prediction, Touch
+from tactophone.types import AIR, CONTACT, AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
 """A detector and the windows that it waits for, oldest first: the sample after the last, and the sound."""
 
 Processing: TypeAlias = Generator[PendingWindows, list[Prediction], list[Prediction]]
 """A detector at work on a block: yields windows, is sent their predictions, and returns those of the block."""
+
+
+def push_together(detectors: Sequence[Detector], blocks: Sequence[AudioBlock]) -> list[list[Prediction]]:
+    """Let several detectors process a block each, their windows together; returns the predictions of each."""
+    return process_together([_processing(*each) for each in zip(detectors, blocks, strict=True)])
+
+
+def _processing(detector: Detector, block: AudioBlock) -> Processing:
+    # A detector of a user's own need not have this method, and computes its windows alone.
+    process: Callable[[AudioBlock], Processing] | None = getattr(detector, "process", None)
+    if process:
+        return (yield from process(block))
+    return detector.push(block)
 
 
 def process_together(processings: Sequence[Processing]) -> list[list[Prediction]]:
@@ -97,11 +110,15 @@ class WindowDetector:
     faults
         Predictions withheld, by cause: ``sound`` (invalid samples in the window), ``model`` (its output was not a
         probability distribution).
-    threshold_dbfs
+    threshold
         Level from which there is contact; the model's own, until another is assigned.
+    margin_db
+        How far under the threshold a window still counts as contact.
     floor
-        Where there is one, the threshold follows it, until another threshold is assigned.
-
+        The noise by the window's own measure of level. While the threshold follows the noise floor, it decides.
+    hop, bandwidth, latency
+        Seconds between two predictions; the highest frequency, in Hz, that the model uses; seconds from a window's end
+        until it can be classified.
     trace
         Called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
@@ -116,53 +133,32 @@ class WindowDetector:
             raise ModelError(
                 f"sound at {sample_rate} Hz, but models need {LOWEST_RATE} Hz or more; record at a higher rate"
             )
-        self.card = model.card
+        card = self.card = model.card
+        self.name, self.hop, self.bandwidth = card.name, float(card.hop / card.sample_rate), card.sample_rate / 2
         self.faults: Counter[str] = Counter()
+        self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
         self.floor: NoiseFloor | None = None
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
-        self.threshold_dbfs = model.card.gate.threshold_dbfs
         self._sample_rate = sample_rate
-        self._decision = Decision(model.card.decision)
-        self._extractor = _open_extractor(model.card)
+        self._decision = Decision(card.decision)
+        self._extractor = _open_extractor(card)
         self.network = model
         """Detectors of one network compute their windows together."""
         self._engine = Engine(model.session)
         self.describe, self.classify = self._extractor.describe, self._engine.run
         self._check_width()
-        self._level_of = level_meter(self._extractor, model.card.gate.rule)
+        self._level_of = level_meter(self._extractor, card.gate.rule)
         self.reset()
+        # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
+        # the low-pass has all around it.
+        self.latency: float = self._resampler.latency + 1 / sample_rate - 1 / card.sample_rate
 
     @property
     def threshold_dbfs(self) -> float:
-        """Level from which there is contact; may be assigned at any time, and then follows nothing."""
-        return self.floor.threshold_dbfs if self.floor else self._threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        self.floor, self._threshold_dbfs = None, level_dbfs
-
-    @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.card.name
-
-    @property
-    def hop(self) -> float:
-        """Seconds between two predictions."""
-        return float(self.card.hop / self.card.sample_rate)
-
-    @property
-    def bandwidth(self) -> float:
-        """The highest frequency, in Hz, that the model uses: half its rate."""
-        return self.card.sample_rate / 2
-
-    @property
-    def latency(self) -> float:
-        """Seconds from a window's end until it can be classified: half the length of the low-pass.
-
-        Less a sample: the window ends *after* its last sample, which is known once the low-pass has all around it.
-        """
-        return self._resampler.latency + 1 / self._sample_rate - 1 / self.card.sample_rate
+        """Level of a window from which there is contact now."""
+        if self.floor and self.threshold.follows_floor:
+            return self.floor.threshold_dbfs
+        return self.threshold.dbfs - self.margin_db
 
     def reset(self) -> None:
         """Return to the initial state; the fault counts stay."""
@@ -248,7 +244,7 @@ class WindowDetector:
         """Return a window's level, whether that is contact, and the features of the touch so far."""
         level_dbfs = self._level_of(window, description)
         loud = level_dbfs >= self.threshold_dbfs
-        if self.floor:
+        if self.floor and self.threshold.follows_floor:
             self.floor.push(level_dbfs, touching=loud)
         return level_dbfs, loud, self._extractor.push(description, contact=loud)
 
@@ -341,40 +337,24 @@ class TouchDetector:
     what was before it and what is after, and times follow the stream.
     """
 
-    def __init__(self, detector: Detector, gate: ContactGate | None = None, *, window: float = 0.256) -> None:
+    def __init__(self, detector: WindowDetector, gate: ContactGate | None = None, *, window: float = 0.256) -> None:
         self.detector, self._gate, self._window = detector, gate, window
+        self.name, self.bandwidth, self.faults = detector.name, detector.bandwidth, detector.faults
         self.latency = detector.latency
-        """Seconds from the end of a prediction's window to the moment of the prediction."""
-        if gate and gate.floor:
-            self._threshold_dbfs = gate.threshold_dbfs
-        else:
-            self.threshold_dbfs = detector.threshold_dbfs
+        # From here on all three share one threshold. While it follows the noise, it is the gate that moves it.
+        self.threshold = gate.threshold if gate and gate.threshold.follows_floor else detector.threshold
+        detector.threshold = self.threshold
+        if gate:
+            gate.threshold = self.threshold
+            detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
+        self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
         self._begin(0)
-
-    @property
-    def threshold_dbfs(self) -> float:
-        """Level of contact; may be assigned at any time, and then follows the noise no longer."""
-        return self._threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        self._threshold_dbfs = level_dbfs
-        below = WINDOW_MARGIN_DB if self._gate and self._window > LONG_WINDOW else 0.0
-        self.detector.threshold_dbfs = level_dbfs - below
-        if self._gate:
-            self._gate.threshold_dbfs = level_dbfs
 
     @property
     def floors(self) -> list[NoiseFloor]:
         """The noise floors that gate and window detector follow; none where the threshold was given."""
-        floors = (getattr(part, "floor", None) for part in (self._gate, self.detector))
+        floors = (self._gate and self._gate.floor, self.detector.floor) if self.threshold.follows_floor else ()
         return [floor for floor in floors if floor]
-
-    @property
-    def follows_floor(self) -> bool:
-        """Whether the threshold follows the noise floor; not once it was given or calibrated."""
-        # Asked for at each packet; as `floors` without the lists.
-        return bool(self._gate and self._gate.floor) or getattr(self.detector, "floor", None) is not None
 
     def adopt_floors(self, other: "TouchDetector") -> None:
         """Take over what another detector, of the same microphone and rule, has measured of the noise."""
@@ -388,6 +368,8 @@ class TouchDetector:
     def process(self, block: AudioBlock) -> Processing:
         """Do as :meth:`push`, one of several detectors (`tactophone.perception.detector`)."""
         self._follow(block)
+        if not self.threshold.follows_floor:
+            self._threshold_dbfs = self.threshold.dbfs
         predictions = yield from self.detector.process(block)
         if self._gate is None:
             return [self._revise(self._shifted(prediction)) for prediction in predictions]
@@ -445,7 +427,7 @@ class TouchDetector:
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
         changed = (contact.touching, contact.held) != (self._touching, self._held)
-        if self._gate and self._gate.floor:
+        if self.threshold.follows_floor:
             # As it was at that time, however many blocks later this is read.
             self._threshold_dbfs = contact.threshold_dbfs
         if contact.held and not self._held:

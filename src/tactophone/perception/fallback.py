@@ -11,13 +11,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TypeAlias
 
 from tactophone.perception.detector import Processing, TouchDetector, process_together
 from tactophone.perception.health import FaultDetector, FaultKind, Reference, SensorFault
 from tactophone.perception.models import fallback_model, open_detector
 from tactophone.perception.noise_floor import NoiseFloor
-from tactophone.types import AIR, CONTACT, AudioBlock, Detector, Prediction, Touch
+from tactophone.types import AIR, CONTACT, AudioBlock, Prediction, Touch
 
 REMEMBERED_CELLS = 12
 """Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of its beginning."""
@@ -81,62 +80,42 @@ def with_fallback(
         From the set-up's calibration; without one, faults are found less sharply.
     """
     name = fallback_model(model) if channels > 1 else None
-    follows = bool(detector.floors)
+    follows = detector.threshold.follows_floor
     spare = open_detector(name, sample_rate=sample_rate, follow_floor=follows) if name else None
-    if spare is not None and not follows:
-        spare.threshold_dbfs = detector.threshold_dbfs
     return FallbackDetector(detector, spare, FaultDetector(sample_rate, reference))
 
 
 class FallbackDetector:
-    """A detector that never relies on a faulty microphone; has the interface of :class:`TouchDetector`.
+    """A detector that never relies on a faulty microphone.
 
     ``main`` is for microphones without faults; ``spare`` uses the contact microphone alone, for when the air microphone
     is faulty; ``None`` if there is none, or only one microphone.
+
+    Attributes
+    ----------
+    active
+        Which of the two is in use: name, latency, bandwidth and faults are its own.
+    mode, sensor_faults
+        The fallback in use, and the faults of the microphones now.
     """
 
     def __init__(self, main: TouchDetector, spare: TouchDetector | None, fault_detector: FaultDetector) -> None:
         self._main, self._spare, self._fault_detector = main, spare, fault_detector
+        self.threshold = main.threshold
         self._spare_in_use = False
         self._floors: deque[list[NoiseFloor]] = deque(maxlen=REMEMBERED_CELLS)
         self._left = fault_detector.cell_size  # samples until the fault detector measures again
         self._next = 0
+        self._choose()
 
-    @property
-    def detector(self) -> Detector:
-        """The window detector in use."""
-        return self._active.detector
-
-    @property
-    def latency(self) -> float:
-        """Seconds from the end of a prediction's window to the moment of the prediction."""
-        return self._active.latency
-
-    @property
-    def sensor_faults(self) -> tuple[SensorFault, ...]:
-        """Faults of the microphones now."""
-        return self._fault_detector.faults
-
-    @property
-    def mode(self) -> FallbackMode:
-        """The fallback in use."""
-        faults = self._fault_detector.faults
-        return fallback_mode(faults, spare=self._spare is not None) if faults else FallbackMode.FULL
-
-    @property
-    def threshold_dbfs(self) -> float:
-        """Level of contact; may be assigned at any time."""
-        return self._main.threshold_dbfs
-
-    @threshold_dbfs.setter
-    def threshold_dbfs(self, level_dbfs: float) -> None:
-        for detector in filter(None, (self._main, self._spare)):
-            detector.threshold_dbfs = level_dbfs
-
-    @property
-    def follows_floor(self) -> bool:
-        """Whether the threshold follows the noise floor; not once it was given or calibrated."""
-        return self._main.follows_floor
+    def _choose(self) -> None:
+        """Choose the fallback for the faults that are present now, and the detector that it uses."""
+        self.sensor_faults = self._fault_detector.faults
+        self.mode = fallback_mode(self.sensor_faults, spare=self._spare is not None)
+        spare = self._spare if self.mode is FallbackMode.ONE_CHANNEL else None
+        active = self.active = spare or self._main
+        self.name, self.latency = active.name, active.latency
+        self.bandwidth, self.faults = active.bandwidth, active.faults
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
@@ -147,6 +126,7 @@ class FallbackDetector:
         if block.start != self._next:
             self._fault_detector.reset()
             self._left = self._fault_detector.cell_size
+            self._choose()
         self._next = block.end
         predictions = []
         for part in self._parts(block):
@@ -155,7 +135,7 @@ class FallbackDetector:
 
     def flush(self) -> list[Prediction]:
         """Return the predictions that only the end of the stream completes."""
-        return [self._revised(prediction) for prediction in self._active.flush()]
+        return [self._revised(prediction) for prediction in self.active.flush()]
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""
@@ -163,14 +143,9 @@ class FallbackDetector:
         self._floors.clear()
         self._spare_in_use = False
         self._left, self._next = self._fault_detector.cell_size, 0
+        self._choose()
         for detector in filter(None, (self._main, self._spare)):
             detector.reset()
-
-    @property
-    def _active(self) -> TouchDetector:
-        if self._spare is not None and self.mode is FallbackMode.ONE_CHANNEL:
-            return self._spare
-        return self._main
 
     def _parts(self, block: AudioBlock) -> Iterator[AudioBlock]:
         """Cut a block where the fault detector measures, so that the mode changes at the same sample at any size."""
@@ -189,12 +164,14 @@ class FallbackDetector:
             self._left = self._left - size or self._fault_detector.cell_size
 
     def _process(self, part: AudioBlock) -> Processing:
-        active = self._active
-        if self._spare is not None:
-            if active is self._spare and not self._spare_in_use:
+        active = self.active
+        if active is not self._main:
+            if not self._spare_in_use:
                 # The spare has not run until now, so it knows nothing of the noise yet.
-                self._spare.adopt_floors(self._main)
-            self._spare_in_use = active is self._spare
+                active.adopt_floors(self._main)
+            if not self.threshold.follows_floor:
+                active.threshold.dbfs = self.threshold.dbfs
+        self._spare_in_use = active is not self._main
         # The main detector gets all sound, so that once the fault has healed it goes on as if there had been none.
         predictions = yield from self._main.process(part)
         if active is not self._main:
@@ -203,13 +180,15 @@ class FallbackDetector:
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed:
             self._fault_detector.push(part)
+            if self._fault_detector.faults is not self.sensor_faults:
+                self._choose()
             if self._left == self._fault_detector.cell_size:
                 self._protect_floors()
         return revised
 
     def _protect_floors(self) -> None:
         """While the contact microphone is faulty, keep the noise floor from before the fault was found."""
-        floors = self._active.floors
+        floors = self.active.floors
         if self.mode <= FallbackMode.ONE_CHANNEL:
             self._floors.append([copy.copy(floor) for floor in floors])
             return
@@ -217,14 +196,9 @@ class FallbackDetector:
             floor.adopt(before)
 
     def _revised(self, prediction: Prediction) -> Prediction:
-        mode = self.mode
-        if mode is FallbackMode.SILENCE:
+        if self.mode is FallbackMode.SILENCE:
             return replace(prediction, touch=Touch.NONE, roughness=0.0, faulty=True)
-        if mode is FallbackMode.CONTACT_ONLY:
+        if self.mode is FallbackMode.CONTACT_ONLY:
             touch = Touch.NONE if prediction.touch is Touch.NONE else Touch.SMOOTH
             return replace(prediction, touch=touch, roughness=0.0, probabilities=_UNKNOWN)
         return prediction
-
-
-AnyTouchDetector: TypeAlias = TouchDetector | FallbackDetector
-"""With or without fallbacks."""

@@ -96,19 +96,20 @@ def open_detector(
         If there is no such model, or this version cannot run it.
     """
     detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
-    if not fast_contact:
-        return TouchDetector(detector)
+    return (
+        with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor)
+        if fast_contact
+        else TouchDetector(detector)
+    )
+
+
+def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False) -> TouchDetector:
+    """Join a detector and a contact gate of its model's threshold, which begins there and may follow the noise."""
     floor, contact = None, detector.card.gate
     if follow_floor:
         # Each follows the noise by its own measure of level: the gate's bands are not exactly those of the windows.
         spread_db = SPREAD_DB[contact.rule]
         floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
-        detector.floor = NoiseFloor(detector.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
-    return with_gate(detector, sample_rate=sample_rate, floor=floor)
-
-
-def with_gate(detector: WindowDetector, *, sample_rate: int, floor: NoiseFloor | None = None) -> TouchDetector:
-    """Join a detector and a contact gate of its threshold; with a floor, the gate's threshold follows that."""
-    rule, threshold_dbfs = detector.card.gate.rule, detector.threshold_dbfs
-    gate = ContactGate(threshold_dbfs, sample_rate=sample_rate, rule=rule, floor=floor, hold=HOLD)
+        detector.floor = NoiseFloor(contact.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
+    gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=HOLD)
     return TouchDetector(detector, gate, window=detector.card.window_size / detector.card.sample_rate)

@@ -84,7 +84,7 @@ class FingerOutput:
         gate, pipeline = self.gate, self.pipeline
         return (
             gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
-            None if pipeline.follows_floor else pipeline.threshold_dbfs,
+            None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs,
         )  # fmt: skip
 
     def state(self) -> FingerState:
@@ -98,8 +98,8 @@ class FingerOutput:
             local_ceiling=gate.local_ceiling,
             output_level=gate.output_level,
             profile=pipeline.profile.name,
-            detector=pipeline.detector_name,
-            threshold_dbfs=pipeline.threshold_dbfs,
+            detector=pipeline.detector.name,
+            threshold_dbfs=pipeline.detector.threshold.dbfs,
             noise_floor_dbfs=round(self.floor_dbfs, 0),
         )
 

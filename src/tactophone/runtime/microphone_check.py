@@ -4,12 +4,12 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 
 from tactophone.hand import each_finger, names_of
-from tactophone.perception import FALLBACK_MESSAGES, AnyTouchDetector, FallbackDetector, FaultDetector
+from tactophone.perception import FALLBACK_MESSAGES, FallbackDetector, FaultDetector
 from tactophone.runtime.pipeline_wiring import read_calibration
 from tactophone.runtime.rehearsal import rehearse_microphone_check
 from tactophone.settings import Settings
 from tactophone.telemetry import Fault
-from tactophone.types import LIVE_SAMPLE_RATE, PipelineStep
+from tactophone.types import LIVE_SAMPLE_RATE, Detector, PipelineStep
 
 MOST_UNCHECKED = 1 << 14
 """Blocks that may wait to be checked: seconds of them, where the main thread is late."""
@@ -54,7 +54,7 @@ def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector
     return FaultDetector(LIVE_SAMPLE_RATE, calibration.reference if calibration else None)
 
 
-def microphone_faults(detector: AnyTouchDetector, *, finger: str = "") -> Iterator[Fault]:
+def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault]:
     """Yield what is wrong with a finger's microphones, and what the detector falls back to."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:

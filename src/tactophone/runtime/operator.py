@@ -82,14 +82,14 @@ class Operator:
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
             for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
         ]
-        warnings = [tip_warning(own, finger.pipeline) for own, finger in zip(fingers, self._fingers, strict=True)]
+        warnings = [tip_warning(own) for own in fingers]
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
         for finger in self._fingers:
             rehearse_renderer(finger.renderer, period=settings.output.period)
         rehearse_statistics()
         info.progress("opening the actuator and the port")
-        self._session.bandwidth = round(max(finger.pipeline.bandwidth for finger in self._fingers))
+        self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = self._losses = self._period = 0

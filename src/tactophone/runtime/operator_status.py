@@ -72,7 +72,7 @@ class OperatorStatus:
         device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
         for finger in self._fingers:
             faults.update(finger.renderer.faults)
-            invalid.update(finger.pipeline.faults)
+            invalid.update(finger.pipeline.detector.faults)
         counts = {
             **self.counters,
             "xruns": device.xruns,

@@ -5,17 +5,18 @@ from pathlib import Path
 
 from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, open_profile
 from tactophone.perception import (
-    AnyTouchDetector,
     Calibration,
     default_model,
+    model_path,
     open_detector,
+    read_model,
     tip_mismatch,
     with_fallback,
 )
 from tactophone.pipeline import Pipeline, open_events
 from tactophone.runtime.device_wiring import actuator_response
 from tactophone.settings import Settings
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.types import LIVE_SAMPLE_RATE, Detector
 
 
 def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
@@ -26,7 +27,7 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     chosen, profile = settings.detector, settings.rendering.profile
     model = chosen.model or default_model(settings.capture.tip)
     calibration = read_calibration(chosen.calibration, channels)
-    detector: AnyTouchDetector
+    detector: Detector
     detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
     if chosen.check_microphones:
         reference = calibration.reference if calibration else None
@@ -34,10 +35,10 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
             plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference
         )
     if not math.isnan(chosen.threshold_dbfs):
-        detector.threshold_dbfs = chosen.threshold_dbfs
-    elif calibration and (level := calibration.threshold_for(detector.detector.card.gate.rule)) is not None:
+        detector.threshold.dbfs = chosen.threshold_dbfs
+    elif calibration and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
         # A model whose rule was not calibrated follows the noise floor.
-        detector.threshold_dbfs = level
+        detector.threshold.dbfs = level
     return Pipeline(
         detector,
         GateProfile(profile) if profile in PASSTHROUGH else open_profile(profile, actuator_response(settings)),
@@ -48,9 +49,10 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     )
 
 
-def tip_warning(settings: Settings, pipeline: Pipeline) -> str:
+def tip_warning(settings: Settings) -> str:
     """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
-    return tip_mismatch(pipeline.card, settings.capture.tip)
+    tip = settings.capture.tip
+    return tip_mismatch(read_model(model_path(settings.detector.model or default_model(tip))).card, tip)
 
 
 def read_calibration(path: str, channels: int) -> Calibration | None:

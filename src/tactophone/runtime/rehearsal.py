@@ -14,11 +14,11 @@ from tactophone.errors import ModelError, PacketError
 from tactophone.hand import channels_of, each_finger
 from tactophone.haptics import Renderer
 from tactophone.link import Codec, ReceiveSession, open_decoder, open_encoder
-from tactophone.perception import AnyTouchDetector, FaultDetector
+from tactophone.perception import FaultDetector
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.pipeline_wiring import open_pipeline_for
 from tactophone.settings import Settings
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray
 
 DURATION = 0.6
 """Seconds of noise that a detector is rehearsed with: its longest window, and half a second for what is measured
@@ -67,7 +67,7 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
     return OperatorEndpoint(session, pipelines[2], reopen=reopen)
 
 
-def rehearse_detector(detector: AnyTouchDetector, *, channels: int) -> None:
+def rehearse_detector(detector: Detector, *, channels: int) -> None:
     """Let a detector process noise, loud and then digital silence, and return it to its initial state."""
     for sound in (_noise(DURATION, channels), np.zeros((_BLOCK, channels), np.float32)):
         for start in range(0, len(sound), _BLOCK):

@@ -79,7 +79,7 @@ class RequestHandler:
             if request.action == "profile" and request.text in self.profiles:
                 pipeline.profile = open_profile(request.text, self._response)
             elif request.action == "threshold_dbfs" and LOWEST_THRESHOLD_DBFS <= request.value <= 0.0:
-                pipeline.threshold_dbfs = request.value
+                pipeline.detector.threshold.dbfs = request.value
             else:
                 return False
         except TactophoneError:

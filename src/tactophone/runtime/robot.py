@@ -153,7 +153,7 @@ class Robot:
                 yield Fault(f"version{which}", conflict)
 
     def _state(self) -> State:
-        capture, detectors = self._settings.capture, [each.detector.name for each in self._endpoint.detectors]
+        capture, detectors = self._settings.capture, [each.name for each in self._endpoint.detectors]
         return State(
             role="robot",
             source=capture.source,

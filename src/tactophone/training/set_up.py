@@ -120,7 +120,7 @@ def collect(
     Raises `ModelError` if there is no contact.
     """
     detector = WindowDetector(model, sample_rate=sample_rate)
-    detector.threshold_dbfs = threshold_dbfs
+    detector.threshold.dbfs = threshold_dbfs
     features: list[FloatArray] = []
     logits: list[float] = []
     unknown = 0

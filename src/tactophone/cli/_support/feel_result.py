@@ -42,11 +42,11 @@ def as_json(result: Result) -> dict[str, Any]:
     """Return what ``--json`` prints."""
     return {
         "recording": str(result.path),
-        "model": result.pipeline.detector_name,
+        "model": result.pipeline.detector.name,
         "profile": result.profile,
         "label": result.label or None,
         **asdict(result.summary),
-        "threshold_dbfs": result.pipeline.threshold_dbfs,
+        "threshold_dbfs": result.pipeline.detector.threshold.dbfs,
         "noise_floor_dbfs": result.floor.floor_dbfs if result.floor and result.floor.known else None,
         "notes": result.notes,
         "events": dict(result.events),
@@ -60,7 +60,7 @@ def print_result(result: Result) -> None:
     summary, show = result.summary, partial(terminal.out().print, soft_wrap=True)
     label = f"; labelled {result.label}" if result.label else ""
     show(f"[bold]{escape(str(result.path))}[/]: {summary.duration:.1f} s{label}")
-    show(f"  model      {escape(result.pipeline.detector_name)}{', for one channel' if result.chosen_for_mono else ''}")
+    show(f"  model      {escape(result.pipeline.detector.name)}{', for one channel' if result.chosen_for_mono else ''}")
     if result.chosen_for_mono:
         show("             (taken as the contact microphone; of a rod with its microphone on it, state --tip stylus)")
     show(f"  contact    {_percent(summary.contact)} of the time, of which rough {_percent(summary.rough)}")
@@ -82,7 +82,7 @@ def print_result(result: Result) -> None:
 
 
 def _threshold(result: Result) -> str:
-    floor, threshold = result.floor, f"{result.pipeline.threshold_dbfs:.1f} dBFS"
+    floor, threshold = result.floor, f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS"
     if floor is None:
         return f"{threshold}, as given"
     if floor.known:
@@ -99,7 +99,7 @@ def _no_contact(result: Result) -> tuple[str, str]:
     if "sound" in result.summary.faults:
         return "the samples are no sound: see the note", "write the file again: 16 or 24 bits, or floats from -1 to 1"
     if result.summary.faults:
-        return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector_name)}"
+        return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector.name)}"
     if loudest < SILENT_DBFS:
         return "the recording is digital silence: no microphone was connected", "tactophone calibrate"
     if floor is None:

@@ -74,8 +74,8 @@ def _state(take: Take, source: FileSource) -> State:
             ceiling=pipeline.limits.ceiling,
             local_ceiling=pipeline.limits.ceiling,
             profile=pipeline.profile.name,
-            detector=pipeline.detector_name,
-            threshold_dbfs=pipeline.threshold_dbfs,
+            detector=pipeline.detector.name,
+            threshold_dbfs=pipeline.detector.threshold.dbfs,
         )
         for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
     )
