@@ -130,25 +130,11 @@ def run_folds(
     ray: bool = False,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> int:
-    """Run the folds whose predictions are not cached, and cache them; return how many ran.
+    """Run the folds whose predictions are not cached, each with its method, and cache them; return how many ran.
 
-    Parameters
-    ----------
-    folds
-        Each with its method, in any order: each is independent of the others.
-    cache
-        Where predictions are kept.
-    workers
-        Processes; one is this process itself.
-    ray
-        Whether to run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of as many processes.
-    report
-        Called with the number of folds done, and the name of the last one.
-
-    Raises
-    ------
-    ConfigError
-        If Ray is chosen and not installed.
+    One worker is this process itself. With ``ray`` they run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of
+    as many processes. ``report`` is called with the number of folds done, and the name of the last one. Raises
+    `ConfigError` if Ray is chosen and not installed.
     """
     todo = {fold_key(*fold): fold for fold in folds}
     todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}

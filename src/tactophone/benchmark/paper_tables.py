@@ -18,10 +18,9 @@ operator is the same for every method and has no input but the vibration; it is 
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,30 +102,14 @@ class TableRow:
     name: str
     values: dict[str, Estimate]
 
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 def predict_held_out(
     dataset: Dataset, names: Sequence[str], cache: Cache, *, report: Callable[[str], None] = lambda name: None
 ) -> dict[str, list[TakePredictions]]:
-    """Train methods on the training objects; predict the test objects and the competition's runs.
+    """Train methods on the training objects of the authors' layout; predict its test objects and competition runs.
 
-    Parameters
-    ----------
-    dataset
-        In the authors' layout.
-    names
-        Of methods; by default the paper's three variants and ``texture``.
-    cache
-        Where predictions are kept.
-    report
-        Called with each method's name before it trains.
-
-    Raises
-    ------
-    DatasetError
-        If there are no held-out recordings.
+    Without ``names`` they are the paper's three variants and ``texture``. ``report`` is called with each method's name
+    before it trains. Raises `DatasetError` if there are no held-out recordings.
     """
     kept = dataset.labelled()
     if not any(take.known("split") not in ("train", "") for take in kept.recordings):
@@ -294,9 +277,6 @@ class TaskOutcome:
     success: float
     median_duration: float
     """`success` and `median_duration`: the share of ``both`` and the median of ``duration``, as numbers."""
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def task_methods() -> tuple[str, ...]:

@@ -24,14 +24,7 @@ from tactophone.dataset import Recording
 from tactophone.evaluation import Predictor, TakePredictions, rough_score
 from tactophone.haptics import PASSTHROUGH, STEP_SIZE, Limits
 from tactophone.perception import Resampler
-from tactophone.training import (
-    FEATURE_RECIPES,
-    RECIPES,
-    FeatureSpec,
-    build_training_set,
-    extract_features,
-    fit_height,
-)
+from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureSpec, build_training_set, extract_features, fit_height
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Floats = NDArray[np.float64]

@@ -39,11 +39,7 @@ MOST_CELLS = 20
 
 
 def write_report(
-    folder: Path,
-    datasets: Sequence[DatasetResults],
-    *,
-    costs: Mapping[str, Mapping[str, Cost]],
-    notes: Iterable[str],
+    folder: Path, datasets: Sequence[DatasetResults], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]
 ) -> Path:
     """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the top: what ran, on what."""
     parts = ["# Tactophone benchmark", *notes]
@@ -80,11 +76,7 @@ def _section(folder: Path, results: Sequence[MethodResult], split: str, of_datas
         figures["heights"] = draw_heights(of_dataset.heights[split])
     rules = [(rule, name) for rule in ("authors", "two-class") for name in ("balanced", "smooth", "rough")]
     accuracies = [
-        (
-            result.method,
-            *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules),
-        )
-        for result in results
+        (result.method, *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules)) for result in results
     ]
     return [
         f"### {split}",

@@ -1,8 +1,7 @@
 """Results of a benchmark: of a method as rendered, by windows, events and its difference from the reference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -82,9 +81,6 @@ class DatasetResults:
     """By split: how well Ra is estimated from sound."""
     seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 @dataclass(frozen=True, slots=True)

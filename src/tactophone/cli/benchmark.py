@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         names = dict.fromkeys(result.method for result in results[-1].results if not result.control)
         costs[dataset.name] = measure_costs(dataset, list(names), cache.folder / "costs")
     summary = {
-        "datasets": [of_dataset.as_json() for of_dataset in results],
+        "datasets": [asdict(of_dataset) for of_dataset in results],
         "costs": {name: {method: asdict(cost) for method, cost in methods.items()} for name, methods in costs.items()},
         "profiles": steps_by_profile(),
     }

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,7 +96,7 @@ def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
 
 def _print(args: argparse.Namespace, report: "HeightReport") -> None:
     if args.json:
-        terminal.print_json({"file": str(args.file), **report.as_json()})
+        terminal.print_json({"file": str(args.file), **asdict(report)})
         return
     found, area = report.profile, report.area
     table = Table.grid(padding=(0, 2))

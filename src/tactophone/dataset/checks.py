@@ -323,8 +323,6 @@ def measure_lag(first: NDArray[np.float32], second: NDArray[np.float32], rate: i
 
     Returns the lag in s, and the correlation of the levels at it, from -1 to 1.
 
-    Examples
-    --------
     >>> noise = np.random.default_rng(0).normal(0, 0.1, 8000).astype(np.float32)
     >>> noise[2000:5000] *= 10
     >>> round(measure_lag(noise, np.roll(noise, 160), 8000)[0], 3)

@@ -29,28 +29,13 @@ def convert(
     targets: Mapping[Path, Path] = MappingProxyType({}),
     progress: Callable[[int], None] = lambda done: None,
 ) -> Dataset:
-    """Copy recordings into a folder as FLAC with a ``metadata.csv``; the originals stay.
+    """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.
 
-    Sound is neither resampled nor mixed; floating-point sound becomes 24 bit.
-
-    Parameters
-    ----------
-    dataset
-        What to copy.
-    out
-        A new folder.
-    air_of
-        The file of the air microphone, by the recording's path, which then holds the contact microphone alone: the copy
-        has both.
-    targets
-        Path of a copy below ``out`` without suffix, by the recording's path; by default as below the data set.
-    progress
-        Called with the number of recordings done.
-
-    Raises
-    ------
-    DatasetError
-        If ``out`` holds a data set already, or a file cannot be converted.
+    Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both mappings are by a recording's path:
+    ``air_of`` has the file of the air microphone where the recording holds the contact microphone alone, so that the
+    copy has both; ``targets`` the path of the copy below ``out`` without suffix, by default as below the data set.
+    ``progress`` is called with the number of recordings done. Raises `DatasetError` if ``out`` holds a data set
+    already, or a file cannot be converted.
     """
     if (out / FILE_NAME).exists():
         raise DatasetError(f"{out}: holds a data set already; name a new folder")

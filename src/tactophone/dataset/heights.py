@@ -71,26 +71,10 @@ class Roughness:
 
 
 def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Roughness:
-    """Compute the roughness parameters of a profile.
+    """Compute the roughness parameters of a profile: heights in m, ``step`` m apart, at a filter's cut-off in m.
 
-    Parameters
-    ----------
-    heights
-        In m, equally spaced; at least two cut-offs long.
-    step
-        Between heights, in m.
-    cutoff
-        Of the Gaussian filter, in m.
-    periodic
-        Whether the profile repeats, so that it has no ends to leave out.
+    A periodic profile has no ends to leave out. Raises `ValueError` if one that is not is shorter than two cut-offs.
 
-    Raises
-    ------
-    ValueError
-        If the profile is shorter than two cut-offs and not periodic.
-
-    Examples
-    --------
     >>> place = np.arange(0, 10e-3, 1e-6)
     >>> sine = measure_profile(5e-6 * np.sin(2 * np.pi * place / 0.1e-3), step=1e-6)
     >>> round(sine.ra * 1e6, 2), round(2 * 5 / math.pi, 2), round(sine.rsm * 1e3, 3), round(sine.rdq, 3)
@@ -104,13 +88,17 @@ def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, pe
     rz = float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
     skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
     rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
-    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, _rms_slope(rough, step, periodic))
+    # The slope is that of seven heights, as ISO 21920-2 and ISO 4287 name it.
+    padded = np.pad(rough, 3, mode="wrap") if periodic else rough
+    slopes = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step) if len(padded) >= 7 else np.array([np.nan])
+    rdq = float(np.sqrt(np.square(slopes).mean()))
+    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, rdq)
 
 
 def roughness_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Heights:
-    """Return heights less the Gaussian mean line; parameters and errors as in :func:`measure_profile`.
+    """Return heights less the Gaussian mean line, half a cut-off shorter at either end unless periodic.
 
-    The result is half a cut-off shorter at either end; as long as ``heights`` if periodic.
+    Parameters and errors are those of :func:`measure_profile`.
     """
     if periodic:
         wavenumber = np.fft.rfftfreq(heights.size, step)
@@ -150,10 +138,7 @@ def standard_cutoff(ra: float) -> float:
 
 
 def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
-    """Choose the cut-off of a profile by its own Ra.
-
-    Returns it in m, and whether the profile was long enough for the one that the standard names.
-    """
+    """Choose a profile's cut-off in m by its own Ra; also whether it was long enough for the one that ISO names."""
     fitting = [cutoff for _, cutoff in STANDARD_CUTOFFS if 2 * cutoff <= step * len(heights) and cutoff >= 4 * step]
     if not fitting:
         raise ValueError(
@@ -165,15 +150,6 @@ def choose_cutoff(heights: Heights, *, step: float) -> tuple[float, bool]:
         if standard_cutoff(measure_profile(heights, step=step, cutoff=cutoff).ra) <= cutoff:
             return cutoff, True
     return fitting[-1], False
-
-
-def _rms_slope(rough: Heights, step: float, periodic: bool) -> float:
-    """Root mean square slope by the difference of seven heights that ISO 21920-2 and ISO 4287 name."""
-    padded = np.pad(rough, 3, mode="wrap") if periodic else rough
-    if len(padded) < 7:
-        return float("nan")
-    slope = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step)
-    return float(np.sqrt(np.square(slope).mean()))
 
 
 def _rsm(rough: Heights, least: float) -> float:
@@ -215,31 +191,14 @@ class HeightReport:
     notes: tuple[str, ...]
     """Doubts about the figures, a sentence each."""
 
-    def as_json(self) -> dict[str, object]:
-        """Return plain numbers, lengths in m."""
-        return asdict(self)
-
 
 def measure_heights(
     heights: Heights, *, step: float, cutoff: float | None = None, resolution: float = 0.0
 ) -> HeightReport:
-    """Measure a profile or a height map.
+    """Measure a profile or a height map, shape ``(heights,)`` or ``(rows, columns)``, ``step`` apart; all in m.
 
-    Parameters
-    ----------
-    heights
-        In m, shape ``(heights,)`` or ``(rows, columns)``, equally spaced in both directions.
-    step
-        Between heights, in m.
-    cutoff
-        Of the filter, in m; by default the one that ISO 21920-3 names for the Ra found.
-    resolution
-        Height in m under which the sensor shows nothing but noise, if known.
-
-    Raises
-    ------
-    ValueError
-        If there are too few heights for the cut-off.
+    The cut-off of the filter is by default the one that ISO 21920-3 names for the Ra found. Under ``resolution`` the
+    sensor shows nothing but noise. Raises `ValueError` if there are too few heights for the cut-off.
     """
     rows = np.atleast_2d(levelled(heights))
     long_enough = True
@@ -270,8 +229,6 @@ def measure_heights(
 def measure_area(heights: Heights, *, step: float, cutoff: float) -> ArealRoughness:
     """Compute Sa, Sq and Sz of a levelled map, in m, shape ``(rows, columns)``.
 
-    Examples
-    --------
     >>> x = np.arange(0, 4e-3, 10e-6)
     >>> waves = 2e-6 * np.sin(2 * np.pi * x[:, None] / 0.1e-3) * np.sin(2 * np.pi * x / 0.1e-3)
     >>> area = measure_area(waves, step=10e-6, cutoff=0.8e-3)
@@ -310,27 +267,12 @@ def levelled(heights: Heights) -> Heights:
 
 
 def read_heights(path: Path, *, unit: str = "m", height_range: float | None = None) -> tuple[Heights, float | None]:
-    """Read a profile or a height map.
+    """Read a profile or a height map: heights in m, and the step in m where the file states it.
 
-    Parameters
-    ----------
-    path
-        ``.npy``; ``.npz`` with an array ``heights``, or with one array alone, and perhaps ``step`` in m; ``.csv``
-        (one column: a profile; two: place and height in the same unit; more: a map); ``.png`` in grey.
-    unit
-        Of the file's numbers: one of :data:`UNITS`. In an image it has no meaning.
-    height_range
-        Height of white over black in an image, in m.
-
-    Returns
-    -------
-    tuple
-        Heights in m, and the step in m where the file states it.
-
-    Raises
-    ------
-    DatasetError
-        If the file cannot be read as heights, or holds values that are no numbers.
+    The file is ``.npy``; ``.npz`` with an array ``heights``, or with one array alone, and perhaps ``step`` in m;
+    ``.csv`` (one column: a profile; two: place and height in the same unit; more: a map), its numbers in ``unit``, one
+    of :data:`UNITS`; or ``.png`` in grey, where white is ``height_range`` m over black. Raises `DatasetError` if it
+    cannot be read as heights, or holds values that are no numbers.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file; name a height map or profile: .npy, .npz, .csv or .png")

@@ -29,15 +29,7 @@ from numpy.typing import NDArray
 from tactophone.dataset.checks import pair_problem
 from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
-from tactophone.dataset.values import (
-    LABEL_NAMES,
-    TWO_CHANNELS,
-    Dataset,
-    Problem,
-    Recording,
-    Segment,
-    open_sound,
-)
+from tactophone.dataset.values import LABEL_NAMES, TWO_CHANNELS, Dataset, Problem, Recording, Segment, open_sound
 from tactophone.errors import DatasetError
 from tactophone.types import DEFAULT_TIP, Touch
 

@@ -30,10 +30,8 @@ _SEARCH_DEPTH = 3
 def open_dataset(path: Path | str) -> Dataset:
     """Read the manifest of a data set in any layout, by its folder or the CSV file in it; no sound is opened.
 
-    Raises
-    ------
-    DatasetError
-        If the folder has none of the layouts. Bad lines do not raise: they are in ``Dataset.problems``.
+    Raises `DatasetError` if the folder has none of the layouts. Bad lines do not raise: they are in
+    ``Dataset.problems``.
     """
     path = Path(path)
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path

@@ -43,8 +43,6 @@ LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
 class Segment:
     """An interval of a recording with a constant label.
 
-    Examples
-    --------
     >>> Segment(0.3, 5.17, "contact").contact, Segment(5.17, 6.0, "none").label
     (True, <Touch.NONE: 0>)
     """
@@ -69,8 +67,6 @@ class Segment:
 def touch_at(time: float, segments: Iterable[Segment]) -> int:
     """Return the number of the labelled `Touch` at a time in s, or -1 where it is unknown, as telemetry stores it.
 
-    Examples
-    --------
     >>> touch_at(1.0, [Segment(0.0, 2.0, "rough")]), touch_at(3.0, [Segment(0.0, 2.0, "rough")])
     (2, -1)
     """
@@ -122,22 +118,11 @@ class Recording:
     def blocks(
         self, *, channels: int | None = None, single: str = "contact", size: int = READ_SIZE
     ) -> Iterator[AudioBlock]:
-        """Read the sound block by block, so that memory does not grow with its length.
+        """Read the sound in blocks of ``size`` samples, so that memory does not grow with its length.
 
-        Parameters
-        ----------
-        channels
-            2 for contact and air, 1 for one of them, as :func:`channel_order` finds them; ``None`` for all channels in
-            the file's order.
-        single
-            Which microphone to read when ``channels`` is 1.
-        size
-            Samples a block; the last one may be shorter.
-
-        Raises
-        ------
-        DatasetError
-            If the file cannot be read as sound, or has too few channels.
+        ``channels`` is 2 for contact and air, 1 for the microphone ``single``, as :func:`channel_order` finds them, or
+        ``None`` for all in the file's order. Raises `DatasetError` if the file cannot be read as sound, or has too few
+        channels.
         """
         with open_sound(self.path) as file:
             order, start = self._order(file, channels, single), 0
@@ -148,7 +133,7 @@ class Recording:
     def read(
         self, *, channels: int | None = None, single: str = "contact", start: float = 0.0, duration: float | None = None
     ) -> AudioBlock:
-        """Read the whole sound, or ``duration`` s from ``start`` s on, as one block; all else as in :meth:`blocks`."""
+        """Read the whole sound, or ``duration`` s from ``start`` s on, as one block; else as :meth:`blocks`."""
         with open_sound(self.path) as file:
             order = self._order(file, channels, single)
             rate = int(file.samplerate)
@@ -173,24 +158,11 @@ def _pick(samples: FloatArray, order: tuple[int, ...] | None) -> FloatArray:
 
 
 def channel_order(recording: Recording, *, count: int, single: str = "contact") -> tuple[int, ...]:
-    """Return which of a file's channels to read, in the order contact, air.
+    """Return which of a file's channels to read, in the order contact, air; unknown ones are taken as these.
 
-    Parameters
-    ----------
-    recording
-        If its channels are unknown, they are taken as contact, then air.
-    count
-        Channels to read: 2 or 1.
-    single
-        Which microphone to read when ``count`` is 1; the file's first channel if it has no such microphone.
+    If ``count`` is 1, it is the channel of the microphone ``single``, or the first where there is no such microphone.
+    Raises `DatasetError` if ``count`` is 2 and the file does not hold one contact and one air channel.
 
-    Raises
-    ------
-    DatasetError
-        If ``count`` is 2 and the file does not hold one contact and one air channel.
-
-    Examples
-    --------
     >>> channel_order(Recording(Path("a.wav"), "slate", channels=("air", "contact")), count=2)
     (1, 0)
     """

@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE
@@ -44,7 +45,7 @@ def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[st
 def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
     """Print one of Tables I and II."""
     if as_json:
-        terminal.print_json({"title": title, "lines": [row.as_json() for row in rows]})
+        terminal.print_json({"title": title, "lines": [asdict(row) for row in rows]})
         return
     caption = (
         "Below a score, its 90 % interval over takes of the test objects and 5 s pieces of the competition's runs: one "
@@ -78,7 +79,7 @@ def _print_task(args: argparse.Namespace) -> None:
         outcomes = play_task(names, rounds=args.rounds, report=lambda name: update(advance=1, note=name))
     if args.json:
         own = [{"name": f"paper's own: {name}", "task": time} for name, time in PAPER_THREE.items()]
-        played = [{**outcome.as_json(), "task": outcome.median_duration + args.retrieval} for outcome in outcomes]
+        played = [{**asdict(outcome), "task": outcome.median_duration + args.retrieval} for outcome in outcomes]
         terminal.print_json([*own, *played])
         return
     title = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {args.rounds} rounds a method"
