@@ -29,7 +29,7 @@ class RecordedOperator:
 
     def __init__(self, endpoint: OperatorEndpoint, telemetry: Telemetry, settings: Settings) -> None:
         self.endpoint = endpoint
-        self.gates = [OutputGate(ceiling=own.rendering.ceiling) for own in each_finger(settings)]
+        self.gates = [OutputGate(pipeline.limits) for pipeline in endpoint.hand.pipelines]
         self.gate = self.gates[0]
         self._telemetry = telemetry
         self.recorder = SessionRecorder(telemetry, settings, role="operator")
@@ -53,7 +53,7 @@ class RecordedOperator:
     def log_controls(self) -> None:
         for finger, (pipeline, gate) in enumerate(zip(self.endpoint.hand.pipelines, self.gates, strict=True)):
             self.recorder.controls(
-                gate.armed, gate.ceiling, gate.output_level, pipeline.limits.ceiling, pipeline.profile.name,
+                gate.armed, gate.limits.ceiling, gate.output_level, pipeline.profile.name,
                 None if pipeline.detector.threshold.follows_floor else pipeline.detector.threshold.dbfs, finger=finger,
             )  # fmt: skip
 

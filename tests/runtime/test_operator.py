@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.runtime.output_gate import EMERGENCY_STOP, RESTARTED
+from tactophone.runtime.gate import EMERGENCY_STOP, RESTARTED
 from tactophone.telemetry import Watcher
 from tactophone.types import Touch
 

@@ -23,7 +23,7 @@ from tactophone.measurement import (
     recording,
     running_sides,
 )
-from tactophone.runtime.output_gate import RESTARTED
+from tactophone.runtime.gate import RESTARTED
 from tactophone.settings import Settings, change
 from tactophone.telemetry import Watcher
 

@@ -12,7 +12,7 @@ from tactophone.cli import send
 from tactophone.cli._support import flags
 from tactophone.errors import ConfigError
 from tactophone.runtime import Operator, ProcessInfo, with_operator
-from tactophone.runtime.link_wiring import open_send_group, operators_of
+from tactophone.runtime.wiring import open_send_group, operators_of
 from tactophone.settings import Link, change
 from tactophone.telemetry import Watcher
 

@@ -17,8 +17,8 @@ from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, Send
 from tactophone.link.stream import STALENESS
 from tactophone.measurement import EndlessStroke
 from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
-from tactophone.runtime.realtime_playback import paced
-from tactophone.runtime.realtime_priority import MAIN_PRIORITY, prioritize_thread
+from tactophone.runtime.priority import MAIN_PRIORITY, prioritize_thread
+from tactophone.runtime.robot import paced
 from tactophone.settings import Settings, change
 from tactophone.simulation.network import paired_sessions
 from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, ROBOT_ADDRESS

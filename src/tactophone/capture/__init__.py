@@ -3,13 +3,7 @@
 from tactophone.capture.files import FileSource
 from tactophone.capture.hand import CombinedSource
 from tactophone.capture.live import LiveSource
-from tactophone.capture.microphones import (
-    browser_source,
-    jack_hand_source,
-    jack_source,
-    portaudio_hand_source,
-    portaudio_source,
-)
+from tactophone.capture.microphones import browser_source, jack_source, portaudio_source
 from tactophone.capture.recorded import RecordedSource
 
 __all__ = [
@@ -18,8 +12,6 @@ __all__ = [
     "LiveSource",
     "RecordedSource",
     "browser_source",
-    "jack_hand_source",
     "jack_source",
-    "portaudio_hand_source",
     "portaudio_source",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
+from types import MappingProxyType
 
 from tactophone.capture.live import LiveSource
 from tactophone.devices import JackClient, PortAudioStream, StreamDevice
@@ -14,63 +15,66 @@ def jack_source(
     *,
     contact: str = "system:capture_1",
     air: str = "system:capture_2",
+    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}),
     server: str = "",
     name: str = "tactophone-robot",
     sample_rate: int = LIVE_SAMPLE_RATE,
 ) -> LiveSource:
-    """Open the microphones at two JACK ports, or at one.
+    """Open the microphones at the ports of a JACK server.
 
     Parameters
     ----------
     contact, air
         Ports of the sound card. An empty ``air`` makes a one-channel source; ``"-"`` leaves a port unconnected, for a
         patch bay.
+    fingers
+        Of a hand: contact and air of each finger by its name, in place of the two above; an empty air port is silence.
     server
         The JACK server's name; empty for the default one.
     """
-    targets = {"contact": contact.removeprefix("-")}
-    if air:
-        targets["air"] = air.removeprefix("-")
-    return LiveSource(
-        lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
-        channels=len(targets),
-        sample_rate=sample_rate,
-    )
-
-
-def jack_hand_source(
-    fingers: Mapping[str, tuple[str, str]], *, server: str = "", name: str = "tactophone-robot"
-) -> LiveSource:
-    """Open contact and air of each finger, by its name; an empty air port is silence (`jack_source`)."""
     targets, order = dict[str, str](), list[int]()
-    for finger, (contact, air) in fingers.items():
-        order += [len(targets), len(targets) + 1 if air else -1]
-        targets[f"{finger}-contact"] = contact.removeprefix("-")
-        if air:
-            targets[f"{finger}-air"] = air.removeprefix("-")
+    for finger, ports in fingers.items() or [("", (contact, air))]:
+        for port, kind in zip(ports, ("contact", "air"), strict=True):
+            order.append(len(targets) if port or kind == "contact" else -1)
+            if order[-1] >= 0:
+                targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")
+    if not fingers:
+        order = order[: len(targets)]
     return LiveSource(
         lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
         channels=len(order),
+        sample_rate=sample_rate,
         order=order,
     )
 
 
-def portaudio_source(device: str = "", *, channels: int = 2, sample_rate: int = LIVE_SAMPLE_RATE) -> LiveSource:
-    """Open the microphones at the first one or two channels of a device, given by number or part of its name."""
+def portaudio_source(
+    device: str = "",
+    *,
+    channels: int = 2,
+    fingers: Sequence[tuple[int, int]] = (),
+    sample_rate: int = LIVE_SAMPLE_RATE,
+) -> LiveSource:
+    """Open the microphones on a PortAudio device.
+
+    Parameters
+    ----------
+    device
+        Its number or part of its name; empty for the system's default.
+    channels
+        How many of its first channels: 1 (contact) or 2 (contact, air).
+    fingers
+        Of a hand: contact and air channel of each finger, counted from 1, in place of the first two; an air channel of
+        0 is silence.
+    """
+    order = [channel - 1 for pair in fingers for channel in pair] or list(range(channels))
     return LiveSource(
-        lambda process: PortAudioStream(process, "input", device=device, channels=channels, sample_rate=sample_rate),
-        channels=channels,
+        lambda process: PortAudioStream(
+            process, "input", device=device, channels=max(order) + 1, sample_rate=sample_rate
+        ),
+        channels=len(order),
         sample_rate=sample_rate,
-    )
-
-
-def portaudio_hand_source(fingers: Sequence[tuple[int, int]], device: str = "") -> LiveSource:
-    """Open contact and air of each finger at channels of one device, counted from 1; an air channel of 0 is silence."""
-    inputs = max(max(pair) for pair in fingers)
-    return LiveSource(
-        lambda process: PortAudioStream(process, "input", device=device, channels=inputs),
-        channels=2 * len(fingers),
-        order=[channel - 1 for pair in fingers for channel in pair],
+        order=order,
     )
 
 

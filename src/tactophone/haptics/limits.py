@@ -10,14 +10,15 @@ from dataclasses import dataclass
 from tactophone.types import DEFAULT_CEILING, HapticCommand, Prediction, Profile, Touch
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Limits:
     """Bounds of the vibration.
 
     Parameters
     ----------
     ceiling
-        Greatest amplitude, 0 to 1 of full drive.
+        Greatest amplitude, 0 to 1 of full drive. It may be assigned at any time, by any thread: gate, pipeline and
+        renderer of a finger share one object, so that each applies the same ceiling from then on.
     lowest, highest
         The band in Hz; the defaults are those of the paper's voice coil, a Lofelt Basslet (section III-D).
     time_constant

@@ -11,6 +11,7 @@ so that rest is exact silence.
 """
 
 import math
+import operator
 from collections import Counter, deque
 from collections.abc import Iterable
 
@@ -131,7 +132,7 @@ class Oscillator(Renderer):
     def reset(self) -> None:
         """Return to silence and the initial state; a stop stays in force."""
         super().reset()
-        self._seen = (self._slot, self.limits, self._stopped)
+        self._seen = (self._slot, self.limits, self.limits.ceiling, self._stopped)
         self._amplitude = self._amplitude_gap = 0.0
         self._frequency, self._frequency_gap = self.limits.lowest, 0.0
         self._phase = 0.0
@@ -152,14 +153,14 @@ class Oscillator(Renderer):
 
     def _apply_changes(self) -> None:
         """Follow a command, limits or a stop set since the last call, perhaps by another thread."""
-        # The three are read once and compared by identity: no lock, and a change between two reads is seen next time.
-        seen, before = (self._slot, self.limits, self._stopped), self._seen
-        if seen[0] is before[0] and seen[1] is before[1] and seen[2] is before[2]:
+        # All are read once and compared by identity: no lock, and a change between two reads is seen next time.
+        seen, before = (self._slot, self.limits, self.limits.ceiling, self._stopped), self._seen
+        if all(map(operator.is_, seen, before)):
             return
         if seen[0] is not self._seen[0]:
             self._since_command = 0
         self._seen = seen
-        (command,), limits, stopped = seen
+        (command,), limits, _, stopped = seen
         target = limits.bound(command)
         if stopped or self._since_command >= self._timeout or not target.amplitude:
             # A vibration that ends keeps its frequency while it fades.

@@ -150,20 +150,22 @@ class _LoggedFinger:
     def __init__(self, settings: Settings, logged: Settings, calibration: str) -> None:
         self._settings, self._calibration = settings, calibration
         rendering = settings.rendering
-        self.gate = OutputGate(ceiling=rendering.ceiling, output_level=rendering.output_level)
+        self.gate = OutputGate(Limits(ceiling=rendering.ceiling), output_level=rendering.output_level)
         self._fixed_profile = rendering.profile != logged.rendering.profile
         self._fixed_detector = settings.detector != logged.detector
         self._fixed_ceiling = rendering.ceiling != logged.rendering.ceiling
 
     def open(self, channels: int) -> Pipeline:
-        """Open its pipeline, with the calibration that the log holds."""
-        if not self._calibration:
-            return open_pipeline_for(self._settings, channels=channels)
+        """Open its pipeline, with the calibration that the log holds and the ceiling of the gate."""
+        settings = self._settings
         with TemporaryDirectory(prefix="tactophone-") as folder:
-            path = Path(folder, "calibration.json")
-            path.write_text(self._calibration)
-            settings = change(self._settings, [f"{_CALIBRATION}={path}"])
-            return open_pipeline_for(settings, channels=channels)
+            if self._calibration:
+                path = Path(folder, "calibration.json")
+                path.write_text(self._calibration)
+                settings = change(settings, [f"{_CALIBRATION}={path}"])
+            pipeline = open_pipeline_for(settings, channels=channels)
+        pipeline.limits = self.gate.limits
+        return pipeline
 
     def apply(self, controls: Controls, pipeline: Pipeline) -> None:
         """Set what somebody changed, as far as it was not chosen for the replay."""
@@ -172,9 +174,7 @@ class _LoggedFinger:
         gate.muted_because = "" if controls.armed else "muted in the log"
         gate.output_level = controls.output_level
         if not self._fixed_ceiling:
-            gate.ceiling = controls.ceiling
-            if pipeline.limits.ceiling != controls.limit:
-                pipeline.limits = replace(pipeline.limits, ceiling=controls.limit)
+            gate.limits.ceiling = controls.ceiling
         if not self._fixed_profile and pipeline.profile.name != controls.profile:
             pipeline.profile = (
                 GateProfile(controls.profile) if controls.profile in PASSTHROUGH else open_profile(controls.profile)

@@ -1,14 +1,13 @@
 """Threads, processes, clocks and devices of the live system: the only room that reads the time."""
 
-from tactophone.runtime.device_wiring import OpenSource, open_actuator, open_device
+from tactophone.runtime.gate import OutputGate
 from tactophone.runtime.operator import Operator, run_operator
-from tactophone.runtime.output_gate import OutputGate
 from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys, with_operator
-from tactophone.runtime.pipeline_wiring import open_pipeline_for
-from tactophone.runtime.realtime_priority import prioritize_thread
+from tactophone.runtime.priority import prioritize_thread
+from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.robot import Robot, run_robot
-from tactophone.runtime.session_recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
+from tactophone.runtime.wiring import OpenSource, open_actuator, open_device, open_pipeline_for
 
 __all__ = [
     "OpenSource",

@@ -3,13 +3,16 @@
 The network thread does everything from datagram to command, on arrival. The actuator's own thread renders the newest
 command. They share one slot, and neither ever waits for the other. The main thread updates telemetry, and applies the
 requests in telemetry's mailbox as far as the output gate allows.
+
+No lock is taken: each attribute that two threads share is written by one of them, in one assignment.
 """
 
 import itertools
 import signal
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Self
 
@@ -17,20 +20,23 @@ import numpy as np
 
 from tactophone.hand import each_finger, names_of
 from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
-from tactophone.runtime.deferred_telemetry import DeferredTelemetry
-from tactophone.runtime.device_wiring import open_actuator, open_renderer
-from tactophone.runtime.finger_output import FingerOutput
-from tactophone.runtime.latency_budget import LocalPeer
-from tactophone.runtime.link_wiring import open_session, send_outgoing
-from tactophone.runtime.operator_status import OperatorStatus
-from tactophone.runtime.output_gate import RESTARTED, STARTED_MUTED
-from tactophone.runtime.pipeline_wiring import tip_warning
-from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.rehearsal import open_endpoint, rehearse_renderer, rehearse_statistics
-from tactophone.runtime.session_recorder import SessionRecorder
+from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
+from tactophone.runtime.latency import LocalPeer, operator_stages
+from tactophone.runtime.priority import lock_memory, name_thread, prioritize_thread
+from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
+from tactophone.runtime.wiring import (
+    microphone_faults,
+    open_actuator,
+    open_endpoint,
+    open_renderer,
+    open_session,
+    rehearse_statistics,
+    send_outgoing,
+    tip_warning,
+)
 from tactophone.settings import Settings
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State, Telemetry, Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02
@@ -48,6 +54,18 @@ POLL_INTERVAL = 0.005
 
 SESSION_INTERVAL = 0.025
 """Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
+
+BUDGET_INTERVAL = 1.0
+"""Seconds between two updates of the latency budget."""
+
+LONGEST_CALL = 2.0
+"""Seconds that a robot may take to connect before its absence is reported as a fault."""
+
+SILENT_LINK = 0.5
+"""Seconds without sound or predictions after which the connected link is reported as silent."""
+
+SENT_AWAY_SHOWN = 10.0
+"""Seconds for which a second robot is reported after its call; it calls every few seconds."""
 
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
@@ -72,12 +90,13 @@ class Operator:
             settings,
             self._render,
             roughness=lambda: self._fingers[0].roughness,
-            ceiling=lambda: self._fingers[0].gate.ceiling,
+            ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
         self._session = ReceiveSession(open_session(settings))
         info.progress("opening the models")
         self._endpoint = open_endpoint(settings, self._session)
-        muted_because = _muted_because(settings, info)
+        # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
+        muted_because = RESTARTED if info.restarts else STARTED_MUTED if settings.rendering.muted else ""
         self._fingers = [
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
             for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
@@ -86,15 +105,21 @@ class Operator:
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
         for finger in self._fingers:
-            rehearse_renderer(finger.renderer, period=settings.output.period)
+            finger.renderer.render(np.zeros(settings.output.period, np.float32))
+            finger.renderer.reset()
         rehearse_statistics()
         info.progress("opening the actuator and the port")
         self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
         self._resources = ExitStack()
         self._submitted = self._rendered = self._losses = self._period = 0
-        self._counted_at = 0.0
+        self._counted_at = self._budgeted_at = 0.0
         self._muted: tuple[str, ...] = ()
+        # Written by the network thread, whole, for the main thread to publish.
+        self._counters: Mapping[str, int] = {}
+        self._gauges: Mapping[str, float] = {}
+        self._received_at = time.monotonic()
+        self._warnings: tuple[Fault, ...] = ()
         self._thread = threading.Thread(target=self._run, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
@@ -102,13 +127,9 @@ class Operator:
             self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
             self._telemetry = self._resources.enter_context(Telemetry(self._info.name, fingers=len(self._fingers)))
             self._telemetry.count("process_restarts", self._info.restarts)
-            self._status = OperatorStatus(
-                self._settings, self._endpoint, self._fingers, self._actuator, self._telemetry,
-                # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
-                own=Watcher(self._info.name), robot=self._local_robot, port=self._socket.address[1],
-            )  # fmt: skip
+            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+            self._watcher = Watcher(self._info.name)
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="operator")
-            self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
@@ -116,11 +137,12 @@ class Operator:
         return self
 
     def __exit__(self, *_: object) -> None:
+        # Silence comes first: whatever follows may take time or fail.
         self._silence()
         self.ended.set()
         self._thread.join(1.0)
         if not self._thread.is_alive():
-            self._deferred.write()
+            self._recorder.write()
         self._session.session.hang_up()
         send_outgoing(self._session.session, self._socket)
         self._resources.close()
@@ -128,12 +150,12 @@ class Operator:
     def stop(self) -> None:
         """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
         for finger in self._fingers:
-            finger.requests.stop()
+            finger.stop()
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         requests = self._telemetry.requests(now)
-        refused = {(finger.index, action) for finger in self._fingers for action in finger.requests.apply(requests)}
+        refused = {(finger.index, action) for finger in self._fingers for action in finger.apply(requests)}
         self._telemetry.count("requests_refused", len(refused))
         muted = tuple(finger.gate.muted_because for finger in self._fingers)
         changed = self._revive() or requests or muted != self._muted
@@ -141,7 +163,11 @@ class Operator:
         if not changed and now - self._counted_at < COUNTING_INTERVAL:
             return
         self._counted_at = now
-        self._status.update(now)
+        self._update_counts()
+        if now - self._budgeted_at >= BUDGET_INTERVAL:
+            self._budgeted_at = now
+            self._update_budget()
+        self._telemetry.update(self._state(now), now=now)
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
@@ -155,6 +181,78 @@ class Operator:
             self._telemetry.gauge("output_amplitude", 0.0)
         device.revive()
         return lost
+
+    def _update_counts(self) -> None:
+        """Copy the counts of session, device, renderers and pipelines."""
+        device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
+        for finger in self._fingers:
+            faults.update(finger.renderer.faults)
+            invalid.update(finger.pipeline.detector.faults)
+        counts = {
+            **self._counters,
+            "xruns": device.xruns,
+            "callback_faults": device.process_faults,
+            "device_losses": device.losses,
+            "command_faults": faults["command"],
+            "stale_fades": faults["stale"],
+            "emergency_stops": max(finger.gate.stops for finger in self._fingers),
+            "sound_faults": invalid["sound"],
+            "model_faults": invalid["model"],
+        }
+        for name, total in counts.items():
+            self._telemetry.count(name, total - self._telemetry.counter(name))
+        for name, value in {**self._gauges, "device_latency": device.latency}.items():
+            self._telemetry.gauge(name, value)
+
+    def _update_budget(self) -> None:
+        self._local_robot.refresh()
+        playout = self._session.playout
+        stages = operator_stages(
+            self._watcher, self._local_robot.watcher, self._actuator.device.latency,
+            sound_delay=(
+                playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
+            ),
+        )  # fmt: skip
+        for stage, duration in stages.items():
+            self._telemetry.gauge(f"latency_{stage}", duration)
+
+    def _state(self, now: float) -> State:
+        peer, states = self._session.peer, tuple(finger.state() for finger in self._fingers)
+        return State(
+            role="operator",
+            profiles=self._fingers[0].profiles,
+            link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
+            output=self._settings.output.actuator,
+            faults=tuple(self._faults(now)),
+            fingers=states,
+        )
+
+    def _faults(self, now: float) -> Iterator[Fault]:
+        yield from self._warnings
+        if self._actuator.device.fault:
+            yield Fault("actuator", self._actuator.device.fault)
+        for finger in self._fingers:
+            yield from microphone_faults(finger.pipeline.detector, finger=finger.name)
+        silent = now - self._received_at
+        if self._endpoint.refusal:
+            yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
+        if self._session.peer is None and silent > LONGEST_CALL:
+            failure = self._session.session.failure
+            yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
+        elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
+            yield Fault("silence", reason)
+        if conflict := self._session.session.version_conflict:
+            yield Fault("version", conflict)
+        sent_away = self._session.session.sent_away
+        if sent_away and now - sent_away[1] < SENT_AWAY_SHOWN:
+            yield Fault("second_robot", f"{sent_away[0]!r} called too and was sent away: stop one of the two robots")
+
+    def _why_silent(self) -> str:
+        """Return why no sound comes; empty until a page is the microphone for the first time."""
+        if self._settings.capture.source != "browser":
+            return "connected, but the robot sends no sound: check its microphones and the network"
+        began = self._telemetry.counter("packets_received")
+        return "no page sends sound: press Use this microphone on the one that listens" if began else ""
 
     def _run(self, work: Callable[[], None]) -> None:
         """Run the thread's work; its end, whatever the reason, ends the whole side in silence."""
@@ -172,10 +270,12 @@ class Operator:
     def _follow_network(self) -> None:
         name_thread("tactophone-net")
         process, checked_at, polled_at = self._settings.process, 0.0, 0.0
-        warnings = {"priority": prioritize_thread(process.priority), "other_tip": self._tip_warning}
-        if process.lock_memory:
-            warnings["memory"] = lock_memory()
-        self._status.warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
+        warnings = {
+            "priority": prioritize_thread(process.priority),
+            "other_tip": self._tip_warning,
+            "memory": lock_memory() if process.lock_memory else "",
+        }
+        self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
             datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
@@ -200,19 +300,18 @@ class Operator:
                     finger = self._fingers[step.finger]
                     if finger.changed():
                         self._recorder.controls(*finger.controls(), step=number, finger=finger.index)
-                self._status.received_at, decoded = received, time.monotonic()
+                self._received_at, decoded = received, time.monotonic()
             if self._endpoint.refusal and self._session.peer:
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
             if polled or step is None:
                 send_outgoing(self._session.session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
-            if self._deferred.due(received):
-                self._deferred.write(self._local_robot.truth)
+            if self._recorder.due(received):
+                self._recorder.write(self._local_robot.truth)
             if received - checked_at >= COUNTING_INTERVAL:
-                # Copied by the one thread that changes them, for the main thread to publish.
                 checked_at = received
-                self._status.counters, self._status.gauges = dict(self._session.counters), dict(self._session.gauges)
+                self._counters, self._gauges = dict(self._session.counters), dict(self._session.gauges)
 
     def _mark_arrival(self, event: ReceiveEvent, origin: int, *, received: float, decoded: float) -> None:
         if isinstance(event, DecodedAudio):
@@ -222,7 +321,7 @@ class Operator:
         else:
             return
         position = _timestamp(origin, samples)
-        self._deferred.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
+        self._recorder.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
         """Pass a step's newest command to the renderer of its finger."""
@@ -232,8 +331,8 @@ class Operator:
         now = time.monotonic()
         if step.finger == len(self._fingers) - 1:
             # A hand has passed a stage when its last finger has.
-            self._deferred.mark(end, (_DETECTED, now))
-        self._deferred.publish(bounded, now=now)
+            self._recorder.mark(end, (_DETECTED, now))
+        self._recorder.publish(bounded, now=now)
 
     def _pull(self, size: int) -> FloatArray:
         """Return sound for a renderer of the sound itself; called in the actuator's thread."""
@@ -274,9 +373,3 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
 def _timestamp(origin: int, samples: int) -> int:
     """Return the timestamp on the wire of samples since the stream began, where ``origin`` is that of its beginning."""
     return (origin + samples) % (1 << 32)
-
-
-def _muted_because(settings: Settings, info: ProcessInfo) -> str:
-    if info.restarts:
-        return RESTARTED
-    return STARTED_MUTED if settings.rendering.muted else ""

@@ -9,30 +9,36 @@ import itertools
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 from tactophone.capture import LiveSource
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
 from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link import Event, UdpSocket
-from tactophone.runtime.deferred_telemetry import DeferredTelemetry
-from tactophone.runtime.device_wiring import OpenSource, open_device
-from tactophone.runtime.latency_budget import robot_stages
-from tactophone.runtime.link_wiring import open_send_group, operators_of, send_outgoing
-from tactophone.runtime.microphone_check import MicrophoneCheck
-from tactophone.runtime.realtime_playback import paced
-from tactophone.runtime.realtime_priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.rehearsal import open_rehearsed_pipeline, rehearse_encoder, rehearse_statistics
-from tactophone.runtime.session_recorder import SessionRecorder
-from tactophone.runtime.source_abilities import RehearsableSource, truth_of
+from tactophone.runtime.latency import robot_stages
+from tactophone.runtime.priority import lock_memory, name_thread, prioritize_thread
+from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
+from tactophone.runtime.wiring import (
+    OpenSource,
+    finger_fault,
+    open_device,
+    open_microphone_check,
+    open_rehearsed_pipeline,
+    open_send_group,
+    operators_of,
+    rehearse_encoder,
+    rehearse_statistics,
+    send_outgoing,
+)
 from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -45,6 +51,21 @@ LONGEST_RECEIVE = 0.05
 
 MOST_AT_ONCE = 8
 """Datagrams of one operator that are processed before the sound may be sent: about half a millisecond."""
+
+MOST_UNCHECKED = 1 << 14
+"""Blocks that may wait for the check of the microphones: seconds of them, where the main thread is late."""
+
+LONGEST_DELAY = 0.06
+"""Seconds behind the clock up to which missed sound is hurried through; older sound would be stale on arrival
+(`link.stream.STALENESS`)."""
+
+LONGEST_SKIP = 2.0
+"""Seconds spent on reading past missed sound, after which its times are moved instead."""
+
+MAX_SLOW_READS = 8
+"""Blocks in a row that took longer to read than to play, after which their times are moved instead. A busy machine may
+interrupt a fast source at any block, but not at each: 0.1 s of reading, the limit before, could pass in one
+interruption, and everything after it lay beside its labels."""
 
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
 
@@ -100,7 +121,6 @@ class Robot:
             # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
             self._watcher = Watcher(self._info.name)
             self._recorder = SessionRecorder(self._telemetry, self._settings, role="robot")
-            self._deferred = DeferredTelemetry(self._telemetry, self._recorder)
             self._group.tap = self._log
             self._resources = self._resources.pop_all()
         for thread in self._threads:
@@ -115,7 +135,7 @@ class Robot:
             thread.join(1.0)
         with self._lock:
             if not any(thread.is_alive() for thread in self._threads):
-                self._deferred.write()
+                self._recorder.write()
             self._group.hang_up()
             self._send_outgoing()
         self._resources.close()
@@ -196,9 +216,9 @@ class Robot:
         self._warn("priority", prioritize_thread(self._settings.process.priority))
         if self._settings.process.lock_memory:
             self._warn("memory", lock_memory())
-        if self._settings.capture.source == "file":
-            self._await_operator()
         recorded = self._settings.capture.source == "file"
+        if recorded:
+            self._await_operator()
         sound: Iterable[AudioBlock]
         if isinstance(self._source, LiveSource):
             # Until a packet is complete there is nothing to do, unless predictions are made here.
@@ -228,14 +248,14 @@ class Robot:
         ends = [round(step.predictions[-1].end * LIVE_SAMPLE_RATE) for step in steps if step.predictions]
         if origin is not None and (ends or not self._endpoint.detectors):
             position = (origin + (ends[0] if ends else block.end)) % (1 << 32)
-            self._deferred.mark(position, (_CAPTURED, captured), (_SENT, now))
+            self._recorder.mark(position, (_CAPTURED, captured), (_SENT, now))
         for step in steps:
-            self._deferred.publish(step, now=now, truth=self._truth_of(step.finger))
+            self._recorder.publish(step, now=now, truth=self._truth_of(step.finger))
             self._microphones.collect(step)
-        if self._deferred.due(now):
+        if self._recorder.due(now):
             # The lock is that of the session, whose packets of both threads are logged.
             with self._lock:
-                self._deferred.write()
+                self._recorder.write()
 
     def _log(self, event: Event) -> None:
         """Log a packet or a change of the connection; called under the lock of the session."""
@@ -276,3 +296,105 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
         )
     if robot.failure is not None:
         raise robot.failure
+
+
+class MicrophoneCheck:
+    """Checks the microphones on the robot, where no codec has changed the sound yet.
+
+    The thread of the sound only collects blocks: to measure them takes as long as several packets, eight times a
+    second. ``channels`` are those of each finger.
+    """
+
+    def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
+        fingers = zip(each_finger(settings), channels, strict=True)
+        self._checks = [open_microphone_check(own, channels=count) for own, count in fingers]
+        self._names = names_of(settings)
+        self._waiting: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
+
+    def collect(self, step: PipelineStep) -> None:
+        """Take a step's sound, to be checked later."""
+        if self._checks[step.finger]:
+            self._waiting.append(step)
+
+    def faults(self) -> Iterator[Fault]:
+        """Measure the sound since the last call, and yield what is wrong with each finger's microphones."""
+        while self._waiting:
+            step = self._waiting.popleft()
+            if check := self._checks[step.finger]:
+                check.push(step.block)
+        for name, check in zip(self._names, self._checks, strict=True):
+            for fault in check.faults if check else ():
+                yield finger_fault(name, fault.code, str(fault))
+
+
+def paced(
+    source: Source,
+    *,
+    skip: bool = False,
+    clock: Callable[[], float] = time.monotonic,
+    sleep: Callable[[float], None] = time.sleep,
+) -> Iterator[AudioBlock]:
+    """Yield each block at the time of its last sample.
+
+    After a stall of more than `LONGEST_DELAY` the times of the blocks (``start``) jump, as a microphone's do: time
+    passes for them while nobody reads. A source that only *resumed* would lie behind its own times for ever, and the
+    operator would take all of its sound for delayed by the network.
+
+    Parameters
+    ----------
+    skip
+        Whether sound that was missed is left out: right for a recording, whose times belong to its labels. Otherwise
+        the source goes on where it stopped, at later times: right for a simulation, which is slow to compute.
+    """
+    due = asked = clock()
+    moved = slow = 0
+    skipping_until: float | None = None
+    for block in source:
+        now = clock()
+        due += block.duration
+        late = now - due
+        slow = slow + 1 if now - asked > block.duration else 0
+        if late > LONGEST_DELAY:
+            skipping_until = skipping_until or now + LONGEST_SKIP
+            if skip and slow < MAX_SLOW_READS and now < skipping_until:
+                asked = now
+                continue
+            moved, due = moved + round(late * block.sample_rate), due + late
+        elif late < 0:
+            sleep(-late)
+        yield dataclasses.replace(block, start=block.start + moved) if moved else block
+        asked, skipping_until = clock(), None  # the time that the caller took is no part of a read
+
+
+@runtime_checkable
+class LabelledSource(Protocol):
+    """A source whose true touch is known, because it is simulated or labelled."""
+
+    def truth_now(self) -> int:
+        """Return the `Touch` at the end of the newest block; -1 when it is not known."""
+
+
+@runtime_checkable
+class LabelledHand(Protocol):
+    """A hand of which the true touch of each finger is known."""
+
+    def truth_of(self, finger: int) -> int:
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
+
+
+@runtime_checkable
+class RehearsableSource(Protocol):
+    """A source that compiles itself at first use."""
+
+    def rehearse(self) -> None:
+        """Compile now; the sound to come stays the same."""
+
+
+def truth_of(source: Source) -> Callable[[int], int]:
+    """Return a function of a finger: its true touch now; -1 where that is not known."""
+    # Asked once: whether an object fits a protocol takes 25 us.
+    if isinstance(source, LabelledHand):
+        return source.truth_of
+    if isinstance(source, LabelledSource):
+        return lambda _: source.truth_now()
+    return lambda _: -1

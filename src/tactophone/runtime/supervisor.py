@@ -18,7 +18,7 @@ from typing import Protocol, Self, TypeAlias
 from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.processes import Child, Parent, orphaned
-from tactophone.runtime.realtime_priority import MAIN_PRIORITY, GarbageCollection, prioritize_thread, share_interpreter
+from tactophone.runtime.priority import MAIN_PRIORITY, GarbageCollection, prioritize_thread, share_interpreter
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
 from tactophone.settings import Settings
 from tactophone.telemetry import Watcher, remove_leftovers, remove_memory

@@ -67,8 +67,6 @@ class Controls:
     ceiling: float
     output_level: float
     """`armed`, `ceiling` and `output_level`: of the output gate."""
-    limit: float
-    """Ceiling of the pipeline, to which a profile is scaled."""
     profile: str
     threshold_dbfs: float | None
     """Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself."""

@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.runtime.realtime_playback import LONGEST_DELAY, paced
+from tactophone.runtime.robot import LONGEST_DELAY, paced
 from tactophone.types import AudioBlock
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.link import Codec
-from tactophone.runtime.latency_budget import follow, operator_stages, robot_stages
+from tactophone.runtime.latency import follow, operator_stages, robot_stages
 from tactophone.telemetry import MARK, MARKS, Telemetry, Watcher
 
 WRAP = 1 << 32

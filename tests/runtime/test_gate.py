@@ -2,29 +2,30 @@ import math
 
 import pytest
 
-from tactophone.runtime.output_gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
+from tactophone.haptics import Limits
+from tactophone.runtime.gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
 from tactophone.telemetry import Request
 
 
 def test_a_page_lowers_the_ceiling_and_never_raises_it_over_the_machines_own() -> None:
-    gate = OutputGate(ceiling=0.5)
+    gate = OutputGate(Limits(ceiling=0.5))
     assert gate.apply([Request("ceiling", 0.2)]) == []
-    assert gate.ceiling == 0.2
+    assert gate.limits.ceiling == 0.2
     assert gate.apply([Request("ceiling", 0.5)]) == []
     assert gate.apply([Request("ceiling", 0.51)]) == ["ceiling"]
-    assert (gate.ceiling, gate.local_ceiling) == (0.5, 0.5)
+    assert (gate.limits.ceiling, gate.local_ceiling) == (0.5, 0.5)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -0.1, 1.1])
 @pytest.mark.parametrize("action", ["ceiling", "output_level"])
 def test_values_outside_0_to_1_are_refused(action: str, value: float) -> None:
-    gate = OutputGate(ceiling=1.0)
+    gate = OutputGate(Limits(ceiling=1.0))
     assert gate.apply([Request(action, value)]) == [action]
-    assert (gate.ceiling, gate.output_level) == (1.0, 1.0)
+    assert (gate.limits.ceiling, gate.output_level) == (1.0, 1.0)
 
 
 def test_an_emergency_stop_latches_until_armed() -> None:
-    gate = OutputGate(ceiling=1.0)
+    gate = OutputGate(Limits(ceiling=1.0))
     gate.stop()
     assert (gate.armed, gate.muted_because, gate.bound(1.0)) == (False, EMERGENCY_STOP, 0.0)
     gate.apply([Request("mute"), Request("output_level", 1.0), Request("ceiling", 1.0)])
@@ -35,13 +36,13 @@ def test_an_emergency_stop_latches_until_armed() -> None:
 
 @pytest.mark.parametrize("action", ["stop", "mute"])
 def test_stopping_wins_over_arming_in_the_same_moment(action: str) -> None:
-    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    gate = OutputGate(Limits(ceiling=1.0), muted_because=RESTARTED)
     gate.apply([Request(action, time=1.0), Request("arm", time=2.0)])
     assert not gate.armed
 
 
 def test_a_stop_by_signal_wins_over_an_arming_that_waited() -> None:
-    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    gate = OutputGate(Limits(ceiling=1.0), muted_because=RESTARTED)
     gate.stop()
     assert gate.apply([Request("arm")]) == ["arm"]
     assert gate.muted_because == EMERGENCY_STOP
@@ -50,7 +51,7 @@ def test_a_stop_by_signal_wins_over_an_arming_that_waited() -> None:
 
 
 def test_a_stop_by_signal_wins_over_an_arming_that_is_being_granted(monkeypatch: pytest.MonkeyPatch) -> None:
-    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    gate = OutputGate(Limits(ceiling=1.0), muted_because=RESTARTED)
     grant = gate._grant
 
     def interrupted(request: Request) -> bool:
@@ -63,7 +64,7 @@ def test_a_stop_by_signal_wins_over_an_arming_that_is_being_granted(monkeypatch:
 
 
 def test_nothing_but_arming_ends_a_restarts_mute() -> None:
-    gate = OutputGate(ceiling=1.0, muted_because=RESTARTED)
+    gate = OutputGate(Limits(ceiling=1.0), muted_because=RESTARTED)
     gate.apply([Request("ceiling", 0.9), Request("output_level", 0.9)])
     assert gate.muted_because == RESTARTED
     gate.apply([Request("mute")])
@@ -76,14 +77,14 @@ def test_nothing_but_arming_ends_a_restarts_mute() -> None:
 
 @pytest.mark.parametrize("amplitude", [math.nan, math.inf, -math.inf, -1.0])
 def test_an_invalid_amplitude_is_zero(amplitude: float) -> None:
-    assert OutputGate(ceiling=1.0).bound(amplitude) == 0.0
+    assert OutputGate(Limits(ceiling=1.0)).bound(amplitude) == 0.0
 
 
 def test_the_level_scales_and_the_ceiling_cuts() -> None:
-    gate = OutputGate(ceiling=0.3, output_level=0.5)
+    gate = OutputGate(Limits(ceiling=0.3), output_level=0.5)
     assert gate.bound(0.4) == 0.2
     assert gate.bound(1.0) == 0.3
 
 
 def test_an_unknown_request_is_refused() -> None:
-    assert OutputGate(ceiling=1.0).apply([Request("profile", text="paper")]) == ["profile"]
+    assert OutputGate(Limits(ceiling=1.0)).apply([Request("profile", text="paper")]) == ["profile"]

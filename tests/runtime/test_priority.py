@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tactophone.runtime.realtime_priority import (
+from tactophone.runtime.priority import (
     COLLECTION_INTERVAL,
     GarbageCollection,
     prioritize_thread,
