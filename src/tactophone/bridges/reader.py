@@ -151,13 +151,11 @@ class RunReader:
     def _health(self, now: float) -> Iterator[Message]:
         if now - self._health_at >= HEALTH_INTERVAL:
             self._health_at = now
-            counters, gauges = self.watcher.totals()
-            yield Message(topics.HEALTH, now, msgspec.json.encode({"counters": counters, "gauges": gauges}))
+            yield Message(topics.HEALTH, now, msgspec.json.encode(topics.Totals(*self.watcher.totals())))
 
     def _event(self, now: float, text: str, level: int) -> Message:
-        stamp = {"sec": int(now), "nsec": int(now % 1 * 1e9)}
-        entries = {"timestamp": stamp, "level": level, "message": text, "name": self.name, "file": "", "line": 0}
-        return Message(topics.EVENTS, now, msgspec.json.encode(entries))
+        stamp = topics.Stamp(int(now), int(now % 1 * 1e9))
+        return Message(topics.EVENTS, now, msgspec.json.encode(topics.Event(stamp, level, text, self.name)))
 
 
 def _settle(now: FingerState, before: FingerState) -> FingerState:

@@ -5,7 +5,6 @@ Foxglove's own schemas, as its Audio panel plays nothing else.
 """
 
 import functools
-import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from tactophone.telemetry import EventBatch
+from tactophone.telemetry import Controls, EventBatch, RunStart, State
 from tactophone.types import PREDICTION_FIELDS
 
 
@@ -62,16 +61,54 @@ class Packets:
     arrivals: list[EventBatch]
 
 
-def _json_schema(name: str, properties: dict[str, str]) -> Schema:
-    """Make a schema of numbers, texts and switches; a time is ``{sec, nsec}``."""
-    kinds: dict[str, dict[str, Any]] = {
-        "time": {"type": "object", "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}},
-        "number or null": {"type": ["number", "null"]},
-        "arrivals": msgspec.json.schema(Packets)["$defs"]["Packets"]["properties"]["arrivals"],
-    }
-    described = {key: kinds.get(kind, {"type": kind}) for key, kind in properties.items()}
-    schema = {"title": name, "type": "object", "properties": described}
-    return Schema(name, "jsonschema", json.dumps(schema).encode())
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """Content of a message of `HEALTH`."""
+
+    counters: dict[str, int]
+    gauges: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """A time since 1970, as Foxglove has it."""
+
+    sec: int
+    nsec: int
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Content of a message of `EVENTS`, Foxglove's ``Log``; level 2 is information, 3 a warning."""
+
+    timestamp: Stamp
+    level: int
+    message: str
+    name: str
+    file: str = ""
+    line: int = 0
+
+
+def _json_schema(name: str, content: Any) -> Schema:
+    """Return the schema of a type, as simple as Foxglove and Lichtblick need it.
+
+    They refuse references, alternatives such as a number or null, objects without properties, and lists of bytes.
+    """
+    (described,), parts = msgspec.json.schema_components([content])
+
+    def simple(part: dict[str, Any]) -> dict[str, Any]:
+        if "$ref" in part:
+            return simple(parts[part["$ref"].rpartition("/")[2]])
+        if "anyOf" in part:
+            return simple(part["anyOf"][0])
+        kind = part.get("type", "object")
+        if kind == "array":
+            return {"type": kind, "items": simple(part["items"])}
+        if kind == "object":
+            return {"type": kind, "properties": {key: simple(each) for key, each in part.get("properties", {}).items()}}
+        return {"type": kind}
+
+    return Schema(name, "jsonschema", msgspec.json.encode({"title": name, **simple(described)}))
 
 
 def octets(number: int, value: bytes) -> bytes:
@@ -127,54 +164,31 @@ def _audio(name: str, **further: str) -> Schema:
 COMPRESSED_AUDIO = _audio("CompressedAudio")
 RAW_AUDIO = _audio("RawAudio", sample_rate="fixed32", number_of_channels="fixed32")
 
-_TEXTS = {"touch": "string", "event": "string"}
+_PREDICTION = {field.name: str if field.name in ("touch", "event") else float | None for field in PREDICTION_FIELDS}
 
 RUN = Topic(
     "/tactophone/run",
-    _json_schema(
-        "tactophone.Run",
-        {"role": "string", "settings": "object", "models": "object", "versions": "object",
-         "epoch": "number", "fingers": "array"},
-    ),
+    _json_schema("tactophone.Run", RunStart),
     "how the process was started: settings, hash of the model, versions",
-)  # fmt: skip
+)
 PACKETS = Topic(
     "/tactophone/packets",
-    _json_schema("tactophone.Packets", {"arrivals": "arrivals"}),
+    _json_schema("tactophone.Packets", Packets),
     "decrypted packets as they came, in base64, with their arrival times, in s",
 )
 CONTROLS = Topic(
     "/tactophone/controls",
-    _json_schema(
-        "tactophone.Controls",
-        {"armed": "boolean", "ceiling": "number", "output_level": "number", "limit": "number", "profile": "string",
-         "threshold_dbfs": "number or null", "step": "integer"},
-    ),
+    _json_schema("tactophone.Controls", Controls),
     "what a person changed, in its order among the packets",
-)  # fmt: skip
+)
 PREDICTION = Topic(
     "/tactophone/prediction",
-    _json_schema(
-        "tactophone.Prediction",
-        {field.name: _TEXTS.get(field.name, "number or null") for field in PREDICTION_FIELDS},
-    ),
+    _json_schema("tactophone.Prediction", msgspec.defstruct("Prediction", list(_PREDICTION.items()))),
     "a prediction, and its command as limited; null where there was none",
 )
-STATE = Topic("/tactophone/state", _json_schema("tactophone.State", {"role": "string"}), "the state at each change")
-HEALTH = Topic(
-    "/tactophone/health",
-    _json_schema("tactophone.Health", {"counters": "object", "gauges": "object"}),
-    "counters and gauges, every five seconds",
-)
-EVENTS = Topic(
-    "/tactophone/events",
-    _json_schema(
-        "foxglove.Log",
-        {"timestamp": "time", "level": "integer", "message": "string", "name": "string", "file": "string",
-         "line": "integer"},
-    ),
-    "arming, muting, connections and faults",
-)  # fmt: skip
+STATE = Topic("/tactophone/state", _json_schema("tactophone.State", State), "the state at each change")
+HEALTH = Topic("/tactophone/health", _json_schema("tactophone.Health", Totals), "counters and gauges, every 5 s")
+EVENTS = Topic("/tactophone/events", _json_schema("foxglove.Log", Event), "arming, muting, connections and faults")
 CONTACT_SOUND = Topic("/tactophone/sound/contact", COMPRESSED_AUDIO, "contact microphone, Opus as it came")
 AIR_SOUND = Topic("/tactophone/sound/air", COMPRESSED_AUDIO, "air microphone, Opus as it came")
 PCM_SOUND = Topic("/tactophone/sound", RAW_AUDIO, "both microphones, 16 bit")

@@ -10,15 +10,14 @@ Sound is sent as an envelope, because a screen cannot show 48 000 points a secon
 and the level of each bucket of `BUCKET` seconds. Times are in s, relative to ``origin`` in stream time.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.json_numbers import finite
 from tactophone.telemetry import STEP_FIELDS, Snapshot
 from tactophone.types import FloatArray
 
@@ -44,7 +43,7 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
     (b'{"age":null,"series":{"steps":[2,3]}}', 68)
     """
     header = {**header, "series": {name: table.shape for name, table in tables.items()}}
-    text = json.dumps(finite(header), separators=(",", ":")).encode()
+    text = msgspec.json.encode(header, enc_hook=float)  # NaN and infinity become null
     text += b" " * (-len(text) % 4)
     numbers = (np.ascontiguousarray(table, "<f4").tobytes() for table in tables.values())
     return b"".join((len(text).to_bytes(4, "little"), text, *numbers))

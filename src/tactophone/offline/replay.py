@@ -472,6 +472,8 @@ def add_sound(log: Path, path: Path) -> Path:
                     copy.write(message)
                 for each in added:
                     copy.write(each)
+    except ValueError as error:
+        raise DatasetError(f"{log}: a message cannot be read ({error}); was the file changed?") from error
     except OSError as error:
         raise ConfigError(f"cannot write {path} ({error.strerror}): choose another file for --audio") from error
     return path

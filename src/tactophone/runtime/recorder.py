@@ -15,7 +15,6 @@ from pathlib import Path
 
 import tactophone
 from tactophone.hand import each_finger
-from tactophone.json_numbers import finite
 from tactophone.link import Event, write_event
 from tactophone.perception import default_model, model_path
 from tactophone.settings import Settings
@@ -133,7 +132,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
     del tables["fingers"]
     return RunStart(
         role=role,
-        settings=finite(tables),
+        settings=tables,
         models={name: hashlib.sha256(model_path(name).read_bytes()).hexdigest() for name in models},
         versions={
             "tactophone": tactophone.__version__,
@@ -144,7 +143,7 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
         fingers=[
             {
                 "name": finger.name,
-                "settings": finite(dict(finger.settings)),
+                "settings": dict(finger.settings),
                 "calibration": _calibration(own),
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)

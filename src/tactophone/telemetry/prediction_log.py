@@ -4,17 +4,16 @@
 """
 
 import csv
-import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.json_numbers import finite
 from tactophone.telemetry.follower import RunFollower
 from tactophone.types import (
     PREDICTION_FIELDS,
@@ -87,7 +86,7 @@ class TimelineWriter:
         entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
         self._csv.writerow(entries)
         if self._json:
-            self._json.write(self._separator + json.dumps(finite(entries)))
+            self._json.write(self._separator + msgspec.json.encode(entries).decode())
             self._separator = ",\n"
 
     def flush(self) -> None:

@@ -4,11 +4,12 @@ The end itself writes them (`Telemetry.log`), and another process reads them (`W
 records `tactophone replay` computes the run again, equal to the bit. Their order is the order of events.
 """
 
-import json
 import struct
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
+
+import msgspec
 
 from tactophone.errors import DatasetError
 
@@ -35,7 +36,7 @@ class RunStart:
     role: str
     """``operator`` or ``robot``."""
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Every setting, by section and name; ``None`` stands for NaN."""
+    """Every setting, by section and name; ``None`` stands for NaN, which JSON does not have."""
     models: dict[str, str] = field(default_factory=dict)
     """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
@@ -92,7 +93,7 @@ def write_record(record: Record) -> list[bytes]:
     if isinstance(record, EventBatch):
         return [_framed(_ARRIVED, _write_arrival(part)) for part in _parts(record)]
     kind = _RUN if isinstance(record, RunStart) else _CONTROLS
-    return [_framed(kind, json.dumps(asdict(record)).encode())]
+    return [_framed(kind, msgspec.json.encode(record))]
 
 
 def read_records(log: bytes) -> Iterator[Record]:
@@ -105,7 +106,14 @@ def read_records(log: bytes) -> Iterator[Record]:
             body = log[position : position + size]
             if len(body) < size:
                 raise ValueError(f"{size} bytes announced, {len(body)} left")
-            yield _read_arrival(body) if kind == _ARRIVED else _from_json(kind, json.loads(body))
+            if kind == _ARRIVED:
+                yield _read_arrival(body)
+            elif kind == _RUN:
+                yield msgspec.json.decode(body, type=RunStart)
+            elif kind == _CONTROLS:
+                yield msgspec.json.decode(body, type=Controls)
+            else:
+                raise ValueError(f"a record of kind {kind}, which this version does not know")
             position += size
     except (struct.error, ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"a session log with a broken record at byte {position}: {error}") from error
@@ -145,9 +153,3 @@ def _read_arrival(body: bytes) -> EventBatch:
         events.append(body[position : position + size])
         position += size
     return EventBatch(time, tuple(events), polled, more=bool(count >> 15))
-
-
-def _from_json(kind: int, entries: dict[str, Any]) -> Record:
-    if kind not in (_RUN, _CONTROLS):
-        raise ValueError(f"a record of kind {kind}, which this version does not know")
-    return RunStart(**entries) if kind == _RUN else Controls(**entries)
