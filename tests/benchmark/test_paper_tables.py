@@ -1,7 +1,6 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -92,7 +91,7 @@ def test_intervals_are_of_takes_and_of_pieces_of_a_run(predictions: dict[str, li
     assert score.low < score.value == pytest.approx(5 / 6, abs=0.01)
     assert score.high == 1
     # A take of a test object is drawn whole, so that one has no spread.
-    alone = replace(run, recording=replace(recording, session="", properties=MappingProxyType({"split": "test"})))
+    alone = replace(run, recording=replace(recording, session="", properties={"split": "test"}))
     score = table_two({"texture": [alone]})[-1].values["test rough"]
     assert score.low == score.value == score.high
 
@@ -114,7 +113,7 @@ def test_both_gates_print_the_share_of_windows_in_contact(
 
 def test_fine_tuned_trains_on_fewer_objects_and_a_stone_of_the_competition() -> None:
     def take(number: int, label: Touch, side: str) -> Recording:
-        properties = MappingProxyType({"split": side})
+        properties = {"split": side}
         return Recording(Path(f"{number}.wav"), f"object {number:02}", label, properties=properties)
 
     takes = tuple(take(number, Touch(1 + number % 2), "train") for number in range(20))

@@ -2,7 +2,6 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import pytest
 
@@ -95,7 +94,7 @@ def test_splits_follow_the_keys_that_the_data_has(dataset: Dataset) -> None:
 
 def test_simulated_sound_is_named(dataset: Dataset) -> None:
     assert origin_of(dataset) == "as recorded"
-    simulated = replace(dataset.recordings[0], properties=MappingProxyType({"source": "simulated"}))
+    simulated = replace(dataset.recordings[0], properties={"source": "simulated"})
     assert origin_of(replace(dataset, recordings=(simulated,))) == "SIMULATED sound"
 
 

@@ -1,10 +1,9 @@
 from pathlib import Path
-from types import MappingProxyType
 
 from tactophone.dataset import Recording
 from tactophone.dataset.values import MotionInterval, cut_slides, first_slide, read_slides, slides_over
 
-LISTED = Recording(Path("a.flac"), "slate", properties=MappingProxyType({"slides": "0.500-1.000 1.500-2.000"}))
+LISTED = Recording(Path("a.flac"), "slate", properties={"slides": "0.500-1.000 1.500-2.000"})
 UNKNOWN = Recording(Path("b.flac"), "slate")
 
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from tactophone.benchmark.regression import Heights
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
+from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
 from tactophone.evaluation.events import HALF
 from tactophone.haptics import PROFILES, discriminable_steps, open_profile
-from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
 
 COLUMNS = (
     "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",

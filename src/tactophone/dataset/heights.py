@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.dataset.plots import BLUE, GREY, VERMILION, load_pyplot
 from tactophone.errors import DatasetError
-from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
 
 CUTOFF = 0.8e-3
 """Metres; ISO 21920-3's default for Ra of 0.1 to 2 um, and the scale of a finger pad."""

@@ -61,11 +61,6 @@ _FINAL = re.compile(r"day_(?P<day>\d)_(?P<label>smooth|rough)")
 _COLUMNS = ("file", "surface", "label", "tier", "recording", "channels", "channel_meaning")
 
 
-def holds_manifest(folder: Path) -> bool:
-    """Return whether a folder has a ``manifest.csv``."""
-    return (folder / MANIFEST).is_file()
-
-
 def read_manifest(folder: Path) -> Dataset:
     """Read a folder with ``manifest.csv`` and, where labels change in time, ``segments.csv``."""
     problems: list[Problem] = []
@@ -81,20 +76,19 @@ def read_manifest(folder: Path) -> Dataset:
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
-def holds_authors(folder: Path) -> bool:
-    """Return whether a folder has the authors' layout."""
-    return (folder / STEREO).is_dir() or (folder / FINALS).is_dir()
-
-
 def read_authors(folder: Path) -> Dataset:
     """Read the authors' layout; a file whose name does not fit is reported and left out."""
     problems: list[Problem] = []
-    recordings = [
-        recording
-        for place, parse in ((STEREO, _object), (FINALS, _final))
-        for path in sorted((folder / place).glob("*.wav"))
-        if (recording := parse(path, problems))
-    ]
+    recordings = []
+    for place, pattern, describe, wanted in (
+        (STEREO, _OBJECT, _object, "layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}"),
+        (FINALS, _FINAL, _final, "competition runs are named day_{1,2}_{smooth,rough}.wav"),
+    ):
+        for path in sorted((folder / place).glob("*.wav")):
+            if match := pattern.fullmatch(path.stem):
+                recordings.append(describe(path, match))
+            else:
+                problems.append(Problem(path, "name", f"the authors' {wanted}; rename it"))
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
@@ -115,7 +109,7 @@ def _manifest_recording(
         take=row.get("recording", ""),
         tier=row.get("tier", ""),
         segments=tuple(segments.get(row["file"], ())),
-        properties=MappingProxyType({key: value for key, value in row.items() if key not in _COLUMNS and value}),
+        properties={key: value for key, value in row.items() if key not in _COLUMNS and value},
     )
 
 
@@ -138,14 +132,7 @@ def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]
     return segments
 
 
-def _object(path: Path, problems: list[Problem]) -> Recording | None:
-    match = _OBJECT.fullmatch(path.stem)
-    if not match:
-        message = (
-            "the authors' layout has NN_variant.wav, variant wiggle or {long,short}_{light,medium,loud}; rename it"
-        )
-        problems.append(Problem(path, "name", message))
-        return None
+def _object(path: Path, match: re.Match[str]) -> Recording:
     number = int(match["number"])
     properties = {
         "stroke": match["stroke"] or "wiggle",
@@ -154,33 +141,17 @@ def _object(path: Path, problems: list[Problem]) -> Recording | None:
         "kin": KIN.get(number, f"object {number:02}"),
         "tip": DEFAULT_TIP,
     }
-    return Recording(
-        path,
-        f"object {number:02}",
-        Touch.ROUGH if number in ROUGH_OBJECTS else Touch.SMOOTH,
-        ("contact", "air"),
-        take=match["take"],
-        properties=MappingProxyType({key: value for key, value in properties.items() if value}),
-    )
+    label = Touch.ROUGH if number in ROUGH_OBJECTS else Touch.SMOOTH
+    known = {key: value for key, value in properties.items() if value}
+    return Recording(path, f"object {number:02}", label, TWO_CHANNELS, take=match["take"], properties=known)
 
 
-def _final(path: Path, problems: list[Problem]) -> Recording | None:
-    match = _FINAL.fullmatch(path.stem)
-    if not match:
-        message = "the authors' competition runs are named day_{1,2}_{smooth,rough}.wav; rename it"
-        problems.append(Problem(path, "name", message))
-        return None
+def _final(path: Path, match: re.Match[str]) -> Recording:
+    surface = f"competition {match['label']}"
     return Recording(
-        path,
-        f"competition {match['label']}",
-        LABEL_NAMES[match["label"]],
-        ("contact", "air"),
-        scenario="competition",
-        session=f"day {match['day']}",
-        properties=MappingProxyType(
-            {"split": "competition", "kin": f"competition {match['label']}", "tip": DEFAULT_TIP}
-        ),
-    )
+        path, surface, LABEL_NAMES[match["label"]], TWO_CHANNELS, scenario="competition",
+        session=f"day {match['day']}", properties={"split": "competition", "kin": surface, "tip": DEFAULT_TIP},
+    )  # fmt: skip
 
 
 SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
@@ -203,9 +174,9 @@ class LabFolder:
 
     dataset: Dataset
     """A recording for each file or pair; of a pair, ``path`` is the contact file. ``problems`` has the rest."""
-    air_of: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    air_of: Mapping[Path, Path] = field(default_factory=dict)
     """The air file of each pair, by its contact file."""
-    targets: Mapping[Path, Path] = field(default_factory=lambda: MappingProxyType({}))
+    targets: Mapping[Path, Path] = field(default_factory=dict)
     """Path of each copy below the new folder, by ``path``, without a suffix."""
     guessed: bool = False
     """True where surfaces were taken from file names, which a person should look at."""
@@ -251,7 +222,7 @@ def read_lab_folder(folder: Path) -> LabFolder:
     air_of = {recording.path: air for recording, _, air in entries if air}
     targets = {recording.path: name.key for recording, name, _ in entries}
     guessed = any(name.guessed for _, name, _ in entries)
-    return LabFolder(dataset, MappingProxyType(air_of), MappingProxyType(targets), guessed)
+    return LabFolder(dataset, air_of, targets, guessed)
 
 
 def surface_and_take(stem: str) -> tuple[str, str]:
@@ -314,9 +285,7 @@ def _recordings(
 
 def _lab_recording(path: Path, name: _Name, channels: tuple[str, ...]) -> Recording:
     properties = {"split": name.side} if name.side else {}
-    return Recording(
-        path, name.surface, LABEL_NAMES[name.label], channels, take=name.take, properties=MappingProxyType(properties)
-    )
+    return Recording(path, name.surface, LABEL_NAMES[name.label], channels, take=name.take, properties=properties)
 
 
 def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:
@@ -447,9 +416,7 @@ def _import(
             soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
         channels = (microphone,) * int(soundfile.info(target).channels)
         recordings.append(
-            Recording(
-                target, surface, labels.get(surface), channels, take=path.stem, properties=MappingProxyType(properties)
-            )
+            Recording(target, surface, labels.get(surface), channels, take=path.stem, properties=properties)
         )
     if not recordings:
         raise DatasetError(f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}")

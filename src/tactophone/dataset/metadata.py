@@ -8,7 +8,6 @@ entries, in seconds, separated by spaces.
 import csv
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
 
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment
 from tactophone.errors import DatasetError
@@ -136,7 +135,7 @@ def _parse(row: Mapping[str, str], *, manifest: Path, line: int, problems: list[
         tuple(filter(None, row.get("channels", "").split("|"))),
         **{key: row.get(key, "") for key in ("take", "scenario", "session", "tier")},
         segments=_segments(row.get("segments", ""), path=path, problems=problems),
-        properties=MappingProxyType(extra),
+        properties=extra,
     )
 
 

@@ -1,4 +1,7 @@
-"""A data set as a figure: the level of each take by surface, and example spectrograms."""
+"""What all figures share, matplotlib and one set of colours; and a data set as a figure.
+
+The colours are those of Okabe and Ito (2008), which stay distinct for every kind of colour vision.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,8 +11,25 @@ from typing import Any
 import numpy as np
 
 from tactophone.dataset.values import Dataset, Recording
-from tactophone.plotting import BLUE, GREY, VERMILION, load_pyplot
+from tactophone.errors import TactophoneError
 from tactophone.types import Touch
+
+BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+PURPLE = "#CC79A7"
+GREY = "#8C8C8C"
+"""For what is absent; not one of Okabe and Ito's."""
+
+TOUCH_COLOURS = {Touch.NONE: "#E4E4E4", Touch.SMOOTH: "#56B4E9", Touch.ROUGH: VERMILION}
+
+_STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.labelcolor": "#333333",
+    "axes.edgecolor": "#999999",
+    "xtick.color": "#555555",
+    "ytick.color": "#555555",
+}
 
 PANELS = 12
 EXCERPT = 5.0
@@ -19,6 +39,22 @@ MAX_FREQUENCY = 4000.0
 """Hz; what the link's usual setting transmits."""
 
 COLOURS = {Touch.ROUGH: VERMILION, Touch.SMOOTH: BLUE}
+
+
+def load_pyplot() -> Any:
+    """Import matplotlib's pyplot with the project's style, for files only (no window).
+
+    Raises `TactophoneError` if matplotlib is not installed.
+    """
+    try:
+        import matplotlib as mpl  # slow to import, and only figures need it
+    except ImportError as error:
+        raise TactophoneError("figures need matplotlib: pip install 'tactophone[plot]'") from error
+    mpl.use("Agg")
+    from matplotlib import pyplot
+
+    pyplot.rcParams.update(_STYLE)
+    return pyplot
 
 
 def draw_dataset(path: Path, dataset: Dataset) -> None:

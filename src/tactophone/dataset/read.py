@@ -5,9 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from tactophone.dataset.layouts import (
+    FINALS,
+    MANIFEST,
+    STEREO,
     LabFolder,
-    holds_authors,
-    holds_manifest,
     read_authors,
     read_lab_folder,
     read_manifest,
@@ -16,12 +17,6 @@ from tactophone.dataset.layouts import (
 from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, names_surfaces, read_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 from tactophone.errors import DatasetError
-
-_LAYOUTS: tuple[tuple[Callable[[Path], bool], Callable[[Path], Dataset]], ...] = (
-    (holds_metadata, read_metadata),
-    (holds_manifest, read_manifest),
-    (holds_authors, read_authors),
-)
 
 _SEARCH_DEPTH = 3
 """Folders above a file that are searched for its manifest: the authors' ``opus/stereo/`` lies two deep."""
@@ -37,9 +32,8 @@ def open_dataset(path: Path | str) -> Dataset:
     folder = path.parent if path.is_file() and path.suffix == ".csv" else path
     if not folder.is_dir():
         raise DatasetError(f"{path}: no such folder; name the folder that holds {FILE_NAME}")
-    for holds, read in _LAYOUTS:
-        if holds(folder):
-            return read(folder)
+    if read := _reader(folder):
+        return read(folder)
     if inner := _inner(folder):
         raise DatasetError(f"{folder}: holds several data sets; name one: {', '.join(inner)}")
     raise DatasetError(
@@ -59,7 +53,7 @@ def find_importable(path: Path | str) -> LabFolder:
     if holds_metadata(folder):
         dataset = read_metadata(folder, surface_of=_surface_of)
         return LabFolder(dataset, guessed=not all(names_surfaces(folder)))
-    if folder.is_dir() and not _is_dataset(folder) and not _inner(folder):
+    if folder.is_dir() and not _reader(folder) and not _inner(folder):
         found = read_lab_folder(folder)
         if found.dataset.recordings:
             return found
@@ -72,7 +66,7 @@ def find_recording(path: Path | str) -> Recording | None:
     """Return a file's entry in the data set around it; ``None`` if it is in no data set."""
     file = Path(path).resolve()
     for folder in list(file.parents)[:_SEARCH_DEPTH]:
-        if _is_dataset(folder):
+        if _reader(folder):
             return _by_path(folder).get(file)
     return None
 
@@ -101,8 +95,13 @@ def _surface_of(name: Path) -> str:
 
 
 def _inner(folder: Path) -> list[str]:
-    return sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and _is_dataset(entry))
+    return sorted(entry.name for entry in folder.iterdir() if entry.is_dir() and _reader(entry))
 
 
-def _is_dataset(folder: Path) -> bool:
-    return any(holds(folder) for holds, _ in _LAYOUTS)
+def _reader(folder: Path) -> Callable[[Path], Dataset] | None:
+    """Return what reads a folder of one of the known layouts; ``None`` for any other."""
+    if holds_metadata(folder):
+        return read_metadata
+    if (folder / MANIFEST).is_file():
+        return read_manifest
+    return read_authors if (folder / STEREO).is_dir() or (folder / FINALS).is_dir() else None

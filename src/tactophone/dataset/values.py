@@ -4,11 +4,10 @@ import contextlib
 import functools
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import soundfile
@@ -26,16 +25,10 @@ CROSSING = 0.1
 
 LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
     {
-        "none": Touch.NONE,
-        "no_contact": Touch.NONE,
-        "smooth": Touch.SMOOTH,
-        "rough": Touch.ROUGH,
-        "ambiguous": None,
-        "mixed": None,
-        "contact": None,
-        "": None,
+        "none": Touch.NONE, "no_contact": Touch.NONE, "smooth": Touch.SMOOTH, "rough": Touch.ROUGH,
+        "ambiguous": None, "mixed": None, "contact": None, "": None,
     }
-)
+)  # fmt: skip
 """What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
 
 
@@ -94,17 +87,12 @@ class Recording:
     day, and how reliable the label is."""
     segments: tuple[Segment, ...] = ()
     """Labels that change with time."""
-    properties: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}), hash=False)
+    properties: Mapping[str, str] = field(default_factory=dict, hash=False)
     """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Support pickling: a read-only view of properties cannot be pickled as it is."""
-        *values, properties = (getattr(self, entry.name) for entry in fields(self))
-        return _unpickle, (*values, dict(properties))
 
     def with_properties(self, **properties: str) -> "Recording":
         """Return the recording with further properties, or other values of those that it has."""
-        return replace(self, properties=MappingProxyType({**self.properties, **properties}))
+        return replace(self, properties={**self.properties, **properties})
 
     def known(self, name: str) -> str:
         """Return a field or a property as text, empty if unknown; splits group by it.
@@ -193,11 +181,6 @@ def open_sound(path: Path) -> Iterator[soundfile.SoundFile]:
         raise DatasetError(
             f"{path}: cannot be read as sound ({reason}); restore it, or drop its line from the manifest"
         ) from error
-
-
-def _unpickle(*values: Any) -> Recording:
-    *others, properties = values
-    return replace(Recording(*others), properties=MappingProxyType(properties))
 
 
 @dataclass(frozen=True, slots=True)

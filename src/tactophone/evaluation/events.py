@@ -15,7 +15,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import soundfile
@@ -235,7 +234,7 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
     )
     sources = {SOURCES: "\n".join(str(take.path) for take, _ in pair)}
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,
-                     segments=segments, properties=MappingProxyType(_motion(pair) | sources))  # fmt: skip
+                     segments=segments, properties=_motion(pair) | sources)  # fmt: skip
 
 
 def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from tactophone.dataset import Segment
+from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
 from tactophone.offline.recording import PeakEnvelope
-from tactophone.plotting import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
 from tactophone.telemetry import read_timeline
 from tactophone.types import Touch
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 
 from tactophone.dataset import Dataset, Recording
 from tactophone.perception import Reference
@@ -46,7 +45,7 @@ class RecordedObject:
             take=take.name,
             scenario=self.scenario,
             session=self.session,
-            properties=MappingProxyType({key: value for key, value in properties.items() if value}),
+            properties={key: value for key, value in properties.items() if value},
         )
 
 

@@ -12,7 +12,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Self
 
 import soundfile
@@ -182,7 +181,7 @@ def _read_entry(entry: Path) -> Recording | None:
     try:
         fields = json.loads(entry.read_text(encoding="utf-8"))
         path, label = entry.parent / str(fields["file"]), LABEL_NAMES[fields["label"]]
-        channels, properties = tuple(fields["channels"]), MappingProxyType(dict(fields["properties"]))
+        channels, properties = tuple(fields["channels"]), dict(fields["properties"])
         names = ("surface", "take", "scenario", "session")
         surface, take, scenario, session = (str(fields.get(name, "")) for name in names)
     except (ValueError, KeyError, TypeError, RecursionError):

@@ -4,7 +4,6 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -106,7 +105,7 @@ def run_recording(folder: Path, run: CompetitionRun) -> Recording:
         scenario="competition",
         session=f"day {run.day}",
         segments=metadata.segments if metadata else (),
-        properties=MappingProxyType(properties),
+        properties=properties,
     )
 
 

@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -196,7 +195,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         scenario=str(job.mounting),
         session=f"{job.session:08x}",
         segments=metadata.segments,
-        properties=MappingProxyType(properties),
+        properties=properties,
     )
 
 
