@@ -47,7 +47,7 @@ def predict_edges(dataset: Dataset, also: list[Recording], options: TrainingOpti
     for fold in split(dataset, FOLDS):
         path = folder / "fold.onnx"
         recordings = (*fold.train, *also)
-        RECIPES["texture"].open_job(options).train(path, replace(dataset, recordings=recordings))
+        RECIPES["texture"].with_options(options).train(path, replace(dataset, recordings=recordings))
         model = read_model(path)
         for take in join_edges(fold.test, folder):
             if slides_over(take, take.segments[2].start):

@@ -23,7 +23,7 @@ from tactophone.evaluation import model_predictor
 from tactophone.evaluation.events import decided_touches
 from tactophone.perception import Model, read_model
 from tactophone.training import RECIPES, TrainingOptions, extract_features
-from tactophone.training.features.feature_tracks import FeatureSpec
+from tactophone.training.tracks import FeatureSpec
 from tactophone.types import Touch
 
 AUDIBLE_DB = 30.0
@@ -34,7 +34,7 @@ OPTIONS = TrainingOptions(channels=1, microphone="air", tip="stylus")
 def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
     """Train the recipe ``texture`` as the shipped model of the stylus."""
     path = folder / "stylus.onnx"
-    RECIPES["texture"].open_job(OPTIONS).train(path, replace(dataset, recordings=tuple(recordings)))
+    RECIPES["texture"].with_options(OPTIONS).train(path, replace(dataset, recordings=tuple(recordings)))
     return read_model(path)
 
 

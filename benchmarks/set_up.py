@@ -20,7 +20,7 @@ import numpy as np
 
 from tactophone.capture import FileSource
 from tactophone.perception import Model, measure_floor, read_model
-from tactophone.training.set_up import SCORES, ObjectSound, collect, fit_boundary, fit_set_up
+from tactophone.training.setup import SCORES, ObjectSound, collect, fit_boundary, fit_set_up
 
 TRAIN, TEST = 3, 6
 """Takes of a surface that are fitted to, and that are scored."""

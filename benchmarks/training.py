@@ -32,10 +32,9 @@ from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import TakePredictions, scores_of
 from tactophone.perception import magnitudes
 from tactophone.training import NetworkSettings, network_settings, read_signals
-from tactophone.training.network.model import PaperNetwork
-from tactophone.training.network.settings import FAST_CHANGES
-from tactophone.training.network.trainer import Run
-from tactophone.training.network.windows import SIZE, Windows, find_windows
+from tactophone.training.network import SIZE, PaperNetwork, Windows, find_windows
+from tactophone.training.recipes import FAST_CHANGES
+from tactophone.training.trainer import Run
 
 SETTINGS = replace(network_settings("general"), **FAST_CHANGES)
 EXACT = replace(SETTINGS, hop=1, batch_size=6000, least_steps=0)

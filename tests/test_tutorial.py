@@ -27,7 +27,7 @@ def commands() -> list[tuple[list[str], int]]:
 @pytest.mark.slow
 def test_the_tutorial_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a quarter of the fine-tuning's steps, of which each is like the others."""
-    monkeypatch.setattr("tactophone.training.finetuning.STEPS", 75)
+    monkeypatch.setattr("tactophone.training.finetune.STEPS", 75)
     monkeypatch.chdir(tmp_path)
     assert len(commands()) > 12
     for command, promised in commands():

@@ -10,7 +10,7 @@ from tactophone.benchmark.methods import NetworkMethod, RegressionMethod, method
 from tactophone.benchmark.regression import HIGH_BAND_CONTROL, RENDERERS
 from tactophone.dataset import Recording, open_dataset
 from tactophone.evaluation import TakePredictions, measure, scores_of
-from tactophone.training import OPEN_GATE, NetworkJob, network_settings
+from tactophone.training import OPEN_GATE, NetworkRecipe, network_settings
 from tests.dataset.folders import audiofolder
 from tests.surfaces import surfaces
 
@@ -27,7 +27,7 @@ def accuracy(predictions: list[TakePredictions]) -> float:
 def test_level_alone_separates_recordings_that_differ_in_level(tmp_path: Path) -> None:
     recordings = open_dataset(audiofolder(tmp_path)).recordings
     level = recipe_method("level", channels=2).fit(recordings)
-    network = method_of(NetworkJob(SETTINGS, gate=OPEN_GATE)).fit(recordings)
+    network = method_of(NetworkRecipe(SETTINGS, gate=OPEN_GATE)).fit(recordings)
     predictions = [level(recording) for recording in recordings]
     assert accuracy(predictions) == 1
     assert predictions[0].time == pytest.approx(network(recordings[0]).time, abs=1e-3)
@@ -36,14 +36,14 @@ def test_level_alone_separates_recordings_that_differ_in_level(tmp_path: Path) -
 @pytest.mark.slow
 def test_the_papers_network_trains_and_predicts_through_a_model_file(tmp_path: Path) -> None:
     recordings = open_dataset(audiofolder(tmp_path)).recordings
-    predict = NetworkMethod(NetworkJob(SETTINGS, gate=OPEN_GATE)).fit(recordings)
+    predict = NetworkMethod(NetworkRecipe(SETTINGS, gate=OPEN_GATE)).fit(recordings)
     predictions = [predict(recording) for recording in recordings]
     assert all(take.contact.all() and len(take.time) for take in predictions)
     assert accuracy(predictions) > 0.7
 
 
 def test_what_changes_the_predictions_changes_the_identity() -> None:
-    job = NetworkJob(SETTINGS)
+    job = NetworkRecipe(SETTINGS)
     others = [replace(job, seed=1), replace(job, settings=network_settings("general")), replace(job, gate=OPEN_GATE)]
     assert len({NetworkMethod(variant).identity for variant in (job, *others)}) == 4
     texture = recipe_method("texture", channels=2)

@@ -6,8 +6,8 @@ import pytest
 from tactophone.dataset import Dataset
 from tactophone.perception import BAND_COUNT, BAND_VALUES, CREST_INDEX
 from tactophone.training import FeatureSpec, build_training_set, extract_features
-from tactophone.training.features.augmentation import Augmentation
-from tactophone.training.features.feature_tracks import accumulate
+from tactophone.training.recipes import Augmentation
+from tactophone.training.tracks import accumulate
 from tests.surfaces import surfaces
 
 

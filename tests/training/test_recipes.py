@@ -5,14 +5,20 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+import onnxruntime
 import pytest
+from sklearn.base import ClassifierMixin
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.linear_model import LogisticRegression
 
 from tactophone.benchmark.methods import recipe_method
 from tactophone.dataset import Dataset
-from tactophone.errors import DatasetError
+from tactophone.errors import ConfigError, DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of
-from tactophone.perception import read_model
-from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureJob, FeatureSpec, TrainingOptions, build_training_set
+from tactophone.perception import FEATURES, read_model
+from tactophone.training.recipes import FEATURE_RECIPES, OPEN_GATE, RECIPES, TrainingOptions, load_recipe
+from tactophone.training.sets import FeatureRecipe, build_training_set
+from tactophone.training.tracks import FeatureSpec
 from tests.surfaces import surfaces
 
 SEPARATES = {"texture": 0.9, "logistic": 0.9, "boosting": 0.9, "rules": 0.8, "scalogram-cnn": 0.8, "surface": 0.8}
@@ -27,7 +33,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(autouse=True)
 def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     """A quarter of the network's steps: enough for surfaces so plainly different."""
-    monkeypatch.setattr("tactophone.training.features.scalogram.STEPS", 100)
+    monkeypatch.setattr("tactophone.training.scalogram.STEPS", 100)
 
 
 @pytest.mark.slow
@@ -36,7 +42,7 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
     name: str, dataset: Dataset, tmp_path: Path
 ) -> None:
     path = tmp_path / f"{name}.onnx"  # the name on the card is the file's
-    assert RECIPES[name].open_job().train(path, dataset)
+    RECIPES[name].with_options().train(path, dataset)
     model = read_model(path)
     assert (model.card.name, model.card.kind) == (name, RECIPES[name].features)
     offline, live = recipe_method(name, channels=2).fit(dataset.recordings), model_predictor(model)
@@ -51,7 +57,7 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
 def test_a_model_of_the_pad_has_the_response_of_the_pad(
     tip: str, memory: float, rough_on: float, dataset: Dataset, tmp_path: Path
 ) -> None:
-    RECIPES["texture"].open_job(TrainingOptions(tip=tip)).train(tmp_path / "model.onnx", dataset)
+    RECIPES["texture"].with_options(TrainingOptions(tip=tip)).train(tmp_path / "model.onnx", dataset)
     card = read_model(tmp_path / "model.onnx").card
     assert (card.settings["memory"], card.decision.rough_on) == (memory, rough_on)
 
@@ -73,12 +79,24 @@ def test_each_recipe_works_on_one_channel(name: str, dataset: Dataset) -> None:
 
 
 @pytest.mark.slow
-def test_boosted_trees_are_converted_as_they_were_grown(dataset: Dataset) -> None:
+@pytest.mark.parametrize("name", ["logistic", "boosting"])
+def test_graphs_predict_what_scikit_learn_does(name: str, dataset: Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trees and weights are written as they were fitted: checked on the windows that they were fitted to."""
+    fitted: list[tuple[ClassifierMixin, np.ndarray]] = []
+    kind = {"logistic": LogisticRegression, "boosting": HistGradientBoostingClassifier}[name]
+    fit = kind.fit
+
+    def keep(model: ClassifierMixin, features: np.ndarray, *given: object, **named: object) -> object:
+        fitted.append((model, features))
+        return fit(model, features, *given, **named)
+
+    monkeypatch.setattr(kind, "fit", keep)
     training_set = build_training_set(FeatureSpec("texture"), dataset.recordings)
-    graph = cast(FeatureJob, RECIPES["boosting"].open_job()).build(training_set)
-    (trees,) = [node for node in graph.graph.node if node.op_type == "TreeEnsembleRegressor"]
-    modes = next(attribute for attribute in trees.attribute if attribute.name == "nodes_modes").strings
-    assert {b"LEAF", b"BRANCH_LEQ"} == set(modes)
+    graph = cast(FeatureRecipe, RECIPES[name].with_options()).build(training_set)
+    ((model, features),) = fitted
+    session = onnxruntime.InferenceSession(graph.SerializeToString(), providers=["CPUExecutionProvider"])
+    (log_probabilities,) = session.run(None, {FEATURES: training_set.examples.thinned().features})
+    assert np.exp(log_probabilities[:, 2]) == pytest.approx(model.predict_proba(features)[:, 1], abs=1e-5)
 
 
 def test_listing_recipes_imports_no_classifier() -> None:
@@ -92,4 +110,30 @@ def test_listing_recipes_imports_no_classifier() -> None:
 def test_a_recipe_of_heights_says_what_is_missing(dataset: Dataset, tmp_path: Path) -> None:
     unmeasured = tuple(replace(take, properties={}) for take in dataset.recordings)
     with pytest.raises(DatasetError, match="add the column ra_um"):
-        RECIPES["surface"].open_job().train(tmp_path / "a.onnx", replace(dataset, recordings=unmeasured))
+        RECIPES["surface"].with_options().train(tmp_path / "a.onnx", replace(dataset, recordings=unmeasured))
+
+
+def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(
+        'recipe = "paper"\nvariant = "one-channel"\nepochs = 2\nlearning_rate = 0.001\ncontact_threshold = "off"\n'
+    )
+    recipe = load_recipe(tmp_path / "mine.toml", seed=7)
+    options = TrainingOptions(
+        variant="one-channel", seed=7, gate=OPEN_GATE, changes={"epochs": 2, "learning_rate": 0.001}
+    )
+    assert recipe == RECIPES["paper"].with_options(options)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("epochs = 0", "mine.toml.*>= 1.*epochs"),
+        ("epoch = 3", "unknown field `epoch`.*may hold recipe"),
+        ("recipe = 'textures'", "no recipe textures.*did you mean texture"),
+        ("recipe = ", "mine.toml"),
+    ],
+)
+def test_a_recipe_file_that_cannot_be_followed_says_why(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(ConfigError, match=message):
+        load_recipe(tmp_path / "mine.toml")

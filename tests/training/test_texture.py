@@ -9,9 +9,8 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of
 from tactophone.perception import WindowDetector, read_model
 from tactophone.training import RECIPES, FeatureSpec, TrainingOptions, build_training_set, extract_features
-from tactophone.training.features.job import feature_job
-from tactophone.training.features.linear_classifier import build_texture
-from tactophone.training.features.training_set import contact_threshold
+from tactophone.training.linear import build_texture
+from tactophone.training.sets import contact_threshold, feature_recipe
 from tactophone.types import AudioBlock, Prediction, Touch
 from tests.sounds import ODD_SIZES, blocks, tone
 from tests.surfaces import RATE, TOUCHED, scrape, surfaces
@@ -25,7 +24,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(scope="module")
 def model(dataset: Dataset) -> Path:
     path = dataset.root / "texture.onnx"
-    RECIPES["texture"].open_job().train(path, dataset)
+    RECIPES["texture"].with_options().train(path, dataset)
     return path
 
 
@@ -76,7 +75,7 @@ def test_unknown_sound_is_none_and_rendered_as_plain_contact(model: Path) -> Non
 
 @pytest.mark.parametrize("tip", ["pad", "stylus"])
 def test_the_offline_predictor_equals_the_live_detector(dataset: Dataset, tmp_path: Path, tip: str) -> None:
-    job = feature_job(RECIPES["texture"], TrainingOptions(channels=2, tip=tip))
+    job = feature_recipe(RECIPES["texture"], TrainingOptions(channels=2, tip=tip))
     job.train(tmp_path / "model.onnx", dataset)
     training_set = job.training_set(dataset.recordings)
     assert training_set.spec.unevenness == (tip == "stylus")

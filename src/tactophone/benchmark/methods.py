@@ -27,16 +27,15 @@ from tactophone.training import (
     OPEN_GATE,
     RECIPES,
     VARIANTS,
-    FeatureJob,
+    ConfiguredRecipe,
+    FeatureRecipe,
     FeatureSpec,
-    Job,
     TrainingOptions,
     TrainingSet,
     even_weights,
     extract_features,
     tip_of,
 )
-from tactophone.training.network.processor import fastest_precision
 from tactophone.types import AIR, Touch
 
 VERSION = 1
@@ -60,26 +59,26 @@ NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
 
 @dataclass(frozen=True, slots=True)
 class NetworkMethod:
-    """A training job that ends in a model file, which runs as the live system runs it: the paper's network."""
+    """A recipe that ends in a model file, which runs as the live system runs it: the paper's network."""
 
-    job: Job
+    recipe: ConfiguredRecipe
     rule: DecisionRule = field(default_factory=DecisionRule)
     latency: ClassVar[float] = NETWORK_LATENCY
     control: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
-        return self.job.name
+        return self.recipe.name
 
     @property
     def identity(self) -> str:
-        return f"model file {VERSION} {self.job.identity}"
+        return f"model file {VERSION} {self.recipe.identity}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train, write the model file and read it back."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "fold.onnx"
-            self.job.train(path, Dataset("fold", Path(folder), tuple(recordings)))
+            self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))
             return model_predictor(read_model(path))
 
 
@@ -91,7 +90,7 @@ class FeatureMethod:
     hold that the predictions equal those of the streaming detector, window for window.
     """
 
-    job: FeatureJob
+    recipe: FeatureRecipe
     dropped: int | None = None
     """An ablation: this channel is silent after training. The same weights, one microphone less."""
     rule: DecisionRule = field(default_factory=DecisionRule)
@@ -101,16 +100,18 @@ class FeatureMethod:
     @property
     def name(self) -> str:
         """The recipe's name, and what is dropped."""
-        return self.job.name if self.dropped is None else f"{self.job.name}/no-{('contact', 'air')[self.dropped]}"
+        return self.recipe.name if self.dropped is None else f"{self.recipe.name}/no-{('contact', 'air')[self.dropped]}"
 
     @property
     def identity(self) -> str:
-        return f"features {VERSION} {self.job.identity}" + ("" if self.dropped is None else f" without {self.dropped}")
+        return f"features {VERSION} {self.recipe.identity}" + (
+            "" if self.dropped is None else f" without {self.dropped}"
+        )
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
         """Train, and predict by the graph that a model file would hold."""
-        training_set = self.job.training_set(recordings)
-        return graph_predictor(self.job.build(training_set).SerializeToString(), training_set, dropped=self.dropped)
+        training_set = self.recipe.training_set(recordings)
+        return graph_predictor(self.recipe.build(training_set).SerializeToString(), training_set, dropped=self.dropped)
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,14 +160,14 @@ class RegressionMethod:
 BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RegressionMethod
 
 
-def method_of(job: Job) -> NetworkMethod | FeatureMethod:
-    """Return the method that cross-validates a training job."""
-    return FeatureMethod(job) if isinstance(job, FeatureJob) else NetworkMethod(job)
+def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
+    """Return the method that cross-validates a recipe."""
+    return FeatureMethod(recipe) if isinstance(recipe, FeatureRecipe) else NetworkMethod(recipe)
 
 
 def recipe_method(name: str, *, channels: int) -> FeatureMethod:
     """Return the method of a recipe on features, for sound of 1 or 2 channels."""
-    return FeatureMethod(cast(FeatureJob, RECIPES[name].open_job(TrainingOptions(channels=channels))))
+    return FeatureMethod(cast(FeatureRecipe, RECIPES[name].with_options(TrainingOptions(channels=channels))))
 
 
 def method_names(channels: int) -> tuple[str, ...]:
@@ -203,6 +204,8 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
     if name in RENDERERS:
         return RegressionMethod(name)
     if name.startswith("paper/"):
+        from tactophone.training.trainer import fastest_precision
+
         # Without labelled segments every window is contact, both in training and in the model's gate.
         gate = None if any(recording.segments for recording in dataset.recordings) else OPEN_GATE
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
@@ -210,7 +213,7 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
             precision=fastest_precision(), gate=gate, seed=seed, changes=changes,
         )  # fmt: skip
-        return method_of(RECIPES["paper-fast"].open_job(options))
+        return method_of(RECIPES["paper-fast"].with_options(options))
     recipe = name.partition("/")[0]
     rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
     dropped = AIR if name == NO_AIR else None

@@ -184,12 +184,12 @@ def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
         return cost_of_renderer(PASSTHROUGH[RENDERERS[name]](None))
     if name not in FEATURE_RECIPES:
         return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
-    job = recipe_method(name, channels=channels).job
-    key = hashlib.sha256(f"{job.identity} {few.fingerprint}".encode()).hexdigest()[:16]
+    recipe = recipe_method(name, channels=channels).recipe
+    key = hashlib.sha256(f"{recipe.identity} {few.fingerprint}".encode()).hexdigest()[:16]
     path = folder / f"{name}-{key}.onnx"
     if not path.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        job.train(path, few)
+        recipe.train(path, few)
     return cost_of_model(path)
 
 

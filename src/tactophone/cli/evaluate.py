@@ -11,7 +11,7 @@ from rich.table import Table
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.ranges import Within
-from tactophone.cli._support.training_options import add_training_options, job_of
+from tactophone.cli._support.training_options import add_training_options, recipe_of
 from tactophone.dataset import KIN_SPLIT, SPLITS, Dataset, Fold, split
 from tactophone.errors import ConfigError
 from tactophone.perception import model_path, read_model
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Score a model, or cross-validate a recipe with its baselines."""
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
-    channels = read_model(model_path(args.model)).card.channels if args.model else job_of(args).channels
+    channels = read_model(model_path(args.model)).card.channels if args.model else recipe_of(args).channels
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
@@ -94,12 +94,12 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Re
     from tactophone.evaluation import make_report
     from tactophone.training import RECIPES, tip_of
 
-    job = job_of(args)
-    method, cache = method_of(job), None if args.no_cache else default_cache()
+    recipe = recipe_of(args)
+    method, cache = method_of(recipe), None if args.no_cache else default_cache()
     rule = RECIPES[args.recipe].response_for(args.tip or tip_of(dataset.recordings)).decision
     reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache), decision=rule)}
     if args.baselines is not None:
-        level = recipe_method("level", channels=job.channels)
+        level = recipe_method("level", channels=recipe.channels)
         reports[level.name] = make_report(_predict_folds(level, split(dataset, args.split), cache))
     for seed in range(args.baselines or 0):
         permuted = permute_labels(dataset, seed=seed)

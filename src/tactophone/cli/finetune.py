@@ -20,8 +20,8 @@ from tactophone.types import Detector
 
 if TYPE_CHECKING:
     from tactophone.evaluation import Change, TakePredictions
-    from tactophone.training import NetworkJob
-    from tactophone.training.finetuning import FinetuningData
+    from tactophone.training import NetworkRecipe
+    from tactophone.training.finetune import FinetuningData
     from tactophone.types import FloatArray
 
 REPLAYED, VALIDATED, TESTED = 40, 12, 21
@@ -55,26 +55,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fine-tune, measure before and after, write the model."""
-    from tactophone.training import finetuning
+    from tactophone.training import finetune
 
     began = time.monotonic()
     data = _data(args)
     calibration = Calibration.read(args.calibration) if args.calibration else None
-    job = finetuning.finetuning_job(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
+    recipe = finetune.finetuning_recipe(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
     with terminal.progress("training") as update:
-        trained = finetuning.train_on_both(
-            job, data,
+        trained = finetune.train_on_both(
+            recipe, data,
             reading=lambda done, count: update(completed=done, total=count, note="reading"),
             report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
         )  # fmt: skip
-    share = _choose(args, job, trained, data)
+    share = _choose(args, recipe, trained, data)
     changes = _measure(args, data, calibration)
     _print(args, changes, share=share, seconds=time.monotonic() - began)
     return 0
 
 
 def _data(args: argparse.Namespace) -> "FinetuningData":
-    from tactophone.training.finetuning import FinetuningData, hold_out, thinned
+    from tactophone.training.finetune import FinetuningData, hold_out, thinned
 
     channels = read_model(model_path(args.model)).card.channels
     new, held_out = hold_out(open_filtered(args.new, args.filter, channels=channels))
@@ -96,11 +96,11 @@ def _split(dataset: Dataset) -> tuple[Sequence[Recording], Sequence[Recording]]:
 
 
 def _choose(
-    args: argparse.Namespace, job: "NetworkJob", trained: "dict[str, FloatArray]", data: "FinetuningData"
+    args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
     from tactophone.evaluation import accuracy_of
-    from tactophone.training.finetuning import mixtures, write_finetuned
+    from tactophone.training.finetune import mixtures, write_finetuned
 
     start = model_path(args.model)
     facts: dict[str, object] = {
@@ -114,11 +114,11 @@ def _choose(
     with tempfile.TemporaryDirectory() as folder:
         for share, weights in mixtures(start, trained, args.strategy):
             path = Path(folder) / "mixture.onnx"
-            write_finetuned(path, job, weights, facts=facts)
+            write_finetuned(path, recipe, weights, facts=facts)
             lost = before - accuracy_of(_predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs))
             if -lost > best[0] or lost <= MOST_LOST:
                 best = (-lost, share)
-                write_finetuned(args.out, job, weights, facts={**facts, "share": share})
+                write_finetuned(args.out, recipe, weights, facts={**facts, "share": share})
             if lost <= MOST_LOST:
                 break
     return best[1]

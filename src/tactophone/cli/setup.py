@@ -33,7 +33,7 @@ from tactophone.perception import (
 from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
 
 if TYPE_CHECKING:
-    from tactophone.training.set_up import SetUpFit
+    from tactophone.training.setup import SetUpFit
 
 SILENCE, SLIDE = 5.0, 10.0
 """Seconds of silence, and of sliding on each object."""
@@ -143,7 +143,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     if not floor.known:
         raise ModelError("the silence was not steady: keep the finger and the table still, and run setup again")
     fit = _fit(model, recorded, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    from tactophone.training.set_up_model import write_set_up
+    from tactophone.training.setup import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
     result = _Result(fit, findings, floor.threshold_dbfs, tip, model.card.name)
@@ -221,7 +221,7 @@ def _check(recorded: _Recorded) -> list[Finding]:
 
 
 def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) -> "SetUpFit":
-    from tactophone.training.set_up import collect, fit_set_up
+    from tactophone.training.setup import collect, fit_set_up
 
     rate = recorded.sample_rate
     with terminal.tracked(recorded.objects, "fitting") as objects:

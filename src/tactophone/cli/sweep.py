@@ -11,7 +11,7 @@ from rich.table import Table
 from tactophone.cli._support import fold_options, terminal
 from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
 from tactophone.cli._support.ranges import SEED, Within
-from tactophone.cli._support.training_options import BITRATE, NUMBERS, add_training_options, job_of
+from tactophone.cli._support.training_options import BITRATE, NUMBERS, add_training_options, recipe_of
 from tactophone.dataset import split
 from tactophone.errors import ConfigError
 
@@ -45,9 +45,11 @@ def run(args: argparse.Namespace) -> int:
     """Run the folds of every combination in parallel, and list the combinations, best first."""
     from tactophone.benchmark.methods import method_of
 
-    jobs = [(name, job_of(changed)) for name, changed in _combinations(args)]
-    dataset = open_filtered(args.data, args.filter, channels=max(job.channels for _, job in jobs), kin=args.kin)
-    trials = [(name, method_of(job)) for name, job in jobs]
+    recipes = [(name, recipe_of(changed)) for name, changed in _combinations(args)]
+    dataset = open_filtered(
+        args.data, args.filter, channels=max(recipe.channels for _, recipe in recipes), kin=args.kin
+    )
+    trials = [(name, method_of(recipe)) for name, recipe in recipes]
     folds = split(dataset, args.split)
     cache = fold_options.cache_of(args)
     _run(trials, folds, cache, args)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.dataset_options import add_filter, joined, open_filtered
-from tactophone.cli._support.training_options import add_training_options, job_of
+from tactophone.cli._support.training_options import add_training_options, recipe_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,18 +34,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
-    job = job_of(args)
-    dataset = open_filtered(args.data, args.filter, channels=job.channels)
-    dataset = joined([dataset, *(open_filtered(folder, None, channels=job.channels) for folder in args.also)])
-    checkpoint = args.out.with_name(args.out.name + ".unfinished.npz")
+    recipe = recipe_of(args)
+    dataset = open_filtered(args.data, args.filter, channels=recipe.channels)
+    dataset = joined([dataset, *(open_filtered(folder, None, channels=recipe.channels) for folder in args.also)])
+    checkpoint = args.out.with_name(args.out.name + ".unfinished")
     if args.restart:
         checkpoint.unlink(missing_ok=True)
     with terminal.progress("training") as update:
-        written = job.train(
+        recipe.train(
             args.out, dataset, checkpoint=checkpoint, log=terminal.log().print,
             report=lambda done, total, note: update(completed=done, total=total, note=note),
         )  # fmt: skip
     checkpoint.unlink(missing_ok=True)
-    if written:
-        print(args.out)
+    print(args.out)
     return 0

@@ -1,31 +1,47 @@
-"""The registry of recipes: every named way to train a detector.
+"""Recipes: every named way to train a detector, and what may be chosen for a training.
 
 `train`, `sweep`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
-imports neither torch nor scikit-learn: the function that fits a classifier is named by its dotted path.
+imports neither torch nor scikit-learn. A recipe with its options, :class:`ConfiguredRecipe`, can train; a recipe file
+(:func:`load_recipe`) names both.
 
-A new detector on existing features takes two files:
+A new detector on existing features takes two changes:
 
-1. ``training/features/<name>.py``, with a function from a training set
-   (:class:`~tactophone.training.features.training_set.TrainingSet`) to an ONNX graph. The graph takes ``features``,
-   float32 of shape ``(windows, features)``, NaN where a channel is missing, and returns ``log_probabilities`` of none,
-   smooth and rough, shape ``(windows, 3)``; ``features/onnx_graph.build_linear`` makes that of a linear classifier.
-2. One :class:`Recipe` in :data:`RECIPES` below that names the function.
+1. A function from a training set (:class:`~tactophone.training.sets.TrainingSet`) to an ONNX graph, listed in
+   ``training/baselines.BUILDERS``. The graph takes ``features``, float32 of shape ``(windows, features)``, NaN where a
+   channel is missing, and returns ``log_probabilities`` of none, smooth and rough, shape ``(windows, 3)``;
+   ``export.build_linear`` makes that of a linear classifier.
+2. One :class:`Recipe` of the same name in :data:`RECIPES` below.
 
 ``tests/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are an extractor in
-``perception/features.py``, registered in ``EXTRACTORS``, with their window in ``training/features/feature_tracks.py``.
+``perception/features.py``, registered in ``EXTRACTORS``, with their window in ``training/tracks.py``.
+
+The paper's three models are values here, each as the paper describes it and as its authors' reference code has it;
+docs/guide/training.md lists where the two differ and what this package does otherwise.
 """
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeAlias
 
-from tactophone.perception import MEMORY, Calibration, DecisionRule, Gate
-from tactophone.training.features.augmentation import Augmentation
-from tactophone.training.network.settings import Precision, Variant
-from tactophone.types import DEFAULT_TIP
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from tactophone.errors import ConfigError, did_you_mean
+from tactophone.perception import (
+    BAND_COUNT,
+    BAND_VALUES,
+    MEMORY,
+    Calibration,
+    DecisionRule,
+    Gate,
+    LoudnessRule,
+)
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:
     from tactophone.dataset import Dataset
@@ -35,6 +51,34 @@ FeatureKind = Literal["texture", "cues", "scalogram"]
 """Features that recipes other than the paper's network learn from; also the kind in their model cards."""
 
 Microphone = Literal["contact", "air"]
+Variant = Literal["general", "fine-tuned", "one-channel"]
+Precision = Literal["float32", "bfloat16"]
+
+VARIANTS: tuple[Variant, ...] = ("general", "fine-tuned", "one-channel")
+PRECISIONS: tuple[Precision, ...] = ("float32", "bfloat16")
+
+NETWORK_RATE = 2000
+"""Sample rate of the paper's network in Hz."""
+
+NETWORK_WINDOW_SIZE = 512
+"""Samples in a window of the paper's network: 256 ms at 2 kHz."""
+
+NETWORK_HOP = Fraction(512 * NETWORK_RATE, LIVE_SAMPLE_RATE)
+"""Samples from one prediction to the next: the paper predicts at every sound buffer, 512 samples at 48 kHz."""
+
+LABEL_LEVEL_DBFS = -26.0
+"""RMS over which the paper's general model takes a window for contact: slightly over its piezo's noise floor."""
+
+REFERENCE_GATE = Gate(-46.02, "mean_absolute")
+"""0.005, over which the authors' code takes a window for contact when it scores."""
+
+OPEN_GATE = Gate(-200.0)
+"""Every window counts as contact: for recordings that hold nothing else, whatever their level."""
+
+
+Offset: TypeAlias = NDArray[np.float64]
+"""Added to a description: shape ``(channels, values)``, in log10 of power."""
+
 
 Report = Callable[[int, int | None, str], None]
 """Progress of a training: steps done, steps in all if known, a note."""
@@ -67,7 +111,7 @@ class TrainingOptions:
     reference_code: bool = False
     precision: Precision = "float32"
     """`variant`, `reference_code` and `precision`: see
-    :class:`tactophone.training.network.settings.NetworkSettings`."""
+    :class:`NetworkSettings`."""
     changes: Mapping[str, Any] = field(default_factory=dict)
     """Other fields of those settings, by name."""
 
@@ -81,7 +125,129 @@ class TrainingOptions:
         return replace(codec, bandwidth=bandwidth) if bandwidth else codec
 
 
-class Job(Protocol):
+@dataclass(frozen=True, slots=True)
+class Labelling:
+    """Which windows count as contact, and so take their recording's label; the others are *none*."""
+
+    loudness: LoudnessRule
+    """``"rms"``, or ``"mean_absolute"``; of the window's first channel."""
+    threshold: float
+    """Least loudness: of full scale, or of the mean loudness of all windows with that label if ``relative``."""
+    relative: bool = False
+    """See ``threshold``."""
+    quiet_rough: bool = True
+    """Whether quiet windows of rough recordings are trained as *none* too; if not, they are left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkSettings:
+    """Everything that decides a training run of the paper's network but the recordings and the seed.
+
+    The defaults are the paper's. ``hop`` is in samples at 2 kHz: a window for every sound buffer, 10.7 ms; the authors'
+    code takes every window (1), which neither trains better nor finishes (docs/guide/training.md). ``noise`` is the
+    standard deviation of the Gaussian noise added to each window. Epochs repeat until there were ``least_steps``
+    batches, see :data:`FAST_CHANGES`.
+    """
+
+    variant: Variant
+    reference_code: bool
+    channels: int
+    labelling: Labelling
+    class_weights: tuple[float, float, float]
+    noise: float = 0.005
+    epochs: int = 5
+    batch_size: int = 6000
+    learning_rate: float = 1e-4
+    hop: int = 21
+    least_steps: int = 0
+    precision: Precision = "float32"
+
+    @property
+    def name(self) -> str:
+        """For model cards and tables.
+
+        >>> network_settings("one-channel").name
+        'paper/one-channel'
+        """
+        return f"{'authors' if self.reference_code else 'paper'}/{self.variant}"
+
+    def with_threshold(self, level_dbfs: float) -> "NetworkSettings":
+        """Return the settings with contact from an RMS level in dBFS; unchanged where the threshold is relative."""
+        if self.labelling.relative:
+            return self
+        labelling = replace(self.labelling, loudness="rms", threshold=10 ** (level_dbfs / 20))
+        return replace(self, labelling=labelling)
+
+    def without_gate(self) -> "NetworkSettings":
+        """Return the settings with every window labelled as contact."""
+        return replace(self, labelling=replace(self.labelling, threshold=0.0, relative=False))
+
+
+FAST_CHANGES: Mapping[str, int] = MappingProxyType({"batch_size": 1000, "least_steps": 500})
+"""What the recipe ``paper-fast`` changes: smaller batches reach an equal score for a fifth of the processor time
+(`python benchmarks/training.py`), and five epochs of a few minutes of sound are too few to converge."""
+
+
+def network_settings(variant: Variant, *, reference_code: bool = False) -> NetworkSettings:
+    """Return the settings of one of the paper's models; change parts with ``dataclasses.replace``.
+
+    With ``reference_code`` they follow the authors' code where it differs from the paper's text.
+
+    Examples
+    --------
+    >>> network_settings("general").epochs, network_settings("general", reference_code=True).class_weights
+    (5, (1.0, 0.05, 0.05))
+    """
+    channels = 1 if variant == "one-channel" else 2
+    if reference_code:
+        labelling = Labelling("mean_absolute", 1.0, relative=True, quiet_rough=False)
+        return NetworkSettings(variant, True, channels, labelling, (1.0, 0.05, 0.05))
+    fixed, relative = Labelling("rms", 10 ** (LABEL_LEVEL_DBFS / 20)), Labelling("rms", 0.5, relative=True)
+    # The paper names no class weights.
+    return NetworkSettings(variant, False, channels, relative if variant == "fine-tuned" else fixed, (1.0, 1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Augmentation:
+    """Random gain and equaliser: training as if each take had been recorded with another microphone, elsewhere.
+
+    What a microphone, its mount and a room do to sound is a gain and a smooth change over frequency; no training set
+    holds more than a few of them. So every take is used several times, each time with a gain and an equaliser of its
+    own. On real surfaces of a kind that was left out this adds 0.05 of AUC and 0.1 of balanced accuracy
+    (docs/research/detector.md); the values are the first that were tried.
+
+    Descriptions are logarithms, so both are an offset, and a constant offset moves the running mean alone: it can be
+    applied after the running statistics, exactly, and costs no second pass.
+    """
+
+    copies: int = 4
+    """Of each take."""
+    gain_db: float = 6.0
+    """Standard deviation of the gain; microphones and mounts differ by as much."""
+    equaliser_db: float = 3.5
+    """The same of the equaliser, at each of its knots."""
+    knots: int = 5
+    """Of the equaliser, evenly spaced over the bands; between them it is linear."""
+
+    def draw(self, rng: np.random.Generator, *, channels: int, values: int = BAND_VALUES) -> Offset:
+        """Draw the offset of one copy of a take, each microphone by itself.
+
+        Level moves with the gain and the equaliser's mean, steepness by itself; crest, clicks and unevenness,
+        ratios within one waveform, stay.
+        """
+        gain = rng.normal(0, self.gain_db / 10, (channels, 1))
+        heights = rng.normal(0, self.equaliser_db / 10, (channels, self.knots))
+        places = np.linspace(0, self.knots - 1, BAND_COUNT)
+        curve = np.array([np.interp(places, np.arange(self.knots), row) for row in heights])
+        offset = np.zeros((channels, values))
+        offset[:, :BAND_COUNT] = gain + curve
+        # The four shapes: level, crest, clicks, steepness.
+        offset[:, BAND_COUNT] = gain[:, 0] + curve.mean(axis=1)
+        offset[:, BAND_VALUES - 1] = rng.normal(0, self.equaliser_db / 10, channels)
+        return offset
+
+
+class ConfiguredRecipe(Protocol):
     """A recipe with its options: everything that decides a training but the recordings."""
 
     @property
@@ -104,12 +270,10 @@ class Job(Protocol):
         checkpoint: Path | None = None,
         report: Report = silent,
         log: Callable[[str], None] = silent,
-    ) -> bool:
+    ) -> None:
         """Train on labelled recordings and write the model file.
 
         ``checkpoint`` keeps unfinished state, so that a killed training can continue; recipes of seconds keep none.
-
-        Returns whether this process wrote the file: under ``torchrun`` only one does.
         """
 
 
@@ -133,10 +297,6 @@ class Recipe:
     """For tables."""
     features: FeatureKind | Literal["magnitudes"]
     """What it learns from: a :data:`FeatureKind`, or ``"magnitudes"`` for the paper's network."""
-    fit: str = ""
-    """Dotted path ``module:function`` from a training set to the graph of a model file; empty where ``job`` trains."""
-    job: str = "tactophone.training.features.job:feature_job"
-    """Dotted path of the function that makes its :class:`Job` from the recipe and :class:`TrainingOptions`."""
     response: Response = field(default_factory=Response)
     """Decision rule and memory of its models."""
     pad_response: Response | None = None
@@ -159,19 +319,15 @@ class Recipe:
         """Return decision rule and memory of a model of this tip."""
         return self.pad_response if self.pad_response and tip == DEFAULT_TIP else self.response
 
-    def open_job(self, options: TrainingOptions | None = None) -> Job:
-        """Return the training job of this recipe; imports what it needs."""
-        return cast(Job, load(self.job)(self, options or TrainingOptions()))
+    def with_options(self, options: TrainingOptions | None = None) -> ConfiguredRecipe:
+        """Return the recipe with its options, ready to train; imports what it needs."""
+        if self.features == "magnitudes":
+            from tactophone.training.trainer import network_recipe
 
+            return network_recipe(self, options or TrainingOptions())
+        from tactophone.training.sets import feature_recipe
 
-def load(path: str) -> Callable[..., Any]:
-    """Import a function by its dotted path.
-
-    >>> load("math:hypot")(3, 4)
-    5.0
-    """
-    module, _, name = path.partition(":")
-    return cast(Callable[..., Any], getattr(importlib.import_module(module), name))
+        return feature_recipe(self, options or TrainingOptions())
 
 
 _CONFIRMED = Response(DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5), memory=0.25)
@@ -185,42 +341,25 @@ _OF_PAD = Response(DecisionRule(rough_on=0.9, rough_off=0.7, confirm=1, abstain_
 there and reports edges later. Under a stylus, of real kinds left out, such a memory and 0.8 already cost 0.09 of what
 is rendered right (docs/research/detector.md)."""
 
-_BASELINES = "tactophone.training.features.baselines"
-
 _LISTED = (
     Recipe(
         "paper", "the paper's network and figures: spectral magnitudes of 256 ms into a residual MLP", "magnitudes",
-        job="tactophone.training.network.job:network_job", version=1, shipped=True,
+        version=1, shipped=True,
     ),
-    Recipe(
-        "paper-fast", "the same network, in smaller batches and at least 500 of them", "magnitudes",
-        job="tactophone.training.network.job:network_job", version=1,
-    ),
+    Recipe("paper-fast", "the same network, in smaller batches and at least 500 of them", "magnitudes", version=1),
     Recipe(
         "texture", "short windows, running statistics of the touch, a calibrated linear classifier", "texture",
-        "tactophone.training.features.linear_classifier:build_texture", response=_CONFIRMED,
-        pad_response=_OF_PAD, version=7, augmentation=Augmentation(), shipped=True,
+        response=_CONFIRMED, pad_response=_OF_PAD, version=7, augmentation=Augmentation(), shipped=True,
     ),
-    Recipe("level", "loudness against a threshold", "cues", f"{_BASELINES}:build_level"),
-    Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues", f"{_BASELINES}:build_rules"),
+    Recipe("level", "loudness against a threshold", "cues"),
+    Recipe("rules", "five cues vote: level, crest, transients, centroid, air", "cues"),
+    Recipe("median-frequency", "frequency with half the power on either side", "cues"),
+    Recipe("scalogram-cnn", "log spectrogram into a small convolutional network", "scalogram"),
     Recipe(
-        "median-frequency", "frequency with half the power on either side", "cues",
-        f"{_BASELINES}:build_median_frequency",
+        "surface", "texture features to Ra by ridge regression, then a boundary", "texture", version=3, requires="ra_um"
     ),
-    Recipe(
-        "scalogram-cnn", "log spectrogram into a small convolutional network", "scalogram",
-        "tactophone.training.features.scalogram:build_scalogram",
-    ),
-    Recipe(
-        "surface", "texture features to Ra by ridge regression, then a boundary", "texture",
-        f"{_BASELINES}:build_surface", version=3, requires="ra_um",
-    ),
-    Recipe(
-        "logistic", "logistic regression on texture features", "texture", f"{_BASELINES}:build_logistic", version=3
-    ),
-    Recipe(
-        "boosting", "gradient boosted trees on texture features", "texture", f"{_BASELINES}:build_boosting", version=3
-    ),
+    Recipe("logistic", "logistic regression on texture features", "texture", version=3),
+    Recipe("boosting", "gradient boosted trees on texture features", "texture", version=3),
 )  # fmt: skip
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType({recipe.name: recipe for recipe in _LISTED})
@@ -231,3 +370,59 @@ FEATURE_RECIPES = tuple(name for name, recipe in RECIPES.items() if recipe.featu
 
 SHIPPED = tuple(name for name, recipe in RECIPES.items() if recipe.shipped)
 """Names of the recipes whose models ship inside the package; of ``paper``, its one-channel variant ships besides."""
+
+
+class _RecipeFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """What a recipe file may hold: the names of `train`'s options; see :class:`TrainingOptions`."""
+
+    recipe: str = "paper-fast"
+    channels: Literal[1, 2] = 2
+    microphone: Microphone = "contact"
+    tip: str = ""
+    seed: Annotated[int, Meta(ge=0)] = 0
+    opus_bitrate: Annotated[int, Meta(ge=16, le=512)] | None = None
+    """In kbit/s."""
+    contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = None
+    """In dBFS RMS; ``off``: every window is trained on and classified."""
+    variant: Variant = "general"
+    reference_code: bool = False
+    precision: Precision = "float32"
+    epochs: Annotated[int, Meta(ge=1)] | None = None
+    least_steps: Annotated[int, Meta(ge=0)] | None = None
+    batch_size: Annotated[int, Meta(ge=1)] | None = None
+    hop: Annotated[int, Meta(ge=1)] | None = None
+    learning_rate: Annotated[float, Meta(gt=0)] | None = None
+    noise: Annotated[float, Meta(ge=0)] | None = None
+    """`epochs` and what follows: of the paper's network, by default as the recipe has it."""
+
+
+def load_recipe(path: Path, **options: Any) -> ConfiguredRecipe:
+    """Read a recipe file: TOML with the name of a recipe and the options that differ from its defaults.
+
+    ``options`` are further fields of :class:`TrainingOptions`, which win over the file's. Raises `ConfigError` if the
+    file cannot be read, names no recipe, or holds an unknown key or a value out of range.
+    """
+    try:
+        file = msgspec.toml.decode(path.read_bytes(), type=_RecipeFile)
+    except (OSError, UnicodeError, msgspec.DecodeError) as error:
+        known = ", ".join(_RecipeFile.__struct_fields__)
+        raise ConfigError(f"{path}: {error}; a recipe file is TOML and may hold {known}") from None
+    if file.recipe not in RECIPES:
+        raise ConfigError(
+            f"{path}: no recipe {file.recipe}; there are {', '.join(RECIPES)}{did_you_mean(file.recipe, RECIPES)}"
+        )
+    threshold = file.contact_threshold
+    numbers = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
+    chosen = TrainingOptions(
+        channels=file.channels,
+        seed=file.seed,
+        opus_bitrate_bps=1000 * file.opus_bitrate if file.opus_bitrate else None,
+        microphone=file.microphone,
+        tip=file.tip,
+        gate=None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold),
+        variant=file.variant,
+        reference_code=file.reference_code,
+        precision=file.precision,
+        changes={name: value for name in numbers if (value := getattr(file, name)) is not None},
+    )
+    return RECIPES[file.recipe].with_options(replace(chosen, **options))

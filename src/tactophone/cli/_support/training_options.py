@@ -5,7 +5,15 @@ import argparse
 from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError
 from tactophone.perception import Calibration, Gate
-from tactophone.training import OPEN_GATE, PRECISIONS, RECIPES, VARIANTS, Job, TrainingOptions, network_settings
+from tactophone.training import (
+    OPEN_GATE,
+    PRECISIONS,
+    RECIPES,
+    VARIANTS,
+    ConfiguredRecipe,
+    TrainingOptions,
+    network_settings,
+)
 from tactophone.types import TIP_NAMES
 
 NUMBERS = {
@@ -76,8 +84,8 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
     )  # fmt: skip
 
 
-def job_of(args: argparse.Namespace) -> Job:
-    """Return the training job that the options describe; raises `ConfigError` if an option is out of range."""
+def recipe_of(args: argparse.Namespace) -> ConfiguredRecipe:
+    """Return the recipe that the options describe; raises `ConfigError` if an option is out of range."""
     # argparse has checked the options of a command line, but not what `sweep --vary` puts in their place.
     for name, choices in {"recipe": RECIPES, "variant": VARIANTS, "precision": PRECISIONS}.items():
         if (value := getattr(args, name)) not in choices:
@@ -97,7 +105,7 @@ def job_of(args: argparse.Namespace) -> Job:
         precision=args.precision,
         changes={name: value for name in NUMBERS if (value := getattr(args, name)) is not None},
     )
-    return RECIPES[args.recipe].open_job(options)
+    return RECIPES[args.recipe].with_options(options)
 
 
 def _gate(text: str | None) -> Gate | None:

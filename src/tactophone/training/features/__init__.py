@@ -1,1 +1,0 @@
-"""Recipes that learn from features: tracks of features, training sets, classifiers and their ONNX graphs."""

@@ -1,0 +1,132 @@
+"""The classifier of the recipe ``texture``: few weights, calibrated probabilities, and *none* for unknown sound.
+
+There is one logistic regression for each set of working channels, every kind of surface and either class weighted the
+same, regularised until its confidence on held-out surfaces equals its accuracy there (docs/research/detector.md). Sound
+unlike the training data is detected by the Mahalanobis distance, with Ledoit and Wolf's shrunken covariance (2004); the
+threshold is what one held-out window in two hundred exceeds.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from tactophone.perception import CREST_INDEX
+from tactophone.training.export import Floats, build_classifier_graph
+from tactophone.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
+from tactophone.types import FloatArray
+
+STRENGTH = 0.05
+"""Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
+
+KNOWN_SHARE = 0.995
+"""Share of held-out windows that count as known sound."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearClassifier:
+    """Parameters of the classifier."""
+
+    centre: Floats
+    scale: Floats
+    """`centre` and `scale`: of the features, which are standardised first."""
+    weights: Floats
+    biases: Floats
+    """`weights` and `biases`: a logistic regression for each set of working channels, shape ``(sets, features)``: all,
+    then each alone."""
+    whitening: Floats
+    """Shape ``(features, features)``: maps a channel's standardised features to uncorrelated ones of unit variance."""
+    limit: float
+    """Mean square of the working channels' whitened features over which sound is unknown."""
+
+
+def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
+    """Fit the classifier and return its graph."""
+    channels = training_set.spec.channels
+    classifier = fit_classifier(training_set.examples, channels=channels, hard_tip=training_set.tip in HARD_TIPS)
+    return build_classifier_graph(classifier, channels=channels)
+
+
+def channel_sets(channels: int) -> list[tuple[int, ...]]:
+    """Return the sets of working channels that have a regression.
+
+    >>> channel_sets(2), channel_sets(1)
+    ([(0, 1), (0,), (1,)], [(0,)])
+    """
+    every = tuple(range(channels))
+    return [every, *combinations(every, 1)] if channels > 1 else [every]
+
+
+def fit_classifier(examples: Examples, *, channels: int, hard_tip: bool = False) -> LinearClassifier:
+    """Fit the regressions and the limit of known sound on windows of several surfaces of both classes.
+
+    Under a hard tip each regression is the mean of that on all features and that on the impulses alone.
+    """
+    thinned = examples.thinned()
+    centre, scale = thinned.moments()
+    standard = replace(thinned, features=np.asarray(thinned.standardised(centre, scale), np.float32))
+    count = len(centre)
+    columns = [_columns(working, channels, count) for working in channel_sets(channels)]
+    fitted = [_fit_regression(standard, each) for each in columns]
+    if hard_tip:
+        chosen = impulse_features(count // channels)
+        impulses = [_fit_regression(standard, each[np.isin(each % (count // channels), chosen)]) for each in columns]
+        fitted = [
+            ((weights + others) / 2, (bias + other) / 2)
+            for (weights, bias), (others, other) in zip(fitted, impulses, strict=True)
+        ]
+    whitening = _whitening(standard.features, channels)
+    limit = float(np.quantile(_held_out_distances(standard, channels), KNOWN_SHARE))
+    weights, biases = zip(*fitted, strict=True)
+    return LinearClassifier(centre, scale, np.array(weights), np.array(biases), whitening, limit)
+
+
+def impulse_features(features: int) -> list[int]:
+    """Return the columns of crest and clicks among a channel's features: their means, then their deviations.
+
+    >>> impulse_features(40)
+    [17, 18, 37, 38]
+    """
+    return [begin + CREST_INDEX + n for begin in (0, features // 2) for n in (0, 1)]
+
+
+def _fit_regression(examples: Examples, columns: NDArray[np.intp]) -> tuple[Floats, float]:
+    """Fit a logistic regression on some columns; the weights of the others are 0."""
+    from sklearn.linear_model import LogisticRegression
+
+    model = LogisticRegression(C=STRENGTH, solver="newton-cholesky", max_iter=50)
+    model.fit(examples.features[:, columns].astype(np.float64), examples.rough, sample_weight=examples.weights())
+    weights = np.zeros(examples.features.shape[1])
+    weights[columns] = model.coef_[0]
+    return weights, float(model.intercept_[0])
+
+
+def _whitening(standard: FloatArray, channels: int) -> Floats:
+    """Whiten each channel by itself: then the distance of those that work does not depend on those that do not."""
+    from sklearn.covariance import LedoitWolf
+
+    whitening = np.zeros((standard.shape[1], standard.shape[1]))
+    for channel in range(channels):
+        columns = _columns((channel,), channels, standard.shape[1])
+        precision = LedoitWolf(assume_centered=True).fit(standard[:, columns].astype(np.float64)).precision_
+        whitening[np.ix_(columns, columns)] = np.linalg.cholesky(precision)
+    return whitening
+
+
+def _held_out_distances(examples: Examples, channels: int) -> Floats:
+    # Distances need no classes: of one smooth and one rough surface each can be held out in turn.
+    folds = list(inner_folds(examples.rough, examples.surface)) or [
+        examples.surface == number for number in np.unique(examples.surface)
+    ]
+    distances = [
+        np.square(examples.features[out] @ _whitening(examples.features[~out], channels)).mean(axis=1) for out in folds
+    ]
+    return np.concatenate(distances)
+
+
+def _columns(working: tuple[int, ...], channels: int, features: int) -> NDArray[np.intp]:
+    """Numbers of the features of some channels, which stand one after another."""
+    each = features // channels
+    return np.concatenate([np.arange(channel * each, (channel + 1) * each) for channel in working])

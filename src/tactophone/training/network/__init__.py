@@ -1,1 +1,0 @@
-"""The paper's network: settings, training loop, export and import."""

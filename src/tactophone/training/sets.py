@@ -1,0 +1,402 @@
+"""Training sets of classifiers on features: contact threshold, average touch, change metric, labelled windows."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import onnx
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.dataset import Dataset, Recording, kin_of
+from tactophone.errors import DatasetError
+from tactophone.link import Codec
+from tactophone.perception import MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
+from tactophone.training.export import Floats, caveats_of, is_simulation, licence_of, tip_of, write_graph
+from tactophone.training.recipes import RECIPES, Augmentation, FeatureKind, Recipe, Report, TrainingOptions, silent
+from tactophone.training.tracks import (
+    FEATURE_RATE,
+    WINDOWS,
+    FeatureSpec,
+    FeatureTrack,
+    RunningMoments,
+    accumulate,
+    extract_features,
+    mean_shifts,
+)
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
+
+HARD_TIPS = ("plastic", "stylus")
+"""Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
+small hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away."""
+
+FALSE_CONTACTS = 0.01
+"""Share of windows without contact that pass the gate's threshold."""
+
+ALWAYS_DBFS = -120.0
+"""Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
+
+FALSE_CHANGES = 0.01
+"""Share of windows on one surface where the change detection would fire: once a second. At a tenth of that, simulated
+edges are decided after 212 ms (p50) and not after 82; it would gain 0.005 of AUC on real kinds left out
+(docs/research/detector.md)."""
+
+RIDGE = 1e-3
+"""Added to the covariance of shifts, as a share of its mean variance: keeps rarely seen directions from dominating."""
+
+SIMULATED_IMPORTANCE = 0.05
+"""Weight of a simulated surface beside a real one, where a set holds both. Simulated sound adds surfaces of which there
+is no recording, but it is not real: at the same weight it costs 0.04 of AUC on real kinds left out
+(docs/research/detector.md)."""
+
+MOST_WINDOWS = 12_000
+"""Windows trained on, evenly drawn: neighbours are nearly the same, and more change no score."""
+
+INNER_FOLDS = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Examples:
+    """Windows to train on."""
+
+    features: FloatArray
+    """Shape ``(windows, features)``; NaN where a channel is missing."""
+    rough: NDArray[np.bool_]
+    """Whether rough, shape ``(windows,)``."""
+    surface: NDArray[np.intp]
+    """Number of the surface, shape ``(windows,)``; kin have the same."""
+    importance: Floats | None = None
+    """Weight of each window's surface beside others, shape ``(windows,)``; none: all weigh the same."""
+
+    def where(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> "Examples":
+        """Return the windows of a mask or with these numbers."""
+        importance = None if self.importance is None else self.importance[which]
+        return Examples(self.features[which], self.rough[which], self.surface[which], importance)
+
+    def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
+        """Return at most so many windows, evenly drawn."""
+        return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
+
+    def weights(self) -> Floats:
+        """Return the weights of :func:`even_weights`."""
+        return even_weights(self.rough, self.surface, self.importance)
+
+    def moments(self) -> tuple[Floats, Floats]:
+        """Return mean and standard deviation of each feature, missing values left out."""
+        wide = self.features.astype(np.float64)
+        return np.nanmean(wide, axis=0), np.maximum(np.nanstd(wide, axis=0), 1e-6)
+
+    def standardised(self, mean: Floats, scale: Floats) -> Floats:
+        """Return the features standardised; missing ones are taken as average, here as in the graph."""
+        return np.asarray(np.nan_to_num((self.features - mean) / scale))
+
+
+def even_weights(rough: NDArray[np.bool_], surface: NDArray[np.intp], importance: Floats | None = None) -> Floats:
+    """Return weights of windows that give both classes, and in each class its surfaces, the same weight; mean 1.
+
+    With an importance, ``(windows,)``, the surfaces of a class weigh as it says; it may differ within a surface.
+    """
+    weights = np.ones(len(rough)) if importance is None else importance.astype(np.float64)
+    for label in (False, True):
+        for number in np.unique(surface[rough == label]):
+            here = (surface == number) & (rough == label)
+            weights[here] /= here.sum()
+        weights[rough == label] *= len(rough) / 2 / weights[rough == label].sum()
+    return weights
+
+
+def inner_folds(rough: NDArray[np.bool_], surface: NDArray[np.intp]) -> Iterator[NDArray[np.bool_]]:
+    """Yield masks of the windows held out in each inner fold: whole surfaces, of both classes where possible."""
+    fold_of = {
+        int(number): place % INNER_FOLDS
+        for label in (True, False)
+        for place, number in enumerate(np.unique(surface[rough == label]))
+    }
+    folds = np.array([fold_of[int(number)] for number in surface])
+    for fold in range(INNER_FOLDS):
+        held_out = folds == fold
+        if held_out.any() and len(set(rough[~held_out])) == 2:
+            yield held_out
+
+
+NO_EXAMPLES = Examples(np.empty((0, 0), np.float32), np.empty(0, bool), np.empty(0, np.intp))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingSet:
+    """What a classifier is trained with."""
+
+    spec: FeatureSpec
+    threshold_dbfs: float
+    """Of contact."""
+    prior: Moments
+    change_metric: ChangeMetric
+    """`prior` and `change_metric`: of the running statistics, for kind ``texture``: see
+    :mod:`tactophone.perception.texture`."""
+    examples: Examples
+    """Windows in contact."""
+    height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    """log10 of the surface's Ra in micrometres for each example; NaN where it is unknown."""
+    tip: str = ""
+    """That touches; empty where it is unknown."""
+
+    def features(self, track: FeatureTrack) -> FloatArray:
+        """Return the features that the live extractor returns, shape ``(windows, features)``."""
+        if self.spec.kind != "texture":
+            return track.description
+        return self._moments(track).features(self.prior, track.present)
+
+    def varied(
+        self, track: FeatureTrack, mask: NDArray[np.bool_], augmentation: Augmentation | None, rng: np.random.Generator
+    ) -> FloatArray:
+        """Return the features of some windows of a track, of each of its copies; just of itself without augmentation.
+
+        Copies have the windows' order, one after another.
+        """
+        if augmentation is None or self.spec.kind != "texture":
+            return self.features(track)[mask]
+        moments = self._moments(track)
+        draw = augmentation.draw
+        offsets = [draw(rng, channels=self.spec.channels, values=self.spec.values) for _ in range(augmentation.copies)]
+        return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
+
+    def _moments(self, track: FeatureTrack) -> RunningMoments:
+        threshold_dbfs = _threshold_for(track, self.threshold_dbfs)
+        return accumulate(track, threshold_dbfs, self.change_metric, memory=self.spec.memory)
+
+    def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
+        """Return the card of a model trained with it."""
+        size, hop = WINDOWS[self.spec.kind]
+        settings: dict[str, Any] = {}
+        if self.spec.kind == "texture":
+            settings = {
+                "microphone": self.spec.microphone,
+                "prior": self.prior.tolist(),
+                "change_metric": self.change_metric.tolist(),
+                "memory": self.spec.memory,
+            }
+        gate = Gate(self.threshold_dbfs, "banded")
+        return ModelCard(
+            name, self.spec.kind, FEATURE_RATE, size, hop, self.spec.channels, gate, rule, settings=settings,
+            training=training or {},
+        )  # fmt: skip
+
+
+def build_training_set(
+    spec: FeatureSpec,
+    recordings: Sequence[Recording],
+    *,
+    codecs: Sequence[Codec] = (),
+    augmentation: Augmentation | None = None,
+    seed: int = 0,
+    tip: str = "",
+) -> TrainingSet:
+    """Extract features from labelled recordings and select the windows to train on.
+
+    Parameters
+    ----------
+    spec
+        Which features.
+    recordings
+        With contact on both smooth and rough surfaces.
+    codecs
+        Codecs through which each recording is used once more: a classifier that was never trained without the band
+        that the link removes fails there (docs/research/benchmark.md).
+    augmentation
+        Each take is used in so many copies, each varied; texture features alone.
+    seed
+        Of the variations.
+    tip
+        That touches.
+
+    Raises
+    ------
+    DatasetError
+        If there is no contact in all rough or all smooth recordings.
+    """
+    tracks = extract_features(recordings, spec)
+    # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
+    at_rate = (
+        [each for each in recordings if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE] if codecs else []
+    )
+    for codec in codecs:
+        tracks += extract_features(at_rate or recordings, replace(spec, codec=codec))
+    threshold_dbfs = contact_threshold(tracks)
+    masks = [track.touching() & (track.level_dbfs >= _threshold_for(track, threshold_dbfs)) for track in tracks]
+    sizes = [int(mask.sum()) for mask in masks]
+    rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
+    if not 0 < rough.sum() < len(rough):
+        found = f"on {'rough' if rough.any() else 'smooth'} surfaces alone" if len(rough) else "nowhere"
+        raise DatasetError(
+            f"{len(recordings)} recording(s) to train on: contact was found {found}; training needs rough and smooth "
+            "surfaces: label and record more"
+        )
+    prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
+    if spec.change_detection and spec.kind == "texture":
+        change_metric = fit_change_metric(
+            [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
+        )
+    else:
+        change_metric = np.zeros((spec.channels, spec.values, spec.values))
+    # The features of the examples follow from the prior and the metric, so these come first.
+    unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
+    rng = np.random.default_rng(seed)
+    features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
+    sizes = [len(rows) for rows in features]
+    rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
+    names = sorted({kin_of(track.recording) for track in tracks})
+    surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
+    importance = np.repeat(_importance([track.recording for track in tracks]), sizes)
+    height = np.repeat([_log_height(track.recording) for track in tracks], sizes)
+    return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface, importance), height=height)
+
+
+def _importance(recordings: Sequence[Recording]) -> NDArray[np.float64]:
+    """Return the importance of each recording's surface: 1, or less for a simulated one beside real ones."""
+    simulated = np.array(list(map(is_simulation, recordings)))
+    return np.ones(len(simulated)) if simulated.all() else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
+
+
+def _threshold_for(track: FeatureTrack, threshold_dbfs: float) -> float:
+    """A recording without segments is contact throughout; another set's noise says nothing about its level."""
+    return threshold_dbfs if track.recording.segments else ALWAYS_DBFS
+
+
+def contact_threshold(tracks: Sequence[FeatureTrack]) -> float:
+    """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
+    quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
+    return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
+
+
+def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
+    """Fit the metric in which a shift of the mean longer than 1 means a change of surface.
+
+    A Mahalanobis distance, in each channel by itself so that a dead channel does not affect the other: directions in
+    which a finger's speed and pressure often shift the mean count little.
+
+    Parameters
+    ----------
+    shifts
+        Of recordings of one surface each, ``(windows, channels, values)``: see
+        :func:`tactophone.training.tracks.mean_shifts`.
+
+    The metric has the shape ``(channels, values, values)``; zeros, so that no change is detected, without shifts.
+    """
+    moved = np.concatenate(shifts).astype(np.float64)
+    if not len(moved):
+        return np.zeros((*moved.shape[1:], moved.shape[2]))
+    covariance = np.einsum("ncv,ncw->cvw", moved, moved) / len(moved)
+    variance = np.trace(covariance, axis1=1, axis2=2)[:, None, None] / moved.shape[2]
+    ridge = (RIDGE * variance + MIN_VARIANCE) * np.eye(moved.shape[2])
+    whitening = np.linalg.cholesky(np.linalg.inv(covariance + ridge))
+    # Of each window the larger of its channels' distances counts, as in the live detection.
+    distance = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
+    return np.asarray((whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5))
+
+
+def _mean_moments(descriptions: Sequence[NDArray[np.float32]]) -> Moments:
+    wide = np.concatenate(descriptions).astype(np.float64)
+    return np.stack((wide.mean(axis=0), np.square(wide).mean(axis=0))).round(6)
+
+
+def _log_height(recording: Recording) -> float:
+    height_um = recording.known("ra_um")
+    return float(np.log10(float(height_um))) if height_um else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureRecipe:
+    """A recipe on features with its options; see :class:`~tactophone.training.recipes.ConfiguredRecipe`."""
+
+    name: str
+    """A key of :data:`tactophone.training.recipes.RECIPES`."""
+    spec: FeatureSpec
+    """Which features, of which channels; the memory is that of the recipe for the tip."""
+    codecs: tuple[Codec, ...] = ()
+    """A model file is trained on each recording as it is and once more through each of these codecs."""
+    seed: int = 0
+    """Of the augmentation."""
+    tip: str = ""
+    """That the model is for; empty: that of the recordings."""
+
+    @property
+    def recipe(self) -> Recipe:
+        """The registry's entry."""
+        return RECIPES[self.name]
+
+    @property
+    def channels(self) -> int:
+        """Microphones that the model uses."""
+        return self.spec.channels
+
+    @property
+    def evaluated_spec(self) -> FeatureSpec:
+        """Features for a cross-validation: through the widest of the codecs, if there are any."""
+        return replace(self.spec, codec=self.codecs[-1]) if self.codecs else self.spec
+
+    @property
+    def identity(self) -> str:
+        """Text that changes whenever the result may: key of cached results."""
+        return f"{self.name} {self.recipe.version} {self.seed} {self.tip} {self.evaluated_spec!r}"
+
+    def training_set(self, recordings: Sequence[Recording], *, codecs: Sequence[Codec] | None = None) -> TrainingSet:
+        """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
+        spec = self.evaluated_spec if codecs is None else self.spec
+        tip = self.tip or tip_of(recordings)
+        return build_training_set(
+            replace(
+                spec,
+                memory=self.recipe.response_for(tip).memory,
+                unevenness=spec.kind == "texture" and tip in HARD_TIPS,
+            ),
+            recordings,
+            codecs=codecs or (),
+            augmentation=self.recipe.augmentation,
+            seed=self.seed,
+            tip=tip,
+        )
+
+    def build(self, training_set: TrainingSet) -> onnx.ModelProto:
+        """Fit the classifier and return the graph of a model file."""
+        from tactophone.training.baselines import BUILDERS
+
+        return BUILDERS[self.name](training_set)
+
+    def train(
+        self,
+        path: Path,
+        dataset: Dataset,
+        *,
+        checkpoint: Path | None = None,
+        report: Report = silent,
+        log: Callable[[str], None] = silent,
+    ) -> None:
+        """Train on a data set and write the model file, named after the file."""
+        del checkpoint, log
+        report(0, None, self.name)
+        training_set = self.training_set(dataset.recordings, codecs=self.codecs)
+        through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
+        facts = {
+            "recipe": self.name,
+            "dataset": dataset.name,
+            "surfaces": len(dataset.surfaces),
+            "sha256": dataset.fingerprint,
+            "through": ["nothing", *through],
+        }
+        card = training_set.card(path.stem, rule=self.recipe.response_for(training_set.tip).decision, training=facts)
+        settings = {**card.settings, "tip": training_set.tip}
+        card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
+        write_graph(path, self.build(training_set), card)
+
+
+def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:
+    """Return a recipe on features with its options: channels, microphone, tip, Opus bitrate and seed."""
+    kind = cast(FeatureKind, recipe.features)
+    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection)
+    if recipe.microphone or options.channels == 1:
+        spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
+    # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).
+    codecs = (options.codec(spec.channels, bandwidth=bandwidth) for bandwidth in (0.0, FEATURE_RATE / 2))
+    return FeatureRecipe(recipe.name, spec, tuple(codec for codec in codecs if codec), options.seed, options.tip)

@@ -1,0 +1,71 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from tactophone import AudioBlock, ModelError
+from tactophone.dataset import open_dataset
+from tactophone.perception import Gate, WindowDetector, magnitudes, read_model
+from tactophone.training.export import add_scores, make_card, read_weights, write_model
+from tactophone.training.network import PaperNetwork, weights_of
+from tactophone.training.recipes import network_settings
+from tactophone.training.trainer import NetworkRecipe
+from tests.dataset.folders import audiofolder
+
+GATE = Gate(-60.0)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_the_live_side_runs_what_was_written_and_agrees_with_torch(tmp_path: Path, channels: int) -> None:
+    network = PaperNetwork(channels=channels)
+    weights = weights_of(network)
+    write_model(tmp_path / "a.onnx", make_card(weights, name="a", gate=GATE), weights, storage="float32")
+    detector = WindowDetector(read_model(tmp_path / "a.onnx"), sample_rate=2000)
+    sound = np.random.default_rng(0).normal(0, 0.1, (512, channels)).astype(np.float32)
+    (prediction,) = detector.push(AudioBlock(sound, 2000))
+    expected = network(torch.from_numpy(magnitudes(sound)[None])).exp()[0].tolist()
+    assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_card_holds_the_papers_settings(tmp_path: Path) -> None:
+    weights = weights_of(PaperNetwork())
+    card = make_card(weights, name="a", gate=GATE, licence="BSD-3-Clause")
+    dataset = open_dataset(audiofolder(tmp_path / "stones"))
+    NetworkRecipe(network_settings("general"), seed=3).write(tmp_path / "facts.onnx", weights, dataset)
+    facts = read_model(tmp_path / "facts.onnx").card.training
+    write_model(tmp_path / "a.onnx", replace(card, training=facts), weights)
+    read = read_model(tmp_path / "a.onnx").card
+    assert (read.sample_rate, read.window_size, float(read.hop / read.sample_rate)) == (2000, 512, 512 / 48_000)
+    assert (read.channels, read.gate, read.licence) == (2, GATE, "BSD-3-Clause")
+    assert (read.training["recipe"], read.training["dataset"], read.training["sha256"]) == (
+        "paper/general", "stones", dataset.fingerprint,
+    )  # fmt: skip
+
+
+def test_scores_are_added_beside_others_and_the_network_stays(tmp_path: Path) -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    path = tmp_path / "a.onnx"
+    write_model(path, make_card(weights, name="a", gate=GATE), weights)
+    before = read_weights(path)
+    add_scores(path, "lmt", {"balanced_accuracy": 0.8})
+    add_scores(path, "stones", {"balanced_accuracy": 0.9})
+    assert read_model(path).card.scores == {"lmt": {"balanced_accuracy": 0.8}, "stones": {"balanced_accuracy": 0.9}}
+    assert all(np.array_equal(before[name], array) for name, array in read_weights(path).items())
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.onnx"]
+
+
+def test_training_continues_only_from_the_papers_network(tmp_path: Path) -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    other = replace(make_card(weights, name="a", gate=GATE), kind="bands")
+    write_model(tmp_path / "a.onnx", other, weights)
+    with pytest.raises(ModelError, match="a model of kind bands"):
+        read_weights(tmp_path / "a.onnx")
+
+
+def test_the_folder_of_a_model_is_made(tmp_path: Path) -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    path = tmp_path / "models" / "a.onnx"
+    write_model(path, make_card(weights, name="a", gate=GATE), weights)
+    assert read_model(path).card.name == "a"
