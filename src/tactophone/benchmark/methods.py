@@ -187,7 +187,9 @@ def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = Fal
         raise ConfigError(
             f"no method {', '.join(unknown)}; there are {', '.join(allowed)}{did_you_mean(unknown[0], allowed)}"
         )
-    chosen = [name for name in allowed if name in (names or allowed) and _is_possible(name, dataset)]
+    needs = {name: RECIPES[name].requires for name in allowed if name in RECIPES and RECIPES[name].requires}
+    lacking = {name for name, key in needs.items() if not any(take.known(key) for take in dataset.recordings)}
+    chosen = [name for name in allowed if name in (names or allowed) and name not in lacking]
     with open_sound(dataset.recordings[0].path) as file:
         has_high_band = file.samplerate >= 2 * HIGH_BAND_EDGES[-1]
     controls = (RegressionMethod(HIGH_BAND_CONTROL),) if has_high_band else ()
@@ -218,11 +220,6 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
     rule = RECIPES[recipe].response_for(tip_of(dataset.recordings)).decision
     dropped = AIR if name == NO_AIR else None
     return replace(recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule)
-
-
-def _is_possible(name: str, dataset: Dataset) -> bool:
-    requires = RECIPES[name].requires if name in RECIPES else ""
-    return not requires or any(recording.known(requires) for recording in dataset.recordings)
 
 
 def graph_predictor(

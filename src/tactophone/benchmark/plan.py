@@ -26,7 +26,7 @@ from tactophone.benchmark.regression import RENDERERS, HeightMethod, compare_hei
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
 from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
 from tactophone.evaluation import in_true_contact, join_edges, measure, scores_of
-from tactophone.haptics import PASSTHROUGH, Passthrough
+from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import WindowDetector, model_path, read_model
 from tactophone.simulation import read_render_metadata
 from tactophone.training import FEATURE_RECIPES, FeatureSpec, read_weights
@@ -46,6 +46,9 @@ PERMUTATION_SEEDS = (0, 1, 2)
 
 BUFFER_SIZE = 512
 """The paper's sound buffers."""
+
+COST_DURATION = 5.0
+"""Seconds of noise that a cost is measured on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +184,10 @@ def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[
 
 def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
     if name in RENDERERS:
-        return cost_of_renderer(PASSTHROUGH[RENDERERS[name]](None))
+        # A renderer has neither weights nor a file; its update is a sound buffer of 10.7 ms.
+        renderer = PASSTHROUGH[RENDERERS[name]](None)
+        buffers, spent = _time(lambda block: int(len(renderer.push(block.samples)) > 0), 1, COST_DURATION)
+        return Cost(0, 0, 1e6 * spent / max(buffers, 1))
     if name not in FEATURE_RECIPES:
         return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
     recipe = recipe_method(name, channels=channels).recipe
@@ -193,27 +199,19 @@ def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
     return cost_of_model(path)
 
 
-def cost_of_model(path: Path, *, duration: float = 5.0) -> Cost:
+def cost_of_model(path: Path, *, duration: float = COST_DURATION) -> Cost:
     """Measure a model file on this many seconds of noise; processor time, so that other processes do not count."""
     model = read_model(path)
     detector = WindowDetector(model, sample_rate=LIVE_SAMPLE_RATE)
     updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
-    return Cost(_count_parameters(path, model.card.kind), path.stat().st_size, 1e6 * spent / max(updates, 1))
-
-
-def _count_parameters(path: Path, kind: str) -> int:
-    """Count what was trained; scales, padding and shapes of weights in 8 bits are none."""
-    if kind == "paper":
-        return sum(weight.size for weight in read_weights(path).values())
-    graph = onnx.load(str(path)).graph
-    trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
-    return sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
-
-
-def cost_of_renderer(renderer: Passthrough, *, duration: float = 5.0) -> Cost:
-    """Measure a renderer, which has neither weights nor a file; its update is a sound buffer of 10.7 ms."""
-    buffers, spent = _time(lambda block: int(len(renderer.push(block.samples)) > 0), 1, duration)
-    return Cost(0, 0, 1e6 * spent / max(buffers, 1))
+    if model.card.kind == "paper":
+        count = sum(weight.size for weight in read_weights(path).values())
+    else:
+        # What was trained: scales, padding and shapes of weights in 8 bits are none of it.
+        graph = onnx.load(str(path)).graph
+        trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
+        count = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
+    return Cost(count, path.stat().st_size, 1e6 * spent / max(updates, 1))
 
 
 def _time(step: Callable[[AudioBlock], int], channels: int, duration: float) -> tuple[int, float]:

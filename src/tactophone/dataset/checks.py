@@ -103,21 +103,21 @@ def with_channels(dataset: Dataset, count: int) -> tuple[Dataset, tuple[Problem,
     ``count`` is 1 or 2. If no recording has as many microphones, all stay, so that whoever reads them can say which
     option to change.
     """
-    lacking = [recording for recording in dataset.recordings if not _holds(recording, count)]
+
+    def holds(recording: Recording) -> bool:
+        try:
+            with open_sound(recording.path) as file:
+                return max(channel_order(recording, count=count)) < int(file.channels)
+        except DatasetError:
+            return False
+
+    lacking = [recording for recording in dataset.recordings if not holds(recording)]
     if count == 1 or not lacking or len(lacking) == len(dataset.recordings):
         return dataset, ()
     message = "one microphone, but the others of the set have contact and air; train on one with --channels 1"
     paths = {recording.path for recording in lacking}
     problems = tuple(Problem(recording.path, "channels", message, fatal=False) for recording in lacking)
     return dataset.where(lambda recording: recording.path not in paths), problems
-
-
-def _holds(recording: Recording, count: int) -> bool:
-    try:
-        with open_sound(recording.path) as file:
-            return max(channel_order(recording, count=count)) < int(file.channels)
-    except DatasetError:
-        return False
 
 
 def check_recording(recording: Recording) -> Iterator[Problem]:

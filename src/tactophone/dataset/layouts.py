@@ -72,7 +72,18 @@ def read_manifest(folder: Path) -> Dataset:
             message = f"line {line}: file is {row['file']!r}, which is not a file in the folder; write its path"
             problems.append(Problem(folder / MANIFEST, "file", message))
             continue
-        recordings.append(_manifest_recording(row, path, segments=segments, problems=problems))
+        # A label such as "tap/no_contact (see segments.csv)" lists what the segments hold.
+        label = "" if "segments" in row["label"] else parse_label(row["label"], path=path, problems=problems)
+        meanings = filter(None, row.get("channel_meaning", "").split(" | "))
+        recordings.append(
+            Recording(
+                path, row["surface"], LABEL_NAMES[label],
+                tuple("air" if meaning.strip().startswith("air") else "contact" for meaning in meanings),
+                take=row.get("recording", ""), tier=row.get("tier", ""),
+                segments=tuple(segments.get(row["file"], ())),
+                properties={key: value for key, value in row.items() if key not in _COLUMNS and value},
+            )
+        )  # fmt: skip
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
 
 
@@ -90,27 +101,6 @@ def read_authors(folder: Path) -> Dataset:
             else:
                 problems.append(Problem(path, "name", f"the authors' {wanted}; rename it"))
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
-
-
-def _manifest_recording(
-    row: Mapping[str, str], path: Path, *, segments: Mapping[str, list[Segment]], problems: list[Problem]
-) -> Recording:
-    # A label such as "tap/no_contact (see segments.csv)" lists what the segments hold.
-    label = None if "segments" in row["label"] else LABEL_NAMES[parse_label(row["label"], path=path, problems=problems)]
-    return Recording(
-        path,
-        row["surface"],
-        label,
-        tuple(
-            "air" if part.strip().startswith("air") else "contact"
-            for part in row.get("channel_meaning", "").split(" | ")
-            if part
-        ),
-        take=row.get("recording", ""),
-        tier=row.get("tier", ""),
-        segments=tuple(segments.get(row["file"], ())),
-        properties={key: value for key, value in row.items() if key not in _COLUMNS and value},
-    )
 
 
 def _segments(folder: Path, problems: list[Problem]) -> dict[str, list[Segment]]:
@@ -193,6 +183,10 @@ class _Name:
     surface: str
     take: str
     guessed: bool
+
+    def recording(self, path: Path, channels: tuple[str, ...]) -> Recording:
+        properties = {"split": self.side} if self.side else {}
+        return Recording(path, self.surface, LABEL_NAMES[self.label], channels, take=self.take, properties=properties)
 
 
 def read_lab_folder(folder: Path) -> LabFolder:
@@ -277,15 +271,10 @@ def _recordings(
             if problem:
                 problems.append(problem)
             if not (problem and problem.fatal):
-                yield _lab_recording(path, name, TWO_CHANNELS), name, air
+                yield name.recording(path, TWO_CHANNELS), name, air
             continue
         for each, its_name in files.values():
-            yield _lab_recording(each, its_name, _channels_named(each, its_name.microphone)), its_name, None
-
-
-def _lab_recording(path: Path, name: _Name, channels: tuple[str, ...]) -> Recording:
-    properties = {"split": name.side} if name.side else {}
-    return Recording(path, name.surface, LABEL_NAMES[name.label], channels, take=name.take, properties=properties)
+            yield its_name.recording(each, _channels_named(each, its_name.microphone)), its_name, None
 
 
 def _channels_named(path: Path, microphone: str) -> tuple[str, ...]:

@@ -34,22 +34,13 @@ def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = No
     recordings: list[Recording] = []
     problems: list[Problem] = []
     for manifest in _manifests(folder):
-        for line, row in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
-            named = (
-                row if row.get("surface") or not surface_of else {**row, "surface": surface_of(Path(row["file_name"]))}
-            )
-            if parsed := _parse(named, manifest=manifest, line=line, problems=problems):
+        for line, cells in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
+            row = dict(cells)
+            if surface_of and not row.get("surface"):
+                row["surface"] = surface_of(Path(row["file_name"]))
+            if parsed := _parse(row, manifest=manifest, line=line, problems=problems):
                 recordings.append(parsed)
     return Dataset(folder.resolve().name, folder, tuple(recordings), tuple(problems))
-
-
-def names_surfaces(folder: Path) -> list[bool]:
-    """Return of every line of a data set whether it names a surface."""
-    return [
-        bool(row.get("surface"))
-        for manifest in _manifests(folder)
-        for _, row in rows(manifest, required=("file_name",))
-    ]
 
 
 def write_metadata(folder: Path, recordings: Iterable[Recording]) -> Path:

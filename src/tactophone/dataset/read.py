@@ -14,7 +14,7 @@ from tactophone.dataset.layouts import (
     read_manifest,
     surface_and_take,
 )
-from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, names_surfaces, read_metadata
+from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, read_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 from tactophone.errors import DatasetError
 
@@ -51,8 +51,16 @@ def find_importable(path: Path | str) -> LabFolder:
     """
     folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
     if holds_metadata(folder):
-        dataset = read_metadata(folder, surface_of=_surface_of)
-        return LabFolder(dataset, guessed=not all(names_surfaces(folder)))
+        guessed: list[Path] = []
+
+        def surface_of(name: Path) -> str:
+            """The folder of a file below ``train``, ``rough`` and the like, or the file's name without the take."""
+            guessed.append(name)
+            outer = (*PARTS, *LABEL_NAMES, "audio", "data", "wav")
+            folders = [part for part in name.parts[:-1] if part.lower() not in outer]
+            return "/".join(folders) or surface_and_take(name.stem)[0]
+
+        return LabFolder(read_metadata(folder, surface_of=surface_of), guessed=bool(guessed))
     if folder.is_dir() and not _reader(folder) and not _inner(folder):
         found = read_lab_folder(folder)
         if found.dataset.recordings:
@@ -86,12 +94,6 @@ def _by_path(folder: Path) -> dict[Path, Recording]:
         return {recording.path.resolve(): recording for recording in open_dataset(folder).recordings}
     except DatasetError:
         return {}  # a metadata.csv of some other program: the file simply has no label
-
-
-def _surface_of(name: Path) -> str:
-    """Name a surface by the folder of a file below ``train``, ``rough`` and the like, or by the file's name."""
-    folders = [part for part in name.parts[:-1] if part.lower() not in (*PARTS, *LABEL_NAMES, "audio", "data", "wav")]
-    return "/".join(folders) or surface_and_take(name.stem)[0]
 
 
 def _inner(folder: Path) -> list[str]:
