@@ -55,8 +55,7 @@ def test_a_viewer_that_paused_gets_the_newest_and_no_torn_bucket() -> None:
     assert len(tables["steps"]) == 40
 
 
-def test_a_run_that_restarts_is_found_and_sent_from_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.dashboard.feed.SEARCH_INTERVAL", 0.0)
+def test_a_run_that_restarts_is_found_and_sent_from_its_beginning() -> None:
     feed = Feed(WatchedRun("test-feed"))
     assert parse(feed.message())[0]["waiting_for"] == "test-feed"
     with Telemetry("test-feed") as telemetry:

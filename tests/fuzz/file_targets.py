@@ -25,7 +25,7 @@ from tactophone.perception.model_file import ModelCard
 from tactophone.recording.safe_writer import _read_entry
 from tactophone.settings import Settings, change, read_settings
 from tactophone.telemetry import FingerState, State
-from tactophone.telemetry.prediction_log import read_timeline
+from tactophone.telemetry.records import read_timeline
 
 from .target import Run, Target
 

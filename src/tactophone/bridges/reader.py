@@ -54,19 +54,20 @@ class RunReader:
     def __init__(self, name: str) -> None:
         self.name = name
         self.missed = {"predictions": 0, "log": 0}
-        self._follow(Watcher(name))
+        self.watcher = Watcher(name)
+        self._begin()
 
     def read(self) -> list[Message]:
         """Return all messages since the last call, oldest first within each topic."""
-        successor = self.watcher.successor()
+        if self.watcher.follow():
+            self._begin()
         now = self._now()
-        messages = [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
-        if successor is not None:
-            self._follow(successor)
-        return messages
+        return [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
 
-    def _follow(self, watcher: Watcher) -> None:
-        self.watcher, self.names = watcher, watcher.finger_names()
+    def _begin(self) -> None:
+        """Read a process from its beginning."""
+        watcher = self.watcher
+        self.names = watcher.finger_names()
         self._log_count, self._prediction_counts = 0, [0] * watcher.fingers
         self._epoch = time.time() - time.monotonic()
         self._lead = math.inf
@@ -238,12 +239,12 @@ class NewestReader:
 
     def _read(self) -> dict[str, Newest]:
         found = {}
+        if self.watcher.follow():
+            self._counts = [0] * len(self.fingers)
         for place, finger in enumerate(self.fingers):
             rows, self._counts[place] = self.watcher.predictions(self._counts[place], finger=place)
             if len(rows):
                 found[finger] = _newest(*prediction_of(rows[-1]))
-        if not found and (successor := self.watcher.successor()) is not None:
-            self.watcher, self._counts = successor, [0] * len(self.fingers)
         return found
 
     def state(self) -> State:

@@ -1,21 +1,16 @@
 """The messages of a viewer: what is new in a run since the last message."""
 
 import time
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.dashboard.message import BUCKET, SCOPE_STEP, envelope, event_table, header, pack, step_table
-from tactophone.errors import TactophoneError
 from tactophone.telemetry import Request, Snapshot, Watcher
 
 STATE_INTERVAL = 0.2
 """Seconds between messages with state, counters and gauges: faster than a person reads numbers."""
-
-SEARCH_INTERVAL = 0.5
-"""Seconds between searches for a run that has not started yet, or has ended and may be restarted."""
 
 
 class WatchedRun:
@@ -24,19 +19,14 @@ class WatchedRun:
     def __init__(self, name: str) -> None:
         self.name = name
         self._watcher: Watcher | None = None
-        self._alive = False
-        self._searched = -SEARCH_INTERVAL
 
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot | None:
         """Read a finger of the run; ``None`` while there is none. Without such a finger, it is the first."""
-        if not self._alive:
-            self._search(time.monotonic())
-        if self._watcher is None:
+        watcher = self._watcher = self._watcher or Watcher.find(self.name)
+        if watcher is None:
             return None
-        finger = finger if finger < self._watcher.fingers else 0
-        snapshot = self._watcher.snapshot(since, finger=finger)
-        self._alive = snapshot.alive
-        return snapshot
+        watcher.follow(drain=False)
+        return watcher.snapshot(since, finger=finger if finger < watcher.fingers else 0)
 
     def hand(self) -> list[tuple[int, float]]:
         """Return touch and amplitude of each finger now; empty where there is only one."""
@@ -53,13 +43,6 @@ class WatchedRun:
         if self._watcher is not None:
             finger = request.finger if request.finger < self._watcher.fingers else -1
             self._watcher.ask(request.action, request.value, text=request.text, finger=finger)
-
-    def _search(self, now: float) -> None:
-        if now - self._searched < SEARCH_INTERVAL:
-            return
-        self._searched = now
-        with suppress(TactophoneError):
-            self._watcher = Watcher(self.name)
 
 
 class Feed:
@@ -80,7 +63,7 @@ class Feed:
         snapshot = self._run.snapshot(self._last, finger=self._finger)
         if snapshot is None:
             return pack({"alive": False, "waiting_for": self._run.name}, {})
-        if self._last is not None and snapshot.step_end < self._last.step_end:
+        if self._last is not None and snapshot.restarts != self._last.restarts:
             self._reset()  # a restarted run counts from 0
         now = time.monotonic()
         full = now - self._state_sent >= STATE_INTERVAL

@@ -106,7 +106,7 @@ class _FingerPages:
         snapshot = self._run.snapshot(self._last, finger=self._finger)
         if snapshot is None:
             return b""
-        restarted = self._last is not None and snapshot.step_end < self._last.step_end
+        restarted = self._last is not None and snapshot.restarts != self._last.restarts
         # A page plays only what follows its first message; older vibration is out of date.
         vibration = np.zeros(0, np.float32) if self._last is None or restarted else snapshot.vibration
         entries = command_of(snapshot, None if restarted else self._last)

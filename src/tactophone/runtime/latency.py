@@ -8,13 +8,11 @@ For *capture* and *encode*, a live run computes the mean wait of a sample until 
 of each. `tactophone latency` measures those stages too, with impulses.
 """
 
-import contextlib
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.errors import TactophoneError
 from tactophone.link import Codec
 from tactophone.telemetry import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE
@@ -33,9 +31,10 @@ class LocalPeer:
 
     def refresh(self) -> None:
         """Find the run, or its successor if it has ended."""
-        if self._name and (self.watcher is None or not self.watcher.alive):
-            with contextlib.suppress(TactophoneError):
-                self.watcher = Watcher(self._name)
+        if self._name and self.watcher is None:
+            self.watcher = Watcher.find(self._name)
+        elif self.watcher is not None:
+            self.watcher.follow(drain=False)
 
     def truth(self, finger: int = 0) -> int:
         """The true `Touch` of a finger now; -1 where it is not known."""

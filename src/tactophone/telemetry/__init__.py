@@ -5,18 +5,33 @@ The running process writes into one block of shared memory (`Telemetry`); any nu
 cannot delay the sound. Requests lie in a mailbox that the runtime empties; the runtime decides what is granted.
 """
 
-from tactophone.telemetry.follower import RunFollower
-from tactophone.telemetry.layout import LARGEST_RECORD, MARK, PREDICTION, STEP, STEP_FIELDS
+from tactophone.telemetry.follower import PredictionLog, RunFollower
+from tactophone.telemetry.layout import (
+    COUNTERS,
+    GAUGES,
+    LARGEST_RECORD,
+    MARK,
+    MARKS,
+    PREDICTION,
+    STAGES,
+    STEP,
+    STEP_FIELDS,
+    Action,
+    Fault,
+    FingerState,
+    Request,
+    State,
+)
 from tactophone.telemetry.memory import is_alive, remove_leftovers, remove_memory
-from tactophone.telemetry.prediction_log import PredictionLog, TimelineWriter, read_timeline
-from tactophone.telemetry.registry import COUNTERS, GAUGES, MARKS, STAGES, Action, Fault, FingerState, Request, State
-from tactophone.telemetry.session_log import (
+from tactophone.telemetry.records import (
     ARRIVAL_DIGITS,
     Controls,
     EventBatch,
     Record,
     RunStart,
+    TimelineWriter,
     read_records,
+    read_timeline,
     write_record,
 )
 from tactophone.telemetry.watcher import Pulse, Snapshot, Watcher, running

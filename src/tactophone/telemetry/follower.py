@@ -1,9 +1,18 @@
-"""Reading a run's telemetry regularly, in a thread of the process that watches."""
+"""Following a live run from outside its process: in a thread, and as a log of its predictions."""
 
 import threading
-from typing import Self
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tactophone.errors import ConfigError
+from tactophone.telemetry.records import TimelineWriter
 from tactophone.telemetry.watcher import Watcher
+from tactophone.types import prediction_of
 
 READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps the newest 2.7 s of vibration, and far more steps and predictions."""
@@ -15,7 +24,7 @@ class RunFollower:
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._follow, name="telemetry-follower", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="telemetry-follower", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -30,6 +39,82 @@ class RunFollower:
         """Process what is new in ``self.watcher``."""
         raise NotImplementedError
 
-    def _follow(self) -> None:
+    def _run(self) -> None:
         while not self._ended.wait(READ_INTERVAL):
             self.read()
+
+
+class PredictionLog(RunFollower):
+    """Writes each prediction of a live run to a CSV file, from outside the run's process; a context manager.
+
+    Lines are flushed at each read (`READ_INTERVAL`), so a kill of either process loses less than 1 s. A
+    process that the watchdog has replaced is followed on; its times begin at 0 again, those of a new session go on.
+    Where there was no command (a prediction that came too late, or one made on the robot), ``frequency`` and
+    ``amplitude`` are ``nan``.
+
+    Parameters
+    ----------
+    name
+        Of a run that exists already.
+    path
+        The CSV file, with the columns of `TimelineWriter`.
+    report
+        Called with a message when predictions were overwritten before they were read, and when the file can no longer
+        be written: the log ends then, the run goes on.
+
+    Attributes
+    ----------
+    missed
+        Predictions that were overwritten before they were read.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be written.
+    """
+
+    def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:
+        super().__init__(name)
+        self.missed = 0
+        self._full = False
+        self._path, self._report = path, report
+        self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
+        self._counts = [0] * self.watcher.fingers
+
+    def __enter__(self) -> Self:
+        try:
+            self._writer.__enter__()
+        except OSError as error:
+            raise ConfigError(f"cannot write {self._path} ({error.strerror}): choose another --log") from error
+        return super().__enter__()
+
+    def __exit__(self, *error: Any) -> None:
+        super().__exit__(*error)
+        with suppress(OSError):  # reported by `read`
+            self._writer.__exit__(*error)
+
+    def read(self) -> None:
+        """Write the predictions made since the last read."""
+        try:
+            if not self._full:
+                self._write_new()
+        except OSError as error:
+            self._full = True
+            self._report(f"{self._path}: the log ends here ({error.strerror}); the run goes on")
+
+    def _write_new(self) -> None:
+        if self.watcher.follow():
+            self._counts = [0] * self.watcher.fingers
+        for finger in range(self.watcher.fingers):
+            rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
+            self._report_gap(count - self._counts[finger] - len(rows), rows)
+            for entry in rows:
+                self._writer.write_row(*prediction_of(entry), finger=finger)
+            self._counts[finger] = count
+        self._writer.flush()
+
+    def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
+        if missed > 0:
+            self.missed += missed
+            until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
+            self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")

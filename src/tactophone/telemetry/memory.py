@@ -68,6 +68,13 @@ class Memory:
         """Whether the writing process exists."""
         return is_alive(int(self["pid"]))
 
+    @property
+    def replaced(self) -> bool:
+        """Whether another memory has this name now."""
+        with contextlib.suppress(OSError):
+            return self._path.lstat().st_ino != self._inode
+        return False
+
     def unlink(self) -> None:
         """Remove the file, if this process created it; readers that have it open see the last state."""
         with contextlib.suppress(OSError):

@@ -4,7 +4,7 @@ import contextlib
 import math
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 import numpy as np
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import layout
+from tactophone.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
 from tactophone.telemetry.memory import PREFIX, Memory, folder
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
-from tactophone.telemetry.session_log import RunStart, read_records
+from tactophone.telemetry.records import RunStart, read_records
 from tactophone.types import FloatArray
 
 STALE_AFTER = 1.0
@@ -46,6 +46,8 @@ class Snapshot:
     step_end: int
     sound_end: int
     vibration_end: int
+    restarts: int
+    """How many processes the `Watcher` has seen replaced: the counts of another number belong to another process."""
     age: float
     """Seconds since the run's last heartbeat."""
     alive: bool
@@ -68,6 +70,13 @@ class Pulse:
 class Watcher:
     """Reads a run from another process and sends it requests; the run never waits for a watcher.
 
+    When the run's process was replaced, `follow` goes over to the new one.
+
+    Attributes
+    ----------
+    restarts
+        How often `follow` went over to a new process.
+
     Examples
     --------
     >>> from tactophone.telemetry import Telemetry
@@ -81,7 +90,33 @@ class Watcher:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.restarts = 0
         self._memory = Memory(name, create=False)
+        self._following: Memory | None = None
+
+    @classmethod
+    def find(cls, name: str) -> Self | None:
+        """Return a watcher of a run; ``None`` while it does not exist."""
+        with contextlib.suppress(TactophoneError):
+            return cls(name)
+        return None
+
+    def follow(self, *, drain: bool = True) -> bool:
+        """Go over to the process that replaced a dead one; returns whether it did, and counts then begin at 0.
+
+        Call it before each read. It goes over one call after it has found the new process, so that the read between
+        gets whatever the dead process wrote last; without ``drain`` it goes over at once.
+        """
+        if self._following is None and not self.alive and self._memory.replaced:
+            with contextlib.suppress(TactophoneError):  # not complete yet
+                self._following, drained = Memory(self.name, create=False), not drain
+                if not drained:
+                    return False
+        if self._following is None:
+            return False
+        self._memory, self._following = self._following, None
+        self.restarts += 1
+        return True
 
     @property
     def fingers(self) -> int:
@@ -89,33 +124,35 @@ class Watcher:
         return self._memory.fingers
 
     def finger_names(self) -> list[str]:
-        """Return the name of every finger of a hand, in order; one empty name where there is no hand."""
+        """Return the name of every finger, in order; one empty name without ``--fingers``."""
         names = [finger.name for finger in self.state().fingers]
         if not all(names):
             # A run that has just begun has published no state, and its log begins with how it was started.
             log, count = self.log()
             with contextlib.suppress(TactophoneError):
                 first = next(read_records(log), None) if len(log) == count else None
-                names = [finger["name"] for finger in first.fingers] if isinstance(first, RunStart) else []
+                names = [finger["name"] for finger in first.fingers] if isinstance(first, RunStart) else names
         return names if len(names) == self.fingers else [""] * self.fingers
 
     def snapshot(self, since: Snapshot | None = None, *, finger: int = 0) -> Snapshot:
         """Copy the current values; of a finger's sound, vibration and steps only what is newer than ``since``."""
+        since = since if since and since.restarts == self.restarts else None
         steps, step_end = self._ring("step", since.step_end if since else 0, finger)
         sound, sound_end = self._ring("sound", since.sound_end if since else 0, finger)
         vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
-        state = self._state()
+        state, (counters, gauges) = self.state(), self.totals()
         return Snapshot(
             state=state,
             finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
-            counters=dict(zip(COUNTERS, self._memory["counters"].tolist(), strict=True)),
-            gauges=dict(zip(GAUGES, self._memory["gauges"].tolist(), strict=True)),
+            counters=counters,
+            gauges=gauges,
             steps=steps,
             sound=sound,
             vibration=vibration,
             step_end=step_end,
             sound_end=sound_end,
             vibration_end=vibration_end,
+            restarts=self.restarts,
             age=self._age,
             alive=self.alive,
         )
@@ -140,19 +177,6 @@ class Watcher:
         """Whether the writing process exists."""
         return self._memory.writer_alive
 
-    def successor(self) -> "Watcher | None":
-        """Return a watcher of the process that replaced a dead one; ``None`` while this one lives, or none has come.
-
-        Asked before a read, so that whatever the dead process wrote is in what is read then.
-        """
-        if self.writer_alive:
-            return None
-        with contextlib.suppress(TactophoneError):  # no new process yet
-            following = Watcher(self.name)
-            if following.pid != self.pid:
-                return following
-        return None
-
     def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
         """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
 
@@ -171,7 +195,15 @@ class Watcher:
 
     def state(self) -> State:
         """Return the newest state alone."""
-        return self._state()
+        while turn := int(self._memory["state_count"]):
+            slot = self._memory["states"][turn % 2]
+            text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
+            if int(self._memory["state_count"]) == turn:
+                # Overwritten memory holds anything; the writer repairs it at its next update.
+                with contextlib.suppress(ValueError, msgspec.ValidationError, RecursionError):
+                    return State.parse(text)
+                break
+        return State()
 
     def totals(self) -> tuple[dict[str, int], dict[str, float]]:
         """Return all counters and gauges, by name."""
@@ -218,17 +250,6 @@ class Watcher:
         slack = 1 if by_row else layout.LARGEST_WRITE
         return _newest(rows, self._memory[f"{name}_count"][finger : finger + 1], slack=slack, since=since)
 
-    def _state(self) -> State:
-        while turn := int(self._memory["state_count"]):
-            slot = self._memory["states"][turn % 2]
-            text = bytes(slot["text"][: min(int(slot["size"]), layout.STATE_SIZE)])
-            if int(self._memory["state_count"]) == turn:
-                # Overwritten memory holds anything; the writer repairs it at its next update.
-                with contextlib.suppress(ValueError, msgspec.ValidationError, RecursionError):
-                    return State.parse(text)
-                break
-        return State()
-
 
 def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int = 0) -> tuple[NDArray[Any], int]:
     """Copy the rows from ``since`` to the count, without those that the writer may overwrite meanwhile."""
@@ -253,11 +274,4 @@ def running() -> list[str]:
     True
     """
     names = sorted(path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*"))
-    return [name for name in names if _is_alive(name)]
-
-
-def _is_alive(name: str) -> bool:
-    try:
-        return Memory(name, create=False).writer_alive
-    except TactophoneError:
-        return False
+    return [name for name in names if (found := Watcher.find(name)) and found.writer_alive]

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.telemetry import layout
+from tactophone.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.telemetry.memory import Memory
-from tactophone.telemetry.registry import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.types import EVENT_KINDS, PREDICTION_FIELDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}

@@ -12,7 +12,6 @@ import numpy as np
 from rich.text import Text
 
 from tactophone.cli._support import keyboard, terminal
-from tactophone.errors import TactophoneError
 from tactophone.telemetry import Snapshot, State, Watcher
 from tactophone.types import Touch
 
@@ -71,11 +70,9 @@ class _ConsoleView:
 
     def update(self) -> None:
         """Take a snapshot, and print what has changed in its state."""
-        # A side that was restarted has a new shared memory, so a dead watcher is replaced.
-        if self._watcher is None or (self.last and not self.last.alive):
-            with contextlib.suppress(TactophoneError):
-                self._watcher = Watcher(self._name)
+        self._watcher = self._watcher or Watcher.find(self._name)
         if self._watcher is not None:
+            self._watcher.follow(drain=False)
             self.last = self._watcher.snapshot()
             self._print_changes(self.last.state)
 

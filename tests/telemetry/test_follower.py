@@ -25,7 +25,7 @@ from tactophone.telemetry import (
     memory,
     read_timeline,
 )
-from tactophone.telemetry.prediction_log import COLUMNS, row
+from tactophone.telemetry.records import COLUMNS, row
 from tactophone.types import (
     EVENT_KINDS,
     AudioBlock,
@@ -158,7 +158,7 @@ def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.
 def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(follower, "READ_INTERVAL", 1e3)  # only this test's thread reads
     code = (
-        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_prediction_log import *\n"
+        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_follower import *\n"
         "telemetry = Telemetry(sys.argv[1])\n"
         "telemetry.publish(step(2), now=1.0); print(flush=True); sys.stdin.read(1)\n"
         "telemetry.publish(step(2, first=2), now=1.0); os.kill(os.getpid(), signal.SIGKILL)"
