@@ -74,11 +74,9 @@ class DdsTransport:
             raise ConfigError(f"DDS cannot join domain {domain} ({error}): check CYCLONEDDS_URI") from error
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a writer."""
         return DataWriter(self._participant, self._topic(topic, kind, latched))
 
     def reader(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a reader."""
         return DataReader(self._participant, self._topic(topic, kind, latched))
 
     def close(self) -> None:
@@ -170,12 +168,14 @@ class RosBridge:
 
     def read(self) -> None:
         """Pass on what is new, and obey a stop or a mute."""
-        self._obey()
+        for action, reader in self._requests.items():
+            # Whatever a stranger sends in numbers, one read takes some of it and asks once.
+            if reader.take(N=10):
+                self._reader.stop() if action == "stop" else self._reader.mute()
         found = self._reader.read()
-        for finger, newest in found.items():
+        for finger, newest in found.items() if self._publishes else ():
             for suffix, message in messages.predicted(newest.prediction, newest.command).items():
-                if self._publishes:
-                    self._writers[finger, suffix].write(message)
+                self._writers[finger, suffix].write(message)
         if found:
             self._command({finger: newest.command.amplitude for finger, newest in found.items()})
         if self._publishes:
@@ -183,12 +183,6 @@ class RosBridge:
             for place, finger in enumerate(self._reader.fingers):
                 self._publish_sound(place, finger, now)
             self._diagnose(now)
-
-    def _obey(self) -> None:
-        for action, reader in self._requests.items():
-            # Whatever a stranger sends in numbers, one read takes some of it and asks once.
-            if reader.take(N=10):
-                self._reader.stop() if action == "stop" else self._reader.mute()
 
     def _command(self, amplitudes: dict[str, float]) -> None:
         self._beat += 1

@@ -44,7 +44,6 @@ class ZenohTransport:
         self._tokens = [self._token("NN", 0)]
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
-        """Return a publisher."""
         key = f"{self._domain}/{topic}/{_wire_name(kind)}/{self._hash(kind)}"
         cache = ext.CacheConfig(max_samples=1) if latched else None
         publisher = ext.declare_advanced_publisher(self._session, key, cache=cache, publisher_detection=latched)
@@ -60,7 +59,6 @@ class ZenohTransport:
         return _Reader(self._session.declare_subscriber(f"{self._domain}/{topic}/{_wire_name(kind)}/*"))
 
     def close(self) -> None:
-        """Leave."""
         self._session.close()
 
     def _token(self, entity: str, number: int, ending: str = "") -> Any:

@@ -129,9 +129,7 @@ def _show(args: argparse.Namespace, change: Any) -> None:
         sounds, takes = write_sound(args.log, Path(folder)), []
         for number in dict.fromkeys(sound.session for sound in sounds):
             paths = [sound.path for sound in sounds if sound.session == number]
-            pipelines = [
-                finger.open(FileSource(path).channels) for finger, path in zip(endpoint.fingers, paths, strict=True)
-            ]
+            pipelines = [endpoint.open(FileSource(path).channels, finger=finger) for finger, path in enumerate(paths)]
             names = names_of(endpoint.settings)
             takes.append(recording_playback.Take(args.log.name, paths, pipelines, fingers=names))
         recording_playback.play_on_page(args, takes, name="replay")

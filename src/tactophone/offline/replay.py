@@ -24,16 +24,17 @@ from tactophone.bridges.sound import SoundMessages
 from tactophone.bridges.topics import topics_of
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.hand import channels_of, each_finger, names_of
-from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, open_profile
+from tactophone.hand import channels_of, each_finger, names_of, of_finger
+from tactophone.haptics import Limits, Oscillator
 from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.recording import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.perception import model_path
 from tactophone.pipeline import Hand, Pipeline
-from tactophone.runtime import OutputGate, open_pipeline_for
+from tactophone.runtime import open_pipeline_for
+from tactophone.runtime.gate import FingerOutput
 from tactophone.settings import Finger, Settings, change, set_value
-from tactophone.telemetry import Controls, EventBatch, RunStart
+from tactophone.telemetry import Controls, EventBatch, Request, RunStart
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
 
 Change = Callable[[Settings], Settings]
@@ -102,17 +103,32 @@ class LoggedEndpoint:
             for name, digest in run.models.items():
                 if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
                     self.notes.append(f"the model {name} here is not the one that the run used")
-        calibrations = [finger["calibration"] for finger in run.fingers]
-        fingers = zip(each_finger(self.settings), each_finger(logged), calibrations, strict=True)
-        self.fingers = [_LoggedFinger(own, before, calibration) for own, before, calibration in fingers]
+        self._calibrations = [finger["calibration"] for finger in run.fingers]
+        own = each_finger(self.settings)
+        # What was chosen for the replay, finger by finger, stays as it is.
+        self._chosen = [_differences(*pair) for pair in zip(own, each_finger(logged), strict=True)]
         self._session, session = _open_session()
-        first = self.fingers[0]
         if self.settings.is_hand:
             channels = channels_of(self.settings, alone=2)
-            pipelines = [finger.open(count) for finger, count in zip(self.fingers, channels, strict=True)]
+            pipelines = [self.open(count, finger=finger) for finger, count in enumerate(channels)]
             self.endpoint = OperatorEndpoint(session, Hand(pipelines, channels=channels))
         else:
-            self.endpoint = OperatorEndpoint(session, first.open(2), reopen=first.open)
+            self.endpoint = OperatorEndpoint(session, self.open(2), reopen=self.open)
+        # The renderers stand for actuators: a replay moves nothing but numbers.
+        self._outputs = [
+            FingerOutput(each, Oscillator(Limits(ceiling=each.rendering.ceiling)), self.endpoint, index=index)
+            for index, each in enumerate(own)
+        ]
+
+    def open(self, channels: int, *, finger: int = 0) -> Pipeline:
+        """Open the pipeline of a finger for sound of so many channels, with the calibration that the log holds."""
+        settings = of_finger(self.settings, finger)
+        with TemporaryDirectory(prefix="tactophone-") as folder:
+            if self._calibrations[finger]:
+                path = Path(folder, "calibration.json")
+                path.write_text(self._calibrations[finger])
+                settings = change(settings, [f"{_CALIBRATION}={path}"])
+            return open_pipeline_for(settings, channels=channels)
 
     def process(self, wake_up: WakeUp) -> Iterator[tuple[PipelineStep, bool]]:
         """Process one moment again; returns its steps, with commands as limited and gated.
@@ -126,9 +142,7 @@ class LoggedEndpoint:
         for number, (_, step) in enumerate(steps, 1):
             changes = [controls for controls in wake_up.changes if controls.step == number]
             if step is not None:
-                bound = self.fingers[step.finger].gate.bound
-                bounded = tuple(replace(command, amplitude=bound(command.amplitude)) for command in step.commands)
-                yield replace(step, commands=bounded), not changes
+                yield self._outputs[step.finger].submit(step), not changes
             for controls in changes:
                 self.apply(controls)
 
@@ -137,54 +151,35 @@ class LoggedEndpoint:
 
         Raises `DatasetError` if they are of a finger that the run does not have.
         """
-        if not 0 <= controls.finger < len(self.fingers):
+        if not 0 <= controls.finger < len(self._outputs):
             raise DatasetError(
-                f"controls of finger {controls.finger}, but the run has {len(self.fingers)}: a changed log"
+                f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
             )
-        self.fingers[controls.finger].apply(controls, self.endpoint.hand.pipelines[controls.finger])
-
-
-class _LoggedFinger:
-    """One finger, or the only one: its gate, and which of its settings were chosen for the replay."""
-
-    def __init__(self, settings: Settings, logged: Settings, calibration: str) -> None:
-        self._settings, self._calibration = settings, calibration
-        rendering = settings.rendering
-        self.gate = OutputGate(Limits(ceiling=rendering.ceiling), output_level=rendering.output_level)
-        self._fixed_profile = rendering.profile != logged.rendering.profile
-        self._fixed_detector = settings.detector != logged.detector
-        self._fixed_ceiling = rendering.ceiling != logged.rendering.ceiling
-
-    def open(self, channels: int) -> Pipeline:
-        """Open its pipeline, with the calibration that the log holds and the ceiling of the gate."""
-        settings = self._settings
-        with TemporaryDirectory(prefix="tactophone-") as folder:
-            if self._calibration:
-                path = Path(folder, "calibration.json")
-                path.write_text(self._calibration)
-                settings = change(settings, [f"{_CALIBRATION}={path}"])
-            pipeline = open_pipeline_for(settings, channels=channels)
-        pipeline.limits = self.gate.limits
-        return pipeline
-
-    def apply(self, controls: Controls, pipeline: Pipeline) -> None:
-        """Set what somebody changed, as far as it was not chosen for the replay."""
-        gate = self.gate
-        # A replay moves nothing but numbers, so it may be armed without anyone at the machine.
-        gate.muted_because = "" if controls.armed else "muted in the log"
-        gate.output_level = controls.output_level
-        if not self._fixed_ceiling:
-            gate.limits.ceiling = controls.ceiling
-        if not self._fixed_profile and pipeline.profile.name != controls.profile:
-            pipeline.profile = (
-                GateProfile(controls.profile) if controls.profile in PASSTHROUGH else open_profile(controls.profile)
-            )
+        output, chosen = self._outputs[controls.finger], self._chosen[controls.finger]
+        requests = [
+            Request("arm" if controls.armed else "mute"),
+            Request("output_level", controls.output_level),
+        ]
+        if "ceiling" not in chosen:
+            requests.append(Request("ceiling", controls.ceiling))
+        if "profile" not in chosen and output.pipeline.profile.name != controls.profile:
+            requests.append(Request("profile", text=controls.profile))
         # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
         # end that.
         threshold_dbfs = controls.threshold_dbfs
-        threshold = pipeline.detector.threshold
-        if not self._fixed_detector and threshold_dbfs is not None and threshold.dbfs != threshold_dbfs:
-            threshold.dbfs = threshold_dbfs
+        if "detector" not in chosen and threshold_dbfs not in (None, output.pipeline.detector.threshold.dbfs):
+            requests.append(Request("threshold_dbfs", threshold_dbfs))
+        output.apply(requests)
+
+
+def _differences(settings: Settings, logged: Settings) -> set[str]:
+    """Return which of these differ, of the settings that a replay may change."""
+    pairs = {
+        "ceiling": (settings.rendering.ceiling, logged.rendering.ceiling),
+        "profile": (settings.rendering.profile, logged.rendering.profile),
+        "detector": (settings.detector, logged.detector),
+    }
+    return {name for name, (chosen, before) in pairs.items() if chosen != before}
 
 
 def settings_of(run: RunStart) -> Settings:
