@@ -7,13 +7,14 @@ noise falls exponentially (Pickands, "Statistical inference using extreme order 
 """
 
 import dataclasses
+import json
 import math
-import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,9 +85,11 @@ class Calibration:
 
     def write(self, path: Path) -> None:
         """Write the file; raises `ConfigError` if it cannot be written."""
-        lines = [f"{name} = {_toml(value)}" for name, value in dataclasses.asdict(self).items()]
+        # Texts, numbers and lists are written alike in JSON and TOML; only infinity is not.
+        entries = {name: json.dumps(value, ensure_ascii=False) for name, value in dataclasses.asdict(self).items()}
+        lines = (f"{name} = {'inf' if value == 'Infinity' else value}\n" for name, value in entries.items())
         try:
-            path.write_text("\n".join((f"[{_TABLE}]", *lines, "")), encoding="utf-8")
+            path.write_text(f"[{_TABLE}]\n{''.join(lines)}", encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; give a folder that can be written to") from None
 
@@ -95,25 +98,11 @@ class Calibration:
         """Read a file; raises `ConfigError` if it is missing, or not a file of :meth:`write`."""
         again = "make one with `tactophone calibrate`"
         try:
-            entries = tomllib.loads(path.read_text(encoding="utf-8"))[_TABLE]
-            entries = {"banded_dbfs": math.inf, **entries}
-            return cls(**{field.name: _fit(entries[field.name], field.type) for field in dataclasses.fields(cls)})
+            return msgspec.toml.decode(path.read_bytes(), type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; {again}") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        except (msgspec.DecodeError, UnicodeDecodeError, KeyError) as error:
             raise ConfigError(f"{path}: not a calibration file ({type(error).__name__}: {error}); {again}") from None
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    return f"{value:.2f}" if isinstance(value, float) else str(value)
-
-
-def _fit(value: Any, kind: Any) -> Any:
-    return kind(value) if kind in (str, int, float) else tuple(float(entry) for entry in value)
 
 
 WINDOW = 0.256

@@ -13,12 +13,13 @@ import math
 import re
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from weakref import WeakValueDictionary
 
+import msgspec
 import numpy as np
 
 from tactophone.errors import ModelError
@@ -38,6 +39,9 @@ CLASSES = ("none", "smooth", "rough")
 
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 _ZIP = b"PK\x03\x04"
+
+
+Name: TypeAlias = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,15 +66,16 @@ class Gate:
 class ModelCard:
     """Description of a model."""
 
-    name: str
+    name: Name
     """Shown to people; the file's name may differ."""
-    kind: str
+    kind: Name
     """Of its features, a key of :data:`tactophone.perception.EXTRACTORS`."""
-    sample_rate: int
-    window_size: int
+    sample_rate: Annotated[int, msgspec.Meta(ge=2_000, le=192_000)]
+    window_size: Annotated[int, msgspec.Meta(ge=1)]
     hop: Fraction
-    """`sample_rate`, `window_size` and `hop`: Hz; samples; samples, as a fraction."""
-    channels: int
+    """`sample_rate`, `window_size` and `hop`: Hz, from the lowest of a detector to the highest of sound cards; samples;
+    samples, as a fraction."""
+    channels: Annotated[int, msgspec.Meta(ge=1, le=2)]
     """2 (contact, air) or 1: see ``microphone``."""
     gate: Gate
     decision: DecisionRule = field(default_factory=DecisionRule)
@@ -106,16 +111,26 @@ class ModelCard:
     def from_json(cls, text: str) -> "ModelCard":
         """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is not a card of this format."""
         try:
-            entries = check_entries(json.loads(text))
+            entries = printable(json.loads(text))
         except (RecursionError, OverflowError) as error:
             raise ValueError(f"nested too deep, or a number too large ({error})") from None
+        if not isinstance(entries, dict):
+            raise ValueError(f"a card of type {type(entries).__name__}, but it is an object with entries")
         if (version := entries.pop("format")) != FORMAT_VERSION:
             raise ValueError(f"format {version}, but this version reads format {FORMAT_VERSION}")
         if (classes := entries.pop("classes")) != list(CLASSES):
             raise ValueError(f"classes {classes}, but they must be {list(CLASSES)}")
-        entries["gate"] = Gate(**entries["gate"])
-        entries["decision"] = DecisionRule(**entries["decision"])
-        return cls(**entries)
+        if unknown := entries.keys() - {entry.name for entry in fields(cls)}:
+            raise ValueError(f"entries that this version does not know: {', '.join(sorted(unknown))}")
+        entries["gate"], entries["decision"] = Gate(**entries["gate"]), DecisionRule(**entries["decision"])
+        try:
+            card = msgspec.convert(entries, cls, dec_hook=_fraction, from_attributes=True)
+        except msgspec.ValidationError as error:
+            raise ValueError(error) from None
+        longest = round(MAX_DURATION * card.sample_rate)
+        if not (card.window_size <= longest and 1 <= card.hop <= longest):
+            raise ValueError(f"window_size must be at most {longest} samples, hop from 1 to {longest}")
+        return card
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -214,14 +229,8 @@ MAX_BYTES = 200_000_000
 MAX_FEATURES = 100_000
 """Inputs of a network: four hundred times the paper's."""
 
-SAMPLE_RATES = (2_000, 192_000)
-"""Hz: the lowest of a detector, and the highest of sound cards."""
-
 MAX_DURATION = 10.0
 """Seconds of a window or a hop."""
-
-MAX_TEXT = 200
-"""Characters of a name."""
 
 PROBE_TIMEOUT = 5.0
 """Seconds for one inference at reading; the live system has a hundredth of a second."""
@@ -229,7 +238,7 @@ PROBE_TIMEOUT = 5.0
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
 
-_HOP = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
+_FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 _GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5
 _SUBGRAPHS = {6, 11}
@@ -292,45 +301,12 @@ def _varint(message: memoryview, at: int) -> tuple[int, int]:
     raise ValueError(f"a number of over ten bytes at byte {at}")
 
 
-def check_entries(entries: Any) -> dict[str, Any]:
-    """Return the entries of a card with every number in its bounds and every text printable.
-
-    Raises `ValueError`, `KeyError` or `TypeError` for anything else.
-    """
-    if not isinstance(entries, dict):
-        raise ValueError(f"a card of type {type(entries).__name__}, but it is an object with entries")
-    clean: dict[str, Any] = printable(entries)
-    for name in ("name", "kind"):
-        if not isinstance(clean[name], str) or not 0 < len(clean[name]) <= MAX_TEXT:
-            raise ValueError(f"{name} must be a text of 1 to {MAX_TEXT} characters")
-    for name in ("settings", "training", "scores", "gate", "decision"):
-        if not isinstance(clean.get(name, {}), Mapping):
-            raise ValueError(f"{name} must be an object")
-    if not isinstance(clean.get("licence", ""), str):
-        raise ValueError("licence must be a text")
-    rate = _whole(clean, "sample_rate", *SAMPLE_RATES)
-    _whole(clean, "window_size", 1, round(MAX_DURATION * rate))
-    _whole(clean, "channels", 1, 2)
-    clean["hop"] = _hop(clean["hop"], longest=round(MAX_DURATION * rate))
-    return clean
-
-
-def _whole(entries: Mapping[str, Any], name: str, low: int, high: int) -> int:
-    value = entries[name]
-    if type(value) is not int or not low <= value <= high:
-        raise ValueError(f"{name} must be a whole number from {low} to {high}")
-    return value
-
-
-def _hop(value: Any, *, longest: int) -> Fraction:
+def _fraction(kind: type, value: Any) -> Fraction:
     # Checked as text first: the fraction of 1e99999999 would take all memory.
     text = value if isinstance(value, str) else str(value) if type(value) is int else ""
-    if not _HOP.fullmatch(text):
-        raise ValueError("hop must be a fraction of samples, such as 64/3")
-    hop = Fraction(text)
-    if not 1 <= hop <= longest:
-        raise ValueError(f"hop must be from 1 to {longest} samples")
-    return hop
+    if not _FRACTION.fullmatch(text):
+        raise ValueError("wanted a fraction, such as 64/3")
+    return Fraction(text)
 
 
 def printable(value: Any) -> Any:
