@@ -54,15 +54,29 @@ def test_an_assigned_threshold_wins_and_stays() -> None:
     assert {p.touch for p in found} == {Touch.NONE}
 
 
-def test_a_faulty_microphone_leaves_the_floor_as_it_was() -> None:
-    main = open_detector("texture", sample_rate=RATE, follow_floor=True)
-    detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
+def with_a_loose_microphone() -> FloatArray:
     silence = noise(level_dbfs=-50, duration=12.0)
     silence[:, 1] *= 0.3
     # A preamplifier without its microphone: 35 dB quieter, but no digital silence.
     silence[3 * RATE : 8 * RATE, 0] *= 10 ** (-35 / 20)
+    return silence
+
+
+@pytest.mark.parametrize("size", [240, 701])
+def test_a_faulty_microphone_changes_the_same_predictions_at_any_block_size(size: int) -> None:
+    def found(size: int) -> list[Prediction]:
+        main = open_detector("texture", sample_rate=RATE, follow_floor=True)
+        detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
+        return [p for block in blocks(with_a_loose_microphone(), size) for p in detector.push(block)]
+
+    assert found(size) == found(6000)
+
+
+def test_a_faulty_microphone_leaves_the_floor_as_it_was() -> None:
+    main = open_detector("texture", sample_rate=RATE, follow_floor=True)
+    detector = FallbackDetector(main, None, FaultDetector(RATE, REFERENCE))
     thresholds, touches = [], []
-    for block in blocks(silence, 6000):
+    for block in blocks(with_a_loose_microphone(), 6000):
         touches += [p for p in detector.push(block) if p.end > 1]
         thresholds.append(main.threshold.dbfs)
     assert thresholds[-1] == pytest.approx(thresholds[20], abs=1.0)

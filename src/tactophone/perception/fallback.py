@@ -178,12 +178,9 @@ class FallbackDetector:
             predictions = yield from active.process(replace(part, samples=part.samples[:, : CONTACT + 1]))
         revised = [self._revised(prediction) for prediction in predictions]
         # Concealment of lost sound says nothing about the microphones.
-        if not part.concealed:
-            self._fault_detector.push(part)
-            if self._fault_detector.faults is not self.sensor_faults:
-                self._choose()
-            if self._left == self._fault_detector.cell_size:
-                self._protect_floors()
+        if not part.concealed and self._fault_detector.push(part):
+            self._choose()
+            self._protect_floors()
         return revised
 
     def _protect_floors(self) -> None:

@@ -372,6 +372,7 @@ class FaultDetector:
     >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
     >>> sound[:, AIR] = 0
     >>> detector.push(AudioBlock(sound, 48_000))
+    True
     >>> [fault.code for fault in detector.faults]
     ['air-dead']
     """
@@ -388,14 +389,16 @@ class FaultDetector:
         """Samples between two measures."""
         return self._statistics.cell_size
 
-    def push(self, block: AudioBlock) -> None:
-        """Take sound."""
-        for statistics in self._statistics.push(block):
+    def push(self, block: AudioBlock) -> bool:
+        """Take sound; return whether it completed a measure."""
+        measured = self._statistics.push(block)
+        for statistics in measured:
             for fault, sign in find_signs(statistics, self._reference).items():
                 self._update(fault, sign)
             # Where one concerns both channels, those of single channels are left out.
             present = tuple(fault for fault in FAULTS if self._present[fault])
             self.faults = tuple(fault for fault in present if fault.channel is None) or present
+        return bool(measured)
 
     def reset(self) -> None:
         """Return to the initial state: no faults."""
