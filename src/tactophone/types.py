@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,6 +282,14 @@ class Source(Protocol):
     ) -> None: ...
 
     def __iter__(self) -> Iterator[AudioBlock]: ...
+
+
+@runtime_checkable
+class LabelledSource(Source, Protocol):
+    """A source whose true touch is known, because it is simulated or labelled."""
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
 
 
 class AlwaysOpen:

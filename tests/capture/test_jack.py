@@ -39,4 +39,4 @@ def test_the_same_source_survives_its_server(jack_server: DummyServer) -> None:
         jack_server.start()
         after = list(itertools.islice(blocks, 50))[-1]
         assert after.start > before.start
-        assert source.fault == ""
+        assert source.device.fault == ""

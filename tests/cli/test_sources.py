@@ -33,7 +33,7 @@ def test_a_recording_is_resampled_to_the_live_rate_and_looped(tmp_path: Path) ->
 
 def test_the_finger_visits_stones_without_end_with_the_truth() -> None:
     with source("capture.source=finger", "capture.block_size=4096") as finger:
-        truths = [finger.truth_now() for _ in itertools.islice(finger, 90)]
+        truths = [finger.truth_of() for _ in itertools.islice(finger, 90)]
     assert set(truths) >= {0, 1} or set(truths) >= {0, 2}
 
 
@@ -49,10 +49,10 @@ def test_an_error_names_what_cannot_be_opened() -> None:
 def test_a_recording_of_a_data_set_has_its_truth(tmp_path: Path) -> None:
     folder = audiofolder(tmp_path)
     with recorded(FileSource(folder / "audio" / "00_0.flac", block_size=480)) as opened:
-        truths = {opened.truth_now() for _ in opened}
+        truths = {opened.truth_of() for _ in opened}
     assert Touch.ROUGH in truths
 
 
 def test_a_recording_without_a_data_set_has_no_truth(tmp_path: Path) -> None:
     with recorded(FileSource(write_sound(tmp_path / "a.wav"), block_size=480)) as opened:
-        assert {opened.truth_now() for _ in opened} == {-1}
+        assert {opened.truth_of() for _ in opened} == {-1}

@@ -38,4 +38,4 @@ def test_a_page_process_that_ends_is_a_fault_and_no_error() -> None:
         assert source.channels == 1
         outbox.close()
         time.sleep(0.05)
-        assert "Use this microphone" in source.fault
+        assert "Use this microphone" in source.device.fault

@@ -35,7 +35,7 @@ def test_a_press_becomes_a_touch_while_the_finger_comes_down(tip: str) -> None:
     box = StoneBoxSource(inbox, block_size=BLOCK, tip=tip)
     blocks = iter(box)
     outbox.send(("move", *FIRST, 1.5))
-    touched = next(k for k, _ in enumerate(blocks) if box.truth_now() != Touch.NONE)
+    touched = next(k for k, _ in enumerate(blocks) if box.truth_of() != Touch.NONE)
     assert 0.03 < touched * BLOCK / box.sample_rate < 0.15
 
 
@@ -45,7 +45,7 @@ def test_a_lift_ends_the_touch_and_the_noise(moved: tuple[StoneBoxSource, Connec
     for force, truth in ((1.5, Touch.SMOOTH), (-1.0, Touch.NONE)):
         outbox.send(("move", *FIRST, force))
         list(itertools.islice(blocks, 200))
-        assert box.truth_now() == truth
+        assert box.truth_of() == truth
 
 
 def test_replaced_stones_are_touched_and_the_sound_goes_on(moved: tuple[StoneBoxSource, Connection]) -> None:
@@ -58,7 +58,7 @@ def test_replaced_stones_are_touched_and_the_sound_goes_on(moved: tuple[StoneBox
         last = next(blocks)
     outbox.send(("move", *FIRST, 1.5))
     touched = list(itertools.islice(blocks, 200))
-    assert box.truth_now() == Touch.ROUGH
+    assert box.truth_of() == Touch.ROUGH
     assert touched[0].start == last.start + BLOCK
     assert first.start == 0
     assert np.isfinite(touched[-1].samples).all()

@@ -1,10 +1,8 @@
 """Sources of sound: microphones behind JACK and PortAudio, and files; all obey `tactophone.types.Source`."""
 
-from tactophone.capture.files import FileSource
-from tactophone.capture.hand import CombinedSource
+from tactophone.capture.files import CombinedSource, FileSource, RecordedSource
 from tactophone.capture.live import LiveSource
 from tactophone.capture.microphones import browser_source, jack_source, portaudio_source
-from tactophone.capture.recorded import RecordedSource
 
 __all__ = [
     "CombinedSource",

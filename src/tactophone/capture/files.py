@@ -1,13 +1,15 @@
-"""A recording as a source: WAV, FLAC and every other format of libsndfile, block by block, as fast as it is read."""
+"""Recordings as sources: any format of libsndfile, at its own rate or the live one, alone or as a hand's fingers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import AudioBlock, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, LabelledSource
 
 LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
@@ -95,3 +97,84 @@ class FileSource:
             )
         if not self.size:
             raise DatasetError(f"{self.path}: no sound at all; record it again")
+
+
+class RecordedSource:
+    """A `tactophone.types.Source` that resamples a file to `LIVE_SAMPLE_RATE`.
+
+    ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
+    s of the recording, or -1 where it is unknown.
+    """
+
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(
+        self, source: FileSource, *, resample: Callable[[FloatArray], FloatArray], label_at: Callable[[float], int]
+    ) -> None:
+        self._source, self._resample, self._label_at = source, resample, label_at
+        self._time = 0.0
+
+    @property
+    def channels(self) -> int:
+        """Number of channels of the recording."""
+        return self._source.channels
+
+    def __enter__(self) -> Self:
+        self._source.__enter__()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._source.__exit__(*error)
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        start = 0
+        for block in self._source:
+            samples = self._resample(block.samples)
+            # A looped file counts on at its end; its labels start again.
+            self._time = block.end / block.sample_rate % self._source.duration
+            yield AudioBlock(samples, LIVE_SAMPLE_RATE, start)
+            start += len(samples)
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the recording's label at the end of the last block; -1 where it is unknown."""
+        return self._label_at(self._time)
+
+
+class CombinedSource:
+    """Sources of one rate and block size as one, with contact and air of each in turn; it ends with the first of them.
+
+    A source of a single channel has silence for air.
+    """
+
+    def __init__(self, sources: Sequence[LabelledSource]) -> None:
+        self._sources = list(sources)
+        self._resources = ExitStack()
+        self.sample_rate = self._sources[0].sample_rate
+
+    @property
+    def channels(self) -> int:
+        """Two for each finger."""
+        return 2 * len(self._sources)
+
+    def __enter__(self) -> Self:
+        for source in self._sources:
+            self._resources.enter_context(source)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        # The first to end ends the hand, so nothing is checked for equal length.
+        for blocks in zip(*self._sources, strict=False):
+            size = min(block.size for block in blocks)
+            samples = np.concatenate([_pair(block.samples[:size]) for block in blocks], axis=1)
+            yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
+        return self._sources[finger].truth_of()
+
+
+def _pair(samples: FloatArray) -> FloatArray:
+    return samples if samples.shape[1] == 2 else np.pad(samples, ((0, 0), (0, 1)))

@@ -57,28 +57,13 @@ class LiveSource:
         self._position = 0
         self._held: list[AudioBlock] = []
         self._idle, self._needed = False, _any
-        self._channels, self._sample_rate = channels, sample_rate
+        self.channels, self.sample_rate = channels, sample_rate
         self._open = False
         self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
         self.device = open_device(self._enqueue)
 
-    @property
-    def sample_rate(self) -> int:
-        """In Hz."""
-        return self._sample_rate
-
-    @property
-    def channels(self) -> int:
-        """1 or 2, channel 0 is contact; of a hand, two for each finger."""
-        return self._channels
-
-    @property
-    def fault(self) -> str:
-        """What is wrong with the device now; empty when nothing is."""
-        return self.device.fault
-
     def __enter__(self) -> Self:
-        open_at_rate(self.device, self._sample_rate)
+        open_at_rate(self.device, self.sample_rate)
         self._open = True
         return self
 
@@ -136,14 +121,14 @@ class LiveSource:
         # The position advances for dropped sound too, so that ``start`` jumps by what was lost.
         start, self.period = self._position, len(inputs[0])
         self._position = start + self.period
-        if self._queued - self._taken > LONGEST_WAIT * self._sample_rate:
+        if self._queued - self._taken > LONGEST_WAIT * self.sample_rate:
             self.overflows += 1
             return
-        samples = np.zeros((self.period, self._channels), np.float32)
+        samples = np.zeros((self.period, self.channels), np.float32)
         for channel, place in self._order:
             samples[:, channel] = inputs[place]
         self._queued += self.period
-        self._held.append(AudioBlock(samples, sample_rate=self._sample_rate, start=start))
+        self._held.append(AudioBlock(samples, sample_rate=self.sample_rate, start=start))
         if not self._idle or self._position - self._held[0].start >= self._needed():
             self._queue.put(self._held)
             self._held = []

@@ -1,10 +1,25 @@
-"""The contract of a sound device: it calls periodically, may be lost at any time and reconnects."""
+"""The contract of a sound device, which calls periodically and may be lost at any time; and those without a sound card.
 
+A clocked device keeps time by the system's clock, and one that is fed by another process by the messages that arrive.
+"""
+
+import threading
+import time
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
 
 from tactophone.errors import DeviceError
-from tactophone.types import FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
+
+SILENT_AFTER = 1.0
+"""Seconds without a message after which the sender of a `StreamDevice` counts as absent."""
+
+_WAIT = 0.1
+"""Seconds between two checks for the end of a `StreamDevice`."""
 
 Process: TypeAlias = Callable[[list[FloatArray], list[FloatArray]], None]
 """What a device calls each period, with one array of shape ``(samples,)`` for each input and each output.
@@ -62,3 +77,137 @@ def open_at_rate(device: Device, sample_rate: int) -> None:
             f"the sound device runs at {found} Hz, but {sample_rate} Hz is needed: start it with that rate "
             f"(jackd ... -r {sample_rate})"
         )
+
+
+class ThreadedDevice:
+    """Base of the devices that a thread of our own calls."""
+
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(self, process: Process, *, thread: str) -> None:
+        self.xruns = self.process_faults = self.losses = 0
+        self._process, self._name = process, thread
+        self._ended = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def open(self) -> None:
+        """Start the thread."""
+        self._ended.clear()
+        self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        self._thread.start()
+
+    def revive(self) -> None:
+        """Do nothing: what may be lost comes back by itself."""
+
+    def close(self) -> None:
+        """End the thread; a process that closes its own device is not waited for."""
+        self._ended.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join()
+            self._thread = None
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+    def _render(self, waveform: FloatArray) -> None:
+        """Render a period, shape ``(outputs, samples)``: as of a sound card, one that fails is silent and counted."""
+        try:
+            self._process([], list(waveform))
+        except Exception:
+            self.process_faults += 1
+            waveform[:] = 0.0
+
+
+class ClockedDevice(ThreadedDevice):
+    """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
+
+    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
+    """
+
+    _LONGEST_DELAY = 0.1
+
+    def __init__(
+        self, process: Process, *, period: int, sample_rate: int, path: Path | None = None, outputs: int = 1
+    ) -> None:
+        super().__init__(process, thread="actuator")
+        self.sample_rate = sample_rate
+        self.latency = period / sample_rate
+        self.fault = ""
+        self._period, self._path, self._outputs = period, path, outputs
+
+    def open(self) -> None:
+        """Start; the file, if any, is overwritten."""
+        self._file = self._open_file() if self._path else None
+        super().open()
+
+    def _open_file(self) -> Any:
+        import soundfile
+
+        try:
+            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DeviceError(
+                f"{self._path} cannot be written ({error}): choose another file for output.device"
+            ) from None
+
+    def _run(self) -> None:
+        waveform = np.zeros((self._outputs, self._period), np.float32)
+        due = time.monotonic()
+        while not self._ended.wait(max(0.0, due - time.monotonic())):
+            if time.monotonic() - due > self._LONGEST_DELAY:
+                self.xruns += 1
+                due = time.monotonic()
+            self._render(waveform)
+            due += self.latency
+            if self._file is not None and not self.fault:
+                try:
+                    self._file.write(waveform.T)
+                except Exception as error:  # a full disk is not written to again
+                    self.fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"
+        if self._file is not None:
+            self._file.close()
+
+
+class StreamDevice(ThreadedDevice):
+    """A microphone in another process, as a page: fed by messages of a uint32 position and float32 samples.
+
+    Both are little-endian. ``absent`` is what to do while no sound arrives: the text of the fault.
+    """
+
+    latency = 0.0
+
+    def __init__(self, sound: Connection, process: Process, *, absent: str) -> None:
+        super().__init__(process, thread="microphone")
+        self._sound, self._absent = sound, absent
+        self._next = 0
+        self._received_at = -SILENT_AFTER
+
+    @property
+    def fault(self) -> str:
+        """What is wrong now; empty when nothing is."""
+        return self._absent if time.monotonic() - self._received_at > SILENT_AFTER else ""
+
+    def open(self) -> None:
+        """Start to read; sound that arrived before is out of date and dropped."""
+        while self._sound.poll():
+            self._sound.recv_bytes()
+        super().open()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                if self._sound.poll(_WAIT):
+                    self._take(self._sound.recv_bytes())
+            except (EOFError, OSError):
+                return  # the page's process has ended: the fault says that no sound arrives
+
+    def _take(self, message: bytes) -> None:
+        position = int.from_bytes(message[:4], "little")
+        samples: FloatArray = np.frombuffer(message, "<f4", offset=4).astype(np.float32)
+        now = time.monotonic()
+        if now - self._received_at > SILENT_AFTER:
+            self.losses += self._received_at > 0
+        elif position != self._next:
+            self.xruns += 1  # sound was dropped on the way; windows join what is left
+        self._next, self._received_at = (position + len(samples)) % (1 << 32), now
+        self._process([samples], [])

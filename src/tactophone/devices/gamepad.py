@@ -6,14 +6,13 @@ between the motors.
 """
 
 import contextlib
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from tactophone.devices.device import Process
+from tactophone.devices.device import Process, ThreadedDevice
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -49,7 +48,7 @@ def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[fl
     return drive * share, drive * (1 - share)
 
 
-class GamepadDevice:
+class GamepadDevice(ThreadedDevice):
     """A `tactophone.devices.Device` on a gamepad's motors.
 
     Parameters
@@ -66,7 +65,6 @@ class GamepadDevice:
         Returns the pads with motors; by default those that `evdev` lists.
     """
 
-    sample_rate = LIVE_SAMPLE_RATE
     latency = REFRESH
 
     def __init__(
@@ -76,15 +74,13 @@ class GamepadDevice:
         device: str = "",
         roughness: Callable[[], float],
         ceiling: Callable[[], float],
-        find: "Callable[[], list[Any]] | None" = None,
+        find: Callable[[], list[Any]] | None = None,
     ) -> None:
-        self.xruns = self.process_faults = self.losses = 0
-        self._process, self._device, self._find = process, device, find or _pads
+        super().__init__(process, thread="actuator")
+        self._device, self._find = device, find or _pads
         self._roughness, self._ceiling = roughness, ceiling
         self._pad: Any = None
         self._effect = -1
-        self._ended = threading.Event()
-        self._thread: threading.Thread | None = None
 
     @property
     def fault(self) -> str:
@@ -94,9 +90,7 @@ class GamepadDevice:
     def open(self) -> None:
         """Start; raises `DeviceError` with the candidates when there is no such pad."""
         self._pad = self._choose()
-        self._ended.clear()
-        self._thread = threading.Thread(target=self._run, name="actuator", daemon=True)
-        self._thread.start()
+        super().open()
 
     def revive(self) -> None:
         """Look for the pad again, if it is gone."""
@@ -106,10 +100,7 @@ class GamepadDevice:
 
     def close(self) -> None:
         """Stop the motors."""
-        self._ended.set()
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        super().close()
         if self._pad is not None:
             self._play(0.0, 0.0)
             with contextlib.suppress(OSError):
@@ -127,28 +118,21 @@ class GamepadDevice:
         raise DeviceError(f"no gamepad with motors matches {self._device or 'any'!r}; there are: {listed}")
 
     def _run(self) -> None:
-        waveform = np.zeros(_PERIOD, np.float32)
+        waveform = np.zeros((1, _PERIOD), np.float32)
         due, peak, refreshed = time.monotonic(), 0.0, 0.0
         while not self._ended.wait(max(0.0, due - time.monotonic())):
             now = time.monotonic()
             if now - due > EFFECT:
                 self.xruns += 1
                 due = now
-            peak = max(peak, self._render(waveform))
+            self._render(waveform)
+            # A fault in the waveform is silence, as everywhere: `max` would keep what is not finite.
+            rendered = float(np.abs(waveform).max())
+            peak = max(peak, rendered if np.isfinite(rendered) else 0.0)
             due += _PERIOD / LIVE_SAMPLE_RATE
             if now - refreshed >= REFRESH:
                 self._play(*motor_levels(peak, self._roughness(), self._ceiling()))
                 peak, refreshed = 0.0, now
-
-    def _render(self, waveform: Any) -> float:
-        """Render a period; return its greatest amplitude, 0 if rendering failed."""
-        try:
-            self._process([], [waveform])
-        except Exception:  # as with a sound device, a failed period is silent and the next one is requested
-            self.process_faults += 1
-            return 0.0
-        peak = float(np.abs(waveform).max())
-        return peak if np.isfinite(peak) else 0.0
 
     def _play(self, strong: float, weak: float) -> None:
         """Start an effect in place of the last one; a pad that is gone is a fault, not an error."""

@@ -6,22 +6,24 @@ that returns stale values: so that client is discarded, and a new one made when 
 client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`. A
 client that leaves stops reading what the server sends; where more than 0.2 MB of it waits, as after a second of xruns,
 the server waits for the client and the client for the server: so leaving has a time limit. Its
-callback stops before it leaves, see :mod:`tactophone.devices.jack_leaving`.
+callback stops before it leaves, see `Leaving`.
 """
 
 import contextlib
+import ctypes
 import functools
 import os
+import socket
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from tactophone.devices.device import Process
-from tactophone.devices.jack_leaving import Leaving
-from tactophone.devices.jack_sockets import disconnect_from_jack
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
@@ -31,6 +33,21 @@ _ABANDONED: list[Any] = []
 _LEAVING_LIMIT = 2.0
 """Seconds to wait for the server when a client leaves; a server in order answers within milliseconds."""
 
+CALLBACK_LIMIT = 0.1
+"""Seconds to wait for the next callback of a client that leaves; none comes where the server has let it go."""
+
+RETURN_TIME = 0.01
+"""Seconds in which a callback that has nothing to do returns to libjack."""
+
+THREAD_LIMIT = 2.0
+"""Seconds to wait for the end of a lost client's thread."""
+
+_PIDFD_GETFD = 438
+"""Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
+
+_SOCKET_NAME = "/jack_"
+"""In the paths of all sockets between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
+
 
 @dataclass(frozen=True, slots=True)
 class JackPort:
@@ -39,6 +56,41 @@ class JackPort:
     name: str
     is_output: bool
     physical: bool
+
+
+@dataclass(slots=True)
+class Leaving:
+    """Whether a client is about to leave, and whether its callback has seen that.
+
+    libjack 1.9.21 cancels the thread of a client that is closed, and that of a lost one when the next joins
+    (``CheckContext``), wherever it is. In the middle of Python it would keep the interpreter's lock for ever. So the
+    callback of a client that leaves does nothing.
+    """
+
+    asked: bool = False
+    lost: bool = False
+    thread: int = 0
+    seen: threading.Event = field(default_factory=threading.Event)
+
+    def ask(self, *, lost: bool) -> None:
+        """Have the callback do nothing more, and wait until it has returned; the thread of a lost client ends."""
+        self.lost, self.asked = lost, True
+        if self.seen.wait(CALLBACK_LIMIT) and lost:
+            until = time.monotonic() + THREAD_LIMIT
+            while os.path.exists(f"/proc/self/task/{self.thread}") and time.monotonic() < until:
+                time.sleep(RETURN_TIME)
+        time.sleep(RETURN_TIME)
+
+    def answer(self, outputs: Iterable[FloatArray]) -> bool:
+        """Silence the outputs, in the callback; returns whether its thread is to end.
+
+        Not that of a client that is closed: a synchronous server would wait 50 ms for it.
+        """
+        for output in outputs:
+            output[:] = 0.0
+        self.thread = threading.get_native_id()
+        self.seen.set()
+        return self.lost
 
 
 class JackClient:
@@ -134,6 +186,7 @@ class JackClient:
         client, self._client = self._client, None
         if client is None:
             return
+        # Its callback returns first: libjack cancels its thread wherever it is.
         self._leaving.ask(lost=False)
         leaving = threading.Thread(target=client.close, daemon=True)
         leaving.start()
@@ -162,6 +215,7 @@ class JackClient:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
+        # Each client has its own: the callback of one that left may still look at the old.
         self._leaving = Leaving()
         inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
         client.set_process_callback(self._cycle(inputs, outputs, self._leaving))
@@ -288,3 +342,46 @@ def silent(_: list[FloatArray], outputs: list[FloatArray]) -> None:
     """Write silence: a process for clients that only inspect the graph."""
     for output in outputs:
         output[:] = 0.0
+
+
+def disconnect_from_jack(pid: int, *, client: str = "") -> bool:
+    """Disconnect another process from its JACK server, without its help (Linux); returns whether that could be done.
+
+    The server repeats the last period of a client that stands still. It cannot be disconnected port by port meanwhile:
+    the server would wait for the client to take note (measured, jackd 1.9.21). So its *sockets* to the server are shut
+    down, as the system does when a process dies: the server removes the client and its ports, silent after 6 to 20 ms.
+    A client that goes on later finds its server gone, and joins it again (`JackClient.revive`).
+
+    The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
+    callback, it may later write the rest of one period into memory that is another client's by then. With ``client`` it
+    shuts down only the sockets on which the server notifies the client of this name.
+    """
+    if sys.platform != "linux":
+        return False
+    marker = f"{_SOCKET_NAME}{client}_" if client else _SOCKET_NAME
+    done = False
+    with contextlib.suppress(OSError):
+        process = os.pidfd_open(pid)
+        try:
+            for name in os.listdir(f"/proc/{pid}/fd"):
+                with contextlib.suppress(OSError):  # closed meanwhile, or not connected
+                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}", marker)
+        finally:
+            os.close(process)
+    return done
+
+
+def _shut_down(process: int, descriptor: int, link: str, marker: str) -> bool:
+    """Shut down one descriptor of a process, if it is a socket of JACK."""
+    if not os.readlink(link).startswith("socket:"):
+        return False
+    copy = ctypes.CDLL(None).syscall(_PIDFD_GETFD, process, descriptor, 0)
+    if copy < 0:
+        return False
+    with socket.socket(fileno=copy) as shared:
+        if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
+            return False
+        if not any(marker in str(name) for name in (shared.getsockname(), shared.getpeername())):
+            return False
+        shared.shutdown(socket.SHUT_RDWR)
+    return True

@@ -38,7 +38,7 @@ from tactophone.runtime.wiring import (
 )
 from tactophone.settings import Settings
 from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, PipelineStep, Source
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -86,7 +86,9 @@ class Robot:
         self._resources = ExitStack()
         info.progress("opening the source")
         self._source = open_source(settings)
-        self._truth_of = truth_of(self._source)
+        # Asked once: whether an object fits a protocol takes 25 us.
+        labelled = self._source if isinstance(self._source, LabelledSource) else None
+        self._truth_of: Callable[[int], int] = labelled.truth_of if labelled else lambda _: -1
         if isinstance(self._source, RehearsableSource):
             info.progress("compiling the simulation")
             self._source.rehearse()
@@ -367,34 +369,8 @@ def paced(
 
 
 @runtime_checkable
-class LabelledSource(Protocol):
-    """A source whose true touch is known, because it is simulated or labelled."""
-
-    def truth_now(self) -> int:
-        """Return the `Touch` at the end of the newest block; -1 when it is not known."""
-
-
-@runtime_checkable
-class LabelledHand(Protocol):
-    """A hand of which the true touch of each finger is known."""
-
-    def truth_of(self, finger: int) -> int:
-        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
-
-
-@runtime_checkable
 class RehearsableSource(Protocol):
     """A source that compiles itself at first use."""
 
     def rehearse(self) -> None:
         """Compile now; the sound to come stays the same."""
-
-
-def truth_of(source: Source) -> Callable[[int], int]:
-    """Return a function of a finger: its true touch now; -1 where that is not known."""
-    # Asked once: whether an object fits a protocol takes 25 us.
-    if isinstance(source, LabelledHand):
-        return source.truth_of
-    if isinstance(source, LabelledSource):
-        return lambda _: source.truth_now()
-    return lambda _: -1

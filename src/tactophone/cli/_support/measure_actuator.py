@@ -2,14 +2,18 @@
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tactophone.cli._support import terminal
 from tactophone.cli._support.ranges import Within
-from tactophone.devices import Device, JackClient, MeasuredResponse, PortAudioStream, Process, SweepRecorder, fit, sweep
+from tactophone.devices import Device, JackClient, PortAudioStream, Process
 from tactophone.errors import ConfigError
 from tactophone.haptics import Limits
 from tactophone.settings import Settings
 from tactophone.types import FloatArray
+
+if TYPE_CHECKING:
+    from tactophone.measurement.sweep import MeasuredResponse
 
 FLAGS = {
     "--actuator": "output.actuator",
@@ -24,6 +28,8 @@ FLAGS = {
 
 def measure(args: argparse.Namespace, settings: Settings) -> int:
     """Measure, print the figures and write them as a settings file."""
+    from tactophone.measurement.sweep import fit
+
     if settings.output.actuator not in ("jack", "portaudio"):
         raise ConfigError("devices measure needs an actuator that plays any waveform: --actuator jack or portaudio")
     terminal.log().print(
@@ -38,7 +44,7 @@ def measure(args: argparse.Namespace, settings: Settings) -> int:
     return 0
 
 
-def as_toml(found: MeasuredResponse) -> str:
+def as_toml(found: "MeasuredResponse") -> str:
     """Return a settings file with the figures; the settings check them when they are read."""
     # The microphone's own response is in these levels; where they fall deep, full drive could not make up for it.
     pairs = zip(found.frequencies, found.levels_db, strict=True)
@@ -66,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _record(amplitude: float, settings: Settings) -> FloatArray:
+    from tactophone.measurement.sweep import SweepRecorder, sweep
     from tactophone.runtime import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))

@@ -43,7 +43,7 @@ class StrokingFinger(AlwaysOpen):
         """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
         SimulatedFinger(self._scene).render(64)
 
-    def truth_now(self) -> int:
+    def truth_of(self, finger: int = 0) -> int:
         """Return the true touch at the end of the last block."""
         touch = self._finger.truth.touch
         return int(touch[-1]) if len(touch) else int(Touch.NONE)

@@ -63,7 +63,7 @@ class StrokingHand(AlwaysOpen):
         """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
         SimulatedHand([SimulatedFinger(self._scene)]).render(64)
 
-    def truth_of(self, finger: int) -> int:
+    def truth_of(self, finger: int = 0) -> int:
         """Return the true touch of a finger at the end of the last block."""
         return self._hand.truth_of(finger)
 

@@ -9,8 +9,9 @@ from scipy.signal import lfilter
 
 from tactophone.cli import main
 from tactophone.cli._support.measure_actuator import as_toml
-from tactophone.devices import DummyServer, JackClient, SweepRecorder, fit, sweep
+from tactophone.devices import DummyServer, JackClient
 from tactophone.errors import DeviceError
+from tactophone.measurement.sweep import SweepRecorder, fit, sweep
 from tactophone.settings import read_settings
 from tactophone.types import FloatArray
 

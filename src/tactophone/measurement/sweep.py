@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.devices.device import Device, Process
+from tactophone.devices import Device, Process
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
@@ -127,7 +127,7 @@ class SweepRecorder:
         if self._played and not self._ended.is_set():
             self._recorded.append(inputs[0].copy())
 
-    def run(self, open_input: Callable[[Process], Device], open_output: "Callable[[], Device]") -> FloatArray:
+    def run(self, open_input: Callable[[Process], Device], open_output: Callable[[], Device]) -> FloatArray:
         """Play and record; return the recording."""
         microphone, actuator = open_input(self.record), open_output()
         microphone.open()
