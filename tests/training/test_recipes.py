@@ -16,7 +16,7 @@ from tactophone.dataset import Dataset
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.evaluation import measure, model_predictor, scores_of
 from tactophone.perception import FEATURES, read_model
-from tactophone.training.recipes import FEATURE_RECIPES, OPEN_GATE, RECIPES, TrainingOptions, load_recipe
+from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, TrainingOptions, load_recipe
 from tactophone.training.sets import FeatureRecipe, build_training_set
 from tactophone.training.tracks import FeatureSpec
 from tests.surfaces import surfaces
@@ -117,18 +117,16 @@ def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -
     (tmp_path / "mine.toml").write_text(
         'recipe = "paper"\nvariant = "one-channel"\nepochs = 2\nlearning_rate = 0.001\ncontact_threshold = "off"\n'
     )
-    recipe = load_recipe(tmp_path / "mine.toml", seed=7)
-    options = TrainingOptions(
-        variant="one-channel", seed=7, gate=OPEN_GATE, changes={"epochs": 2, "learning_rate": 0.001}
-    )
-    assert recipe == RECIPES["paper"].with_options(options)
+    recipe = load_recipe(tmp_path / "mine.toml", start=tmp_path / "a.onnx")
+    options = TrainingOptions(variant="one-channel", contact_threshold="off", epochs=2, learning_rate=0.001)
+    assert recipe == RECIPES["paper"].with_options(options, start=tmp_path / "a.onnx")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("epochs = 0", "mine.toml.*>= 1.*epochs"),
-        ("epoch = 3", "unknown field `epoch`.*may hold recipe"),
+        ("epoch = 3", "unknown field `epoch`.*may hold channels"),
         ("recipe = 'textures'", "no recipe textures.*did you mean texture"),
         ("recipe = ", "mine.toml"),
     ],

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 import onnxruntime
@@ -24,7 +24,6 @@ from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import FEATURES, LOG_PROBABILITIES, DecisionRule, read_model
 from tactophone.training import (
     FEATURE_RECIPES,
-    OPEN_GATE,
     RECIPES,
     VARIANTS,
     ConfiguredRecipe,
@@ -44,7 +43,7 @@ VERSION = 1
 NO_AIR = "texture/no-air"
 """An ablation: the model of ``texture`` with a silent air microphone."""
 
-NETWORK_CHANGES = {"hop": 21, "batch_size": 500, "least_steps": 600}
+NETWORK_CHANGES: dict[str, Any] = {"hop": 21, "batch_size": 500, "least_steps": 600}
 """Of the training of the paper's network, as in docs/research/scores.md: its score is flat in the number of steps."""
 
 FAST_STEPS = 200
@@ -209,11 +208,11 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
         from tactophone.training.trainer import fastest_precision
 
         # Without labelled segments every window is contact, both in training and in the model's gate.
-        gate = None if any(recording.segments for recording in dataset.recordings) else OPEN_GATE
+        segmented = any(recording.segments for recording in dataset.recordings)
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
-            precision=fastest_precision(), gate=gate, seed=seed, changes=changes,
+            precision=fastest_precision(), contact_threshold=None if segmented else "off", seed=seed, **changes,
         )  # fmt: skip
         return method_of(RECIPES["paper-fast"].with_options(options))
     recipe = name.partition("/")[0]

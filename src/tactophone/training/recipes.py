@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -44,8 +44,12 @@ from tactophone.perception import (
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:
-    from tactophone.dataset import Dataset
     from tactophone.link import Codec
+    from tactophone.training.sets import FeatureRecipe
+    from tactophone.training.trainer import NetworkRecipe
+
+ConfiguredRecipe: TypeAlias = "FeatureRecipe | NetworkRecipe"
+"""A recipe with its options: everything that decides a training but the recordings, and ``train``, which does it."""
 
 FeatureKind = Literal["texture", "cues", "scalogram"]
 """Features that recipes other than the paper's network learn from; also the kind in their model cards."""
@@ -88,40 +92,39 @@ def silent(*progress: object) -> None:
     """Report nothing."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrainingOptions:
-    """What a user may choose for a training; each recipe reads the options that it has."""
+class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a user may choose for a training, by the names of `train`'s options; each recipe reads those that it has."""
 
-    channels: int = 2
-    """Microphones that the model uses, 1 or 2; the paper's network takes them from its variant."""
-    seed: int = 0
+    channels: Annotated[int, Meta(ge=1, le=2)] = 2
+    """Microphones that the model uses; the paper's network takes them from its variant."""
+    seed: Annotated[int, Meta(ge=0)] = 0
     """Of everything random."""
-    opus_bitrate_bps: int | None = None
-    """Bitrate of the link's Opus that the sound passes through first; ``None`` for no codec."""
+    opus_bitrate: Annotated[int, Meta(ge=16, le=512)] | None = None
+    """Bitrate in kbit/s of the link's Opus that the sound passes through first; ``None`` for no codec."""
     microphone: Microphone = "contact"
     """The microphone that a model of one channel uses, where its recipe does not say."""
     tip: str = ""
     """The tip that the model is for; empty: that of the recordings, if they all name the same."""
-    start: Path | None = None
-    gate: Gate | None = None
-    calibration: Calibration | None = None
-    """`start`, `gate` and `calibration`: model file to continue from, contact gate of the model, and calibration that
-    replaces the gate."""
+    contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = None
+    """Of the model's contact gate, in dBFS RMS; ``off``: every window is trained on and classified."""
     variant: Variant = "general"
     reference_code: bool = False
     precision: Precision = "float32"
-    """`variant`, `reference_code` and `precision`: see
-    :class:`NetworkSettings`."""
-    changes: Mapping[str, Any] = field(default_factory=dict)
-    """Other fields of those settings, by name."""
+    epochs: Annotated[int, Meta(ge=1)] | None = None
+    least_steps: Annotated[int, Meta(ge=0)] | None = None
+    batch_size: Annotated[int, Meta(ge=1)] | None = None
+    hop: Annotated[int, Meta(ge=1)] | None = None
+    learning_rate: Annotated[float, Meta(gt=0)] | None = None
+    noise: Annotated[float, Meta(ge=0)] | None = None
+    """From `variant` on, of the paper's network: see :class:`NetworkSettings`; by default as the recipe has them."""
 
     def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
         """Return the codec of the options: packets of 10 ms, a bandwidth in Hz (by default the codec's narrowest)."""
         from tactophone.link import Codec
 
-        if self.opus_bitrate_bps is None:
+        if self.opus_bitrate is None:
             return None
-        codec = Codec("opus", channels=channels, packet_size=480, bitrate_bps=self.opus_bitrate_bps)
+        codec = Codec("opus", channels=channels, packet_size=480, bitrate_bps=1000 * self.opus_bitrate)
         return replace(codec, bandwidth=bandwidth) if bandwidth else codec
 
 
@@ -247,36 +250,6 @@ class Augmentation:
         return offset
 
 
-class ConfiguredRecipe(Protocol):
-    """A recipe with its options: everything that decides a training but the recordings."""
-
-    @property
-    def name(self) -> str:
-        """For tables."""
-
-    @property
-    def channels(self) -> int:
-        """Microphones that the model uses."""
-
-    @property
-    def identity(self) -> str:
-        """Text that changes whenever the result may: key of cached results."""
-
-    def train(
-        self,
-        path: Path,
-        dataset: "Dataset",
-        *,
-        checkpoint: Path | None = None,
-        report: Report = silent,
-        log: Callable[[str], None] = silent,
-    ) -> None:
-        """Train on labelled recordings and write the model file.
-
-        ``checkpoint`` keeps unfinished state, so that a killed training can continue; recipes of seconds keep none.
-        """
-
-
 @dataclass(frozen=True, slots=True)
 class Response:
     """How surely and how quickly a detector decides."""
@@ -319,15 +292,26 @@ class Recipe:
         """Return decision rule and memory of a model of this tip."""
         return self.pad_response if self.pad_response and tip == DEFAULT_TIP else self.response
 
-    def with_options(self, options: TrainingOptions | None = None) -> ConfiguredRecipe:
-        """Return the recipe with its options, ready to train; imports what it needs."""
+    def with_options(
+        self,
+        options: TrainingOptions | None = None,
+        *,
+        start: Path | None = None,
+        calibration: Calibration | None = None,
+    ) -> ConfiguredRecipe:
+        """Return the recipe with its options, ready to train; imports what it needs.
+
+        ``start`` is a model file to continue from, and ``calibration`` replaces the contact threshold; both for the
+        paper's network alone.
+        """
+        options = options or TrainingOptions()
         if self.features == "magnitudes":
             from tactophone.training.trainer import network_recipe
 
-            return network_recipe(self, options or TrainingOptions())
+            return network_recipe(self, options, start=start, calibration=calibration)
         from tactophone.training.sets import feature_recipe
 
-        return feature_recipe(self, options or TrainingOptions())
+        return feature_recipe(self, options)
 
 
 _CONFIRMED = Response(DecisionRule(rough_on=0.6, rough_off=0.4, confirm=4, abstain_from=0.5), memory=0.25)
@@ -372,35 +356,15 @@ SHIPPED = tuple(name for name, recipe in RECIPES.items() if recipe.shipped)
 """Names of the recipes whose models ship inside the package; of ``paper``, its one-channel variant ships besides."""
 
 
-class _RecipeFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What a recipe file may hold: the names of `train`'s options; see :class:`TrainingOptions`."""
-
+class _RecipeFile(TrainingOptions, frozen=True, kw_only=True):
     recipe: str = "paper-fast"
-    channels: Literal[1, 2] = 2
-    microphone: Microphone = "contact"
-    tip: str = ""
-    seed: Annotated[int, Meta(ge=0)] = 0
-    opus_bitrate: Annotated[int, Meta(ge=16, le=512)] | None = None
-    """In kbit/s."""
-    contact_threshold: Annotated[float, Meta(ge=-200, le=0)] | Literal["off"] | None = None
-    """In dBFS RMS; ``off``: every window is trained on and classified."""
-    variant: Variant = "general"
-    reference_code: bool = False
-    precision: Precision = "float32"
-    epochs: Annotated[int, Meta(ge=1)] | None = None
-    least_steps: Annotated[int, Meta(ge=0)] | None = None
-    batch_size: Annotated[int, Meta(ge=1)] | None = None
-    hop: Annotated[int, Meta(ge=1)] | None = None
-    learning_rate: Annotated[float, Meta(gt=0)] | None = None
-    noise: Annotated[float, Meta(ge=0)] | None = None
-    """`epochs` and what follows: of the paper's network, by default as the recipe has it."""
 
 
-def load_recipe(path: Path, **options: Any) -> ConfiguredRecipe:
-    """Read a recipe file: TOML with the name of a recipe and the options that differ from its defaults.
+def load_recipe(path: Path, *, start: Path | None = None, calibration: Calibration | None = None) -> ConfiguredRecipe:
+    """Read a recipe file: TOML with a recipe's name and the :class:`TrainingOptions` that differ from the defaults.
 
-    ``options`` are further fields of :class:`TrainingOptions`, which win over the file's. Raises `ConfigError` if the
-    file cannot be read, names no recipe, or holds an unknown key or a value out of range.
+    ``start`` and ``calibration`` as in :meth:`Recipe.with_options`. Raises `ConfigError` if the file cannot be read,
+    names no recipe, or holds an unknown key or a value out of range.
     """
     try:
         file = msgspec.toml.decode(path.read_bytes(), type=_RecipeFile)
@@ -411,18 +375,4 @@ def load_recipe(path: Path, **options: Any) -> ConfiguredRecipe:
         raise ConfigError(
             f"{path}: no recipe {file.recipe}; there are {', '.join(RECIPES)}{did_you_mean(file.recipe, RECIPES)}"
         )
-    threshold = file.contact_threshold
-    numbers = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
-    chosen = TrainingOptions(
-        channels=file.channels,
-        seed=file.seed,
-        opus_bitrate_bps=1000 * file.opus_bitrate if file.opus_bitrate else None,
-        microphone=file.microphone,
-        tip=file.tip,
-        gate=None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold),
-        variant=file.variant,
-        reference_code=file.reference_code,
-        precision=file.precision,
-        changes={name: value for name in numbers if (value := getattr(file, name)) is not None},
-    )
-    return RECIPES[file.recipe].with_options(replace(chosen, **options))
+    return RECIPES[file.recipe].with_options(file, start=start, calibration=calibration)

@@ -20,7 +20,7 @@ from torch import nn
 from tactophone.dataset import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
 from tactophone.link import Codec
-from tactophone.perception import Gate, magnitudes
+from tactophone.perception import Calibration, Gate, magnitudes
 from tactophone.processes import atomic_write
 from tactophone.training.export import (
     Weights,
@@ -344,16 +344,21 @@ class NetworkRecipe:
         self.write(path, self.fit(windows, checkpoint=checkpoint, report=show), dataset)
 
 
-def network_recipe(recipe: Recipe, options: TrainingOptions) -> NetworkRecipe:
+def network_recipe(
+    recipe: Recipe, options: TrainingOptions, *, start: Path | None = None, calibration: Calibration | None = None
+) -> NetworkRecipe:
     """Return ``paper`` or ``paper-fast`` with its options, which name a variant and change settings."""
-    changes = {**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **options.changes}
+    names = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
+    changes = {name: value for name in names if (value := getattr(options, name)) is not None}
     settings = replace(
-        network_settings(options.variant, reference_code=options.reference_code), precision=options.precision, **changes
+        network_settings(options.variant, reference_code=options.reference_code),
+        precision=options.precision,
+        **{**(FAST_CHANGES if recipe.name == "paper-fast" else {}), **changes},
     )
-    gate = options.gate
+    threshold = options.contact_threshold
+    gate = None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold)
     if gate == OPEN_GATE:
         settings = settings.without_gate()
-    if options.calibration:
-        settings = settings.with_threshold(options.calibration.window_dbfs)
-        gate = Gate(options.calibration.threshold_dbfs)
-    return NetworkRecipe(settings, options.seed, options.codec(settings.channels), options.start, gate)
+    if calibration:
+        settings, gate = settings.with_threshold(calibration.window_dbfs), Gate(calibration.threshold_dbfs)
+    return NetworkRecipe(settings, options.seed, options.codec(settings.channels), start, gate)

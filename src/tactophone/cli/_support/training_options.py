@@ -2,11 +2,12 @@
 
 import argparse
 
+import msgspec
+
 from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError
-from tactophone.perception import Calibration, Gate
+from tactophone.perception import Calibration
 from tactophone.training import (
-    OPEN_GATE,
     PRECISIONS,
     RECIPES,
     VARIANTS,
@@ -87,29 +88,21 @@ def add_training_options(parser: argparse._ActionsContainer) -> None:
 def recipe_of(args: argparse.Namespace) -> ConfiguredRecipe:
     """Return the recipe that the options describe; raises `ConfigError` if an option is out of range."""
     # argparse has checked the options of a command line, but not what `sweep --vary` puts in their place.
-    for name, choices in {"recipe": RECIPES, "variant": VARIANTS, "precision": PRECISIONS}.items():
-        if (value := getattr(args, name)) not in choices:
-            raise ConfigError(f"--{name} {value}: one of {', '.join(choices)}")
-    calibration = getattr(args, "calibration", None)
-    options = TrainingOptions(
-        channels=args.channels,
-        seed=args.seed,
-        opus_bitrate_bps=1000 * args.opus_bitrate if args.opus_bitrate else None,
-        microphone=args.microphone,
-        tip=args.tip or "",
-        start=getattr(args, "start", None),
-        gate=_gate(args.contact_threshold),
-        calibration=Calibration.read(calibration) if calibration else None,
-        variant=args.variant,
-        reference_code=args.reference_code,
-        precision=args.precision,
-        changes={name: value for name in NUMBERS if (value := getattr(args, name)) is not None},
-    )
-    return RECIPES[args.recipe].with_options(options)
-
-
-def _gate(text: str | None) -> Gate | None:
+    if args.recipe not in RECIPES:
+        raise ConfigError(f"--recipe {args.recipe}: one of {', '.join(RECIPES)}")
+    given = {name: value for name in TrainingOptions.__struct_fields__ if (value := getattr(args, name)) is not None}
+    if (threshold := args.contact_threshold) is not None and threshold != "off":
+        try:
+            given["contact_threshold"] = float(threshold)
+        except ValueError:
+            raise ConfigError(f"--contact-threshold {threshold}: must be a level of -200 to 0 dBFS, or 'off'") from None
     try:
-        return None if text is None else OPEN_GATE if text == "off" else Gate(float(text))
-    except ValueError:
-        raise ConfigError(f"--contact-threshold {text}: must be a level of -200 to 0 dBFS, or 'off'") from None
+        options = msgspec.convert(given, TrainingOptions)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{error}; see `tactophone train --help`") from None
+    calibration = getattr(args, "calibration", None)
+    return RECIPES[args.recipe].with_options(
+        options,
+        start=getattr(args, "start", None),
+        calibration=Calibration.read(calibration) if calibration else None,
+    )
