@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from tactophone.errors import DeviceError
-from tactophone.link import Address, DatagramSocket, UdpSocket, resolve, resolve_all
+from tactophone.link import Address, UdpSocket, resolve
 from tactophone.link.udp import CLOSED_READS, MAX_FOREIGN, MAX_PEER_HANDSHAKES
 
 
@@ -18,7 +18,7 @@ def pair() -> Iterator[tuple[UdpSocket, UdpSocket]]:
         yield first, second
 
 
-def test_datagrams_arrive_whole_with_their_source(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_datagrams_arrive_whole_with_their_source(pair: tuple[UdpSocket, UdpSocket]) -> None:
     first, second = pair
     assert first.send([(b"one", second.address), (b"two", second.address)]) == 0
     received = second.receive(1.0)
@@ -27,12 +27,12 @@ def test_datagrams_arrive_whole_with_their_source(pair: tuple[DatagramSocket, Da
     assert received == [(b"one", first.address), (b"two", first.address)]
 
 
-def test_receive_waits_no_longer_than_its_timeout(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_receive_waits_no_longer_than_its_timeout(pair: tuple[UdpSocket, UdpSocket]) -> None:
     assert pair[0].receive(0) == []
     assert pair[0].receive(0.01) == []
 
 
-def test_a_closed_port_is_not_an_error(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_a_closed_port_is_not_an_error(pair: tuple[UdpSocket, UdpSocket]) -> None:
     first, second = pair
     target = second.address
     second.close()
@@ -40,7 +40,7 @@ def test_a_closed_port_is_not_an_error(pair: tuple[DatagramSocket, DatagramSocke
     assert first.receive(0.01) == []
 
 
-def test_what_the_system_refuses_is_counted(pair: tuple[DatagramSocket, DatagramSocket]) -> None:
+def test_what_the_system_refuses_is_counted(pair: tuple[UdpSocket, UdpSocket]) -> None:
     assert pair[0].send([(bytes(70_000), pair[1].address)]) == 1
 
 
@@ -62,7 +62,7 @@ def test_ipv6_has_a_socket_too() -> None:
 def test_an_unknown_host_is_named() -> None:
     with pytest.raises(DeviceError, match=r"nowhere\.invalid"):
         resolve("nowhere.invalid", 1)
-    assert resolve("127.0.0.1", 5) == ("127.0.0.1", 5)
+    assert resolve("127.0.0.1", 5) == [("127.0.0.1", 5)]
 
 
 HOSTS = ["127.0.0.1", "::1"]
@@ -103,7 +103,7 @@ def test_a_socket_for_all_addresses_takes_both_families(host: str) -> None:
     if ":" in host and not has_ipv6():
         pytest.skip("this machine has no IPv6")
     with UdpSocket() as operator, UdpSocket() as robot:
-        target = next(iter(resolve_all(host, operator.address[1])))
+        target = next(iter(resolve(host, operator.address[1])))
         assert robot.send([(b"hello", target)]) == 0
         ((datagram, source),) = operator.receive(1.0)
         assert datagram == b"hello"
@@ -205,5 +205,5 @@ def test_a_peer_with_a_new_address_is_followed_there(pair: tuple[UdpSocket, UdpS
 
 
 def test_all_addresses_of_a_name_are_found() -> None:
-    assert resolve_all("::1", 7) == [("::1", 7)]
-    assert resolve_all("127.0.0.1", 7) == [("127.0.0.1", 7)]
+    assert resolve("::1", 7) == [("::1", 7)]
+    assert resolve("127.0.0.1", 7) == [("127.0.0.1", 7)]

@@ -12,7 +12,7 @@ from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSes
 from tactophone.link.send import MOST_OPERATORS, Datagrams, SendGroup
 from tactophone.link.session import Session
 from tactophone.link.stream import BlockEncoder, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
-from tactophone.link.udp import DatagramSocket, UdpSocket, resolve, resolve_all
+from tactophone.link.udp import UdpSocket, resolve
 
 __all__ = [
     "CERTIFICATE_FILE",
@@ -24,7 +24,6 @@ __all__ = [
     "BlockEncoder",
     "Codec",
     "Connected",
-    "DatagramSocket",
     "Datagrams",
     "DecodedAudio",
     "Depacketizer",
@@ -51,6 +50,5 @@ __all__ = [
     "open_encoder",
     "parse_packet",
     "resolve",
-    "resolve_all",
     "write_event",
 ]

@@ -28,7 +28,7 @@ import ctypes
 import math
 import weakref
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -82,10 +82,30 @@ class Codec:
             raise ConfigError(
                 f"{self.channels} channels, but the link carries 1 or 2, or 2 for each of up to {MOST_FINGERS} fingers"
             )
-        self._check_packet_size()
         if not self.bitrate_bps:
             object.__setattr__(self, "bitrate_bps", _default_bitrate(self))
-        self._check_datagram()
+        if self.name == "pcm16":
+            self._check_pcm()
+            return
+        if self.packet_size not in FRAME_SIZES:
+            sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
+            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})")
+        size = self.bitrate_bps * self.packet_size // CLOCK_RATE // 8
+        if self.channels > 2 and size > PAYLOAD_SPACE:
+            raise ConfigError(
+                f"Opus of {self.channels} channels with {self.bitrate_bps / 1000:g} kbit/s takes {size} bytes in "
+                f"{1000 * self.packet_size / CLOCK_RATE:g} ms, but a datagram has {PAYLOAD_SPACE}; "
+                "choose shorter packets"
+            )
+
+    def _check_pcm(self) -> None:
+        most = most_pcm_samples(self.channels)
+        if not 1 <= self.packet_size <= most:
+            longest = math.floor(most / CLOCK_RATE * 1e5) / 1e5
+            raise ConfigError(
+                f"PCM datagrams of {self.packet_size} samples, but 1 to {most} of {self.channels} channels fit one; "
+                f"choose fewer, as in --packet-duration {longest:g}, or Opus"
+            )
 
     @property
     def lookahead(self) -> int:
@@ -112,91 +132,11 @@ class Codec:
         chosen = self.bitrate_bps != _default_bitrate(self)
         return replace(self, bandwidth=bandwidth, bitrate_bps=self.bitrate_bps if chosen else 0)
 
-    def _check_packet_size(self) -> None:
-        if self.name == "opus" and self.packet_size not in FRAME_SIZES:
-            sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
-            raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})")
-        most = most_pcm_samples(self.channels)
-        longest = math.floor(most / CLOCK_RATE * 1e5) / 1e5
-        if self.name == "pcm16" and not 1 <= self.packet_size <= most:
-            raise ConfigError(
-                f"PCM datagrams of {self.packet_size} samples, but 1 to {most} of {self.channels} channels fit one; "
-                f"choose fewer, as in --packet-duration {longest:g}, or Opus"
-            )
-
-    def _check_datagram(self) -> None:
-        size = self.bitrate_bps * self.packet_size // CLOCK_RATE // 8
-        if self.name == "opus" and self.channels > 2 and size > PAYLOAD_SPACE:
-            raise ConfigError(
-                f"Opus of {self.channels} channels with {self.bitrate_bps / 1000:g} kbit/s takes {size} bytes in "
-                f"{1000 * self.packet_size / CLOCK_RATE:g} ms, but a datagram has {PAYLOAD_SPACE}; "
-                "choose shorter packets"
-            )
-
-
-class Encoder(Protocol):
-    """Encodes the sound of one packet as one payload."""
-
-    def encode(self, samples: FloatArray) -> bytes:
-        """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
-
-
-class Decoder(Protocol):
-    """Decodes payloads in order, and conceals the gaps between them."""
-
-    @property
-    def kind(self) -> PayloadType:
-        """The payload type that it decodes."""
-
-    def size(self, content: bytes) -> int:
-        """Return the samples in a payload; `PacketError` when it is malformed."""
-
-    def decode(self, content: bytes) -> FloatArray:
-        """Decode a payload, to shape ``(size, channels)``; `PacketError` when it is malformed."""
-
-    def conceal(self, size: int, following: bytes | None) -> FloatArray:
-        """Conceal ``size`` lost samples, before the payload ``following`` if it has arrived."""
-
-
-def open_encoder(codec: Codec) -> Encoder:
-    """Return a new encoder."""
-    if codec.name == "pcm16":
-        return PcmEncoder()
-    return OpusEncoder(
-        channels=codec.channels, packet_size=codec.packet_size, bandwidth=codec.bandwidth, bitrate_bps=codec.bitrate_bps
-    )
-
-
-def open_decoder(kind: PayloadType) -> Decoder:
-    """Return a new decoder for a payload type; `PacketError` when it is not sound."""
-    if kind not in SOUND_FORMATS:
-        raise PacketError(f"payload type {kind.name} is not sound; only sound can be decoded")
-    codec, channels = SOUND_FORMATS[kind]
-    if codec == "pcm16":
-        return PcmDecoder(kind, channels=channels)
-    return OpusDecoder(kind, channels)
-
 
 def _default_bitrate(codec: Codec) -> int:
     """Return the default bitrate: 96 kbit/s for two channels of 4 kHz, which is 30 dB SNR at 5 ms."""
     per_channel = 64_000 if codec.packet_size == FRAME_SIZES[0] else 48_000
     return codec.channels * (per_channel if codec.bandwidth <= NARROW_BAND else 2 * per_channel)
-
-
-def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
-    """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is aligned and of the same shape.
-
-    >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
-    >>> bool(np.abs(encode_and_decode(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
-    True
-    """
-    # The codec delays by its look-ahead: the sound is padded at the end and the result cut at the start.
-    encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
-    packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
-    padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
-    padded[: len(samples)] = samples
-    decoded = [decoder.decode(encoder.encode(block)) for block in padded.reshape(packets, codec.packet_size, -1)]
-    return np.concatenate(decoded)[codec.lookahead : codec.lookahead + len(samples)]
 
 
 MAX_PCM_SAMPLES = 240
@@ -316,7 +256,7 @@ class OpusEncoder:
 
     def encode(self, samples: FloatArray) -> bytes:
         """Encode ``samples``, float32 of shape ``(packet_size, channels)`` or of a shorter packet, all finite."""
-        # libopus does not check the length: it would read past the end of a short array.
+        # Beware: libopus does not check the length, and would read past the end of a short array.
         count = len(samples)
         if samples.shape != (count, self._channels) or count not in FRAME_SIZES or count > self._size:
             raise ValueError(f"samples of shape {samples.shape}, but a packet takes {(self._size, self._channels)}")
@@ -348,10 +288,7 @@ class _FingerEncoder:
         self._memory = (ctypes.c_char * len(self._payload)).from_buffer(self._payload)
         self._pointer = ctypes.addressof(self._memory)
         control = _function(opus, "opus_multistream_encoder_ctl", (_POINTER, _INT))
-        self._streams = [
-            (_state_of(control, self._state, _GET_ENCODER_STATE, stream), row.ctypes.data)
-            for stream, row in enumerate(sound)
-        ]
+        self._streams = _streams_of(control, self._state, _GET_ENCODER_STATE, sound)
         self._count = self._whole = self._first = 0
 
     def encode(self, count: int) -> bytes:
@@ -447,10 +384,7 @@ class _FingerDecoder:
         self._decode = _function(opus, "opus_decode_float", _DECODING)
         self._sound = sound
         control = _function(opus, "opus_multistream_decoder_ctl", (_POINTER, _INT))
-        self._streams = [
-            (_state_of(control, self._state, _GET_DECODER_STATE, stream), row.ctypes.data)
-            for stream, row in enumerate(sound)
-        ]
+        self._streams = _streams_of(control, self._state, _GET_DECODER_STATE, sound)
         self._sizes: dict[int, int] = {}
 
     def size(self, content: bytes) -> int:
@@ -478,8 +412,7 @@ class _FingerDecoder:
             self._decode_together(content, size)
             return
         for (state, sound), part in zip(self._streams, parts, strict=True):
-            if (decoded := self._decode(state, part, len(part), sound, size, 0)) < 0:
-                self._check(decoded)
+            self._check(self._decode(state, part, len(part), sound, size, 0))
 
     def _decode_together(self, content: bytes, size: int) -> None:
         samples = np.empty((size, len(self._streams)), np.float32)
@@ -498,12 +431,15 @@ def _function(opus: Any, name: str, arguments: tuple[Any, ...]) -> Any:
     return function
 
 
-def _state_of(control: Any, state: Any, request: int, stream: int) -> int:
-    """Return the address of one stream's state within that of the multistream API."""
-    found = _POINTER()
-    if control(state, request, _SIZE(stream), ctypes.byref(found)) or not found.value:
-        raise ConfigError("this libopus does not give access to its streams: install libopus 1.3 or newer")
-    return found.value
+def _streams_of(control: Any, state: Any, request: int, sound: FloatArray) -> list[tuple[int, int]]:
+    """Return of each stream the addresses of its state, within that of the multistream API, and of its row of sound."""
+    streams = []
+    for stream, row in enumerate(sound):
+        found = _POINTER()
+        if control(state, request, _SIZE(stream), ctypes.byref(found)) or not found.value:
+            raise ConfigError("this libopus does not give access to its streams: install libopus 1.3 or newer")
+        streams.append((found.value, row.ctypes.data))
+    return streams
 
 
 def _libopus() -> Any:
@@ -520,3 +456,45 @@ def _libopus() -> Any:
         # The binding raises a bare Exception when the shared library itself is missing.
         raise ConfigError(f"no libopus here ({error}): apt install libopus0; or use --codec pcm16") from error
     return opuslib_next
+
+
+Encoder: TypeAlias = PcmEncoder | OpusEncoder
+"""Encodes the sound of one packet as one payload."""
+
+Decoder: TypeAlias = PcmDecoder | OpusDecoder
+"""Decodes payloads in order, and conceals the gaps between them."""
+
+
+def open_encoder(codec: Codec) -> Encoder:
+    """Return a new encoder."""
+    if codec.name == "pcm16":
+        return PcmEncoder()
+    return OpusEncoder(
+        channels=codec.channels, packet_size=codec.packet_size, bandwidth=codec.bandwidth, bitrate_bps=codec.bitrate_bps
+    )
+
+
+def open_decoder(kind: PayloadType) -> Decoder:
+    """Return a new decoder for a payload type; `PacketError` when it is not sound."""
+    if kind not in SOUND_FORMATS:
+        raise PacketError(f"payload type {kind.name} is not sound; only sound can be decoded")
+    codec, channels = SOUND_FORMATS[kind]
+    if codec == "pcm16":
+        return PcmDecoder(kind, channels=channels)
+    return OpusDecoder(kind, channels)
+
+
+def encode_and_decode(samples: FloatArray, codec: Codec) -> FloatArray:
+    """Encode and decode sound at 48 kHz, shape ``(samples, channels)``; the result is aligned and of the same shape.
+
+    >>> sound = np.linspace(-1, 1, 1000, dtype=np.float32)[:, None]
+    >>> bool(np.abs(encode_and_decode(sound, Codec("pcm16", channels=1)) - sound).max() < 1e-4)
+    True
+    """
+    # The codec delays by its look-ahead: the sound is padded at the end and the result cut at the start.
+    encoder, decoder = open_encoder(codec), open_decoder(codec.kind)
+    packets = -(-(len(samples) + codec.lookahead) // codec.packet_size)
+    padded = np.zeros((packets * codec.packet_size, samples.shape[1]), np.float32)
+    padded[: len(samples)] = samples
+    decoded = [decoder.decode(encoder.encode(block)) for block in padded.reshape(packets, codec.packet_size, -1)]
+    return np.concatenate(decoded)[codec.lookahead : codec.lookahead + len(samples)]

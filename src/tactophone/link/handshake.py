@@ -85,30 +85,32 @@ class NewRecords:
     OpenSSL has a retransmission timer that reads the wall clock and cannot be turned off from here. When a datagram
     comes more than a second after the newest flight, it writes that flight again, *before* the next one: an answerer
     takes the two together for a new call, and a caller that is done for a flight that was lost.
+
+    Attributes
+    ----------
+    changed_cipher
+        Whether this end has sent its last message, under the new keys.
     """
 
     def __init__(self) -> None:
-        self._messages, self._changed_cipher = 0, False
+        # What has been written: messages up to this number, and whether the change to the new keys was among them.
+        self._messages, self.changed_cipher = 0, False
 
     def of(self, written: bytes) -> bytes:
         """Return the records that are new."""
         records = list(_records(written))
+        # All are judged by what was written before, and only then noted: a flight holds several of each kind.
         fresh = b"".join(record for record in records if self._is_new(record))
         numbers = [_message_number(record) for record in records if _is_plain_message(record)]
         self._messages = max([self._messages, *(number + 1 for number in numbers)])
-        self._changed_cipher |= any(record[0] == _CHANGE_CIPHER for record in records)
+        self.changed_cipher |= any(record[0] == _CHANGE_CIPHER for record in records)
         return fresh
 
     def _is_new(self, record: bytes) -> bool:
         if _is_plain_message(record):
             return _message_number(record) >= self._messages
         # Only one flight of each end holds these: the cipher's change, and the encrypted message after it.
-        return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self._changed_cipher
-
-    @property
-    def changed_cipher(self) -> bool:
-        """Whether this end has sent its last message, under the new keys."""
-        return self._changed_cipher
+        return record[0] not in (_CHANGE_CIPHER, _HANDSHAKE) or not self.changed_cipher
 
 
 def changes_cipher(datagram: bytes) -> bool:
@@ -332,6 +334,7 @@ class Handshake:
         except SSL.Error as error:
             self.failure = _reason(error)
         if flight := list(split_flight(self._new_records.of(_written(self._connection)))):
+            # The peer has answered, or nothing new would have been written: the flight before need not be repeated.
             self._newest_flight, self._retransmit_after, self._sent = flight, FIRST_RETRANSMISSION, now
             self._outgoing += flight
 

@@ -28,7 +28,7 @@ four bits) and the finger, counted from 0, and then these 16.
 import enum
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -111,7 +111,7 @@ _PLAIN = _VERSION << 6
 """First byte of a header without padding, extension and contributing sources."""
 
 _HALF_TURN = 1 << 31
-"""Half of the RTP timestamps."""
+"""Half the range of an RTP timestamp."""
 
 _SOUND_KINDS = {int(kind): kind for kind in PayloadType if kind != PayloadType.RED}
 """Payload types outside redundancy, by number: a look-up takes a fifth of the time of the enumeration's own."""
@@ -191,7 +191,12 @@ class Packet:
         )
         if not self.earlier:
             return head + self.payload.content
-        return head + _write_redundancy(self.payload, self.earlier)
+        heads, contents = b"", b""
+        for past in self.earlier:
+            behind = (self.payload.timestamp - past.timestamp) % (1 << 32)
+            heads += _EARLIER.pack(1 << 31 | past.kind << 24 | behind << 10 | len(past.content))
+            contents += past.content
+        return head + heads + bytes([self.payload.kind]) + contents + self.payload.content
 
 
 def parse_packet(datagram: bytes) -> Packet:
@@ -205,8 +210,7 @@ def parse_packet(datagram: bytes) -> Packet:
         # What our own senders make when nothing is lost: no extras in the header, one payload.
         payload = Payload(kind, timestamp, datagram[_HEADER.size :])
         return Packet(sequence, ssrc, payload, (), second > 0x7F)
-    start, end = (_HEADER.size, None) if first == _PLAIN else (_body_start(datagram, first), _body_end(datagram, first))
-    body = datagram[start:end]
+    body = _body(datagram, first)
     if second & 0x7F == PayloadType.RED:
         payload, earlier = _read_redundancy(timestamp, body)
     else:
@@ -261,26 +265,22 @@ class TimestampUnwrapper:
         return reached - self.origin
 
 
-def _body_start(datagram: bytes, first: int) -> int:
-    """Return where the payload begins, after contributing sources and extension, which other senders may use."""
-    start = _HEADER.size + 4 * (first & 0x0F)
+def _body(datagram: bytes, first: int) -> bytes:
+    """Return what is between the header and the end, without the extras that other senders may use.
+
+    These are contributing sources and an extension of the header, and padding at the end (RFC 3550 section 5.1).
+    """
+    start, end = _HEADER.size + 4 * (first & 0x0F), len(datagram)
     if first & 0x10:
-        if start + _EXTENSION.size > len(datagram):
-            raise PacketError(f"a header extension at byte {start} of {len(datagram)}; the datagram was cut")
+        if start + _EXTENSION.size > end:
+            raise PacketError(f"a header extension at byte {start} of {end}; the datagram was cut")
         start += _EXTENSION.size + 4 * _EXTENSION.unpack_from(datagram, start)[1]
-    if start > len(datagram):
-        raise PacketError(f"a header of {start} bytes in a datagram of {len(datagram)}; the datagram was cut")
-    return start
-
-
-def _body_end(datagram: bytes, first: int) -> int:
-    """Return where the payload ends, before padding, which other senders may use."""
-    if not first & 0x20:
-        return len(datagram)
-    padding = datagram[-1]
-    if not 0 < padding <= len(datagram) - _body_start(datagram, first):
-        raise PacketError(f"{padding} bytes of padding in a datagram of {len(datagram)}; its last byte is wrong")
-    return len(datagram) - padding
+    if start > end:
+        raise PacketError(f"a header of {start} bytes in a datagram of {end}; the datagram was cut")
+    padding = datagram[-1] if first & 0x20 else 0
+    if first & 0x20 and not 0 < padding <= end - start:
+        raise PacketError(f"{padding} bytes of padding in a datagram of {end}; its last byte is wrong")
+    return datagram[start : end - padding]
 
 
 def _read_redundancy(timestamp: int, body: bytes) -> tuple[Payload, tuple[Payload, ...]]:
@@ -306,16 +306,6 @@ def _read_redundancy(timestamp: int, body: bytes) -> tuple[Payload, tuple[Payloa
         earlier.append(Payload(_kind(number), (timestamp - offset) % (1 << 32), content))
         position += length
     return Payload(own, timestamp, body[position:]), tuple(earlier)
-
-
-def _write_redundancy(payload: Payload, earlier: Sequence[Payload]) -> bytes:
-    now = payload.timestamp
-    heads, contents = b"", b""
-    for past in earlier:
-        behind = (now - past.timestamp) % (1 << 32)
-        heads += _EARLIER.pack(1 << 31 | past.kind << 24 | behind << 10 | len(past.content))
-        contents += past.content
-    return heads + bytes([payload.kind]) + contents + payload.content
 
 
 def _kind(number: int) -> PayloadType:
@@ -349,12 +339,6 @@ def frame_length(size: int) -> bytes:
     return bytes([low, (size - low) // 4])
 
 
-def read_frame_length(packet: bytes, position: int) -> tuple[int, int]:
-    """Return the length of a frame that stands at `position`, and the position after it."""
-    size = packet[position]
-    return (size, position + 1) if size < LONG_LENGTH else (size + 4 * packet[position + 1], position + 2)
-
-
 def split_streams(payload: bytes, streams: int) -> list[bytes]:
     """Return a packet of each stream, 1 or 2, where each holds one frame of the same kind; nothing otherwise.
 
@@ -365,21 +349,13 @@ def split_streams(payload: bytes, streams: int) -> list[bytes]:
     """
     if streams == 1 or len(payload) < 3:
         return [payload] if payload and streams == 1 else []
-    length, start = read_frame_length(payload, 1)
+    length, start = payload[1], 2
+    if length >= LONG_LENGTH:
+        length, start = length + 4 * payload[2], 3
     end = start + length
     if payload[0] & _CODE or not end < len(payload) <= end + 1 + LARGEST_FRAME or payload[end] != payload[0]:
         return []
     return [payload[:1] + payload[start:end], payload[end:]]
-
-
-def join_streams(packets: Sequence[bytes]) -> bytes:
-    """Return the payload that `split_streams` takes apart.
-
-    >>> join_streams([bytes([0xE0, 7, 8]), bytes([0xE0, 9])]).hex()
-    'e0020708e009'
-    """
-    *first, last = packets
-    return b"".join(packet[:1] + frame_length(len(packet) - 1) + packet[1:] for packet in first) + last
 
 
 def join_frames(head: int, frames: list[bytes]) -> bytes:
@@ -392,29 +368,8 @@ def join_frames(head: int, frames: list[bytes]) -> bytes:
     return bytes([head | _CODE, 0x80 | len(frames)]) + lengths + b"".join(frames)
 
 
-def split_frames(packet: bytes) -> list[bytes]:
-    """Return the packets of one frame each that `join_frames` has joined.
-
-    >>> split_frames(join_frames(0xF0, [b"abc", b"d", b"ef"]))
-    [b'\\xf0abc', b'\\xf0d', b'\\xf0ef']
-    """
-    if packet[0] & _CODE == 0:
-        return [packet]
-    head, count, position = bytes([packet[0] & ~_CODE]), packet[1] & 0x3F, 2
-    sizes = [(len(packet) - 2) // max(count, 1)] * (count - 1)
-    if packet[1] & 0x80:
-        for number in range(count - 1):
-            sizes[number], position = read_frame_length(packet, position)
-    frames = []
-    for size in sizes:
-        frames.append(head + packet[position : position + size])
-        position += size
-    return [*frames, head + packet[position:]]
-
-
-_LAYOUT = struct.Struct("!BBHHHHhI")
-_ONE = 65_535
-_SILENT = -32_768
+_PREDICTION = struct.Struct("!BBHHHHhI")
+_ONE, _SILENT = 65_535, -32_768
 
 
 def write_prediction(prediction: Prediction) -> bytes:
@@ -426,7 +381,8 @@ def write_prediction(prediction: Prediction) -> bytes:
         )
     length = round((prediction.end - prediction.start) * CLOCK_RATE)
     level = round(100 * max(_SILENT / 100, min(prediction.level_dbfs, 327.0)))
-    return _LAYOUT.pack(prediction.touch, prediction.faulty, *map(_to_16_bits, shares), level, max(0, length))
+    rounded = [round(_ONE * max(0.0, min(share, 1.0))) for share in shares]
+    return _PREDICTION.pack(prediction.touch, prediction.faulty, *rounded, level, max(0, length))
 
 
 def read_prediction(content: bytes, *, end: float) -> Prediction:
@@ -434,9 +390,9 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
 
     Raises `PacketError` when the bytes are not a prediction.
     """
-    if len(content) != _LAYOUT.size:
-        raise PacketError(f"a prediction of {len(content)} bytes, but it has {_LAYOUT.size}")
-    touch, faulty, *shares, roughness, level, length = _LAYOUT.unpack(content)
+    if len(content) != _PREDICTION.size:
+        raise PacketError(f"a prediction of {len(content)} bytes, but it has {_PREDICTION.size}")
+    touch, faulty, *shares, roughness, level, length = _PREDICTION.unpack(content)
     if touch not in list(Touch) or not sum(shares):
         raise PacketError(f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
     none, smooth, rough = (share / sum(shares) for share in shares)
@@ -472,7 +428,7 @@ def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Predict
     """
     if payload.kind == PayloadType.PREDICTION:
         return {0: read_prediction(payload.content, end=end)}, 1
-    content, size = payload.content, 1 + _LAYOUT.size
+    content, size = payload.content, 1 + _PREDICTION.size
     records = [content[start : start + size] for start in range(0, len(content), size)]
     predictions = {record[0] & 15: read_prediction(record[1:], end=end) for record in records}
     counts = {record[0] >> 4 for record in records}
@@ -482,7 +438,3 @@ def read_predictions(payload: Payload, *, end: float) -> tuple[dict[int, Predict
     if not 2 <= fingers <= MOST_FINGERS or max(predictions) >= fingers:
         raise PacketError(f"a prediction of finger {max(predictions)} of {fingers}; a hand has 2 to {MOST_FINGERS}")
     return predictions, fingers
-
-
-def _to_16_bits(share: float) -> int:
-    return round(_ONE * max(0.0, min(share, 1.0)))

@@ -32,7 +32,8 @@ from tactophone.link.stats import Reception
 from tactophone.types import FloatArray
 
 TIME_CONSTANT = 8.0
-"""Seconds of the loop: slow against jitter, fast against the drift of quartz; critically damped."""
+"""Seconds of the loop, whose damping is 0.7 (`PlayoutController._steer`): slow against jitter, fast against the drift
+of quartz."""
 
 MAX_SKEW = 400e-6
 """Limit of the integral, as a ratio: twice the worst pair of sound cards."""
@@ -113,7 +114,7 @@ class PlayoutController:
         """Add the arrival of a packet of ``size`` samples from position ``start``."""
         self._packet_size = size
         transit = now - (start + size) / CLOCK_RATE
-        self._second.push_transit(transit)
+        self._second.min_transit = min(self._second.min_transit, transit)
         self._min_transit = min(self._min_transit, transit)
         if now != self._arrived:
             # Packets that come together waited for the same cause: the first, which waited longest, stands for all.
@@ -121,7 +122,8 @@ class PlayoutController:
             self._allowance.push(transit - self._min_transit)
         self._late = [*self._late, transit] if start < self.position else []
         if len(self._late) >= _PATH_CHANGED:
-            # The lateness known so far was measured against the shorter path.
+            # So many late packets in a row are no jitter: the path has become longer. The lateness known so far was
+            # measured against the shorter one.
             self._min_transit, self._late = min(self._late), []
             self._allowance.reset()
 
@@ -130,16 +132,24 @@ class PlayoutController:
         if not self._warmed_up(now):
             return Step(1.0)
         target = (now - self._min_transit - self.margin) * CLOCK_RATE
-        # Written so that a position of NaN jumps too.
+        # An error this large is no drift: it is the first sample, a stall, or a pause of the listener. Written so that
+        # a position of NaN, before the first, jumps too.
         jumped = not abs(target - self.position) < JUMP * CLOCK_RATE
         if jumped:
             self.position = target
-        self._second.push_error((target - self.position) / CLOCK_RATE)
-        if self._second.is_over(now):
-            self._steer(self._second.error)
-            self._min_transit = self._second.smoothed(self._min_transit)
+        second = self._second
+        second.begun = now if math.isnan(second.begun) else second.begun
+        second.error_sum, second.steps = second.error_sum + (target - self.position) / CLOCK_RATE, second.steps + 1
+        if now - second.begun >= 1.0:
+            self._steer(second.error_sum / second.steps)
+            if math.isfinite(second.min_transit):
+                # The path of the second that has ended. A small change is drift or chance, so half of it is believed; a
+                # larger one is another path, and is taken over whole.
+                change = second.min_transit - self._min_transit
+                self._min_transit = second.min_transit if abs(change) > DEAD_BAND else self._min_transit + change / 2
             self._second = _Second(now)
             self._allowance.update()
+        # The position moves at the speed of the last second's end, until the next.
         self.position += size * self._speed
         return Step(self._speed, jumped)
 
@@ -153,8 +163,14 @@ class PlayoutController:
         return True
 
     def _steer(self, error: float) -> None:
+        """Set the speed from the mean error of the last second, in s."""
+        # A loop of the second order. With e the error, r the clocks' difference and T the time constant, the speed
+        # 1 + i + e/T with i' = e/(2 T^2) gives e' = r - i - e/T, so e'' + e'/T + e/(2 T^2) = 0 for a constant r: the
+        # natural frequency is 1/(T sqrt 2), 14 mHz, and the damping 1/sqrt 2. The proportional part alone would leave
+        # a constant error of r T; the integral takes it over, and is therefore the estimate of the skew. One step a
+        # second is short against the 11 s of 1/frequency, so the loop may be computed as if it were continuous.
         if abs(error) > DEAD_BAND:
-            # A changed margin, not skew: the integral stays as it is.
+            # A changed margin, not skew: the integral stays as it is, or it would wind up while the position slews.
             self._speed = 1 + self._integral + math.copysign(min(SLEW, abs(error)), error)
             return
         self._integral += error / (2 * TIME_CONSTANT**2)
@@ -193,37 +209,14 @@ def _allowance_for(lateness: NDArray[np.float64]) -> float:
     return float(np.clip(needed, MIN_ALLOWANCE, MAX_ALLOWANCE))
 
 
+@dataclass(slots=True)
 class _Second:
-    """The minimum transit time and the mean error of one second."""
+    """What is measured in a second: the minimum transit time, and the mean error."""
 
-    def __init__(self, begun: float = math.nan) -> None:
-        self._begun = begun
-        self._min_transit = math.inf
-        self._sum = 0.0
-        self._count = 0
-
-    @property
-    def error(self) -> float:
-        return self._sum / max(1, self._count)
-
-    def is_over(self, now: float) -> bool:
-        if math.isnan(self._begun):
-            self._begun = now
-        return now - self._begun >= 1.0
-
-    def push_transit(self, transit: float) -> None:
-        self._min_transit = min(self._min_transit, transit)
-
-    def push_error(self, error: float) -> None:
-        self._sum += error
-        self._count += 1
-
-    def smoothed(self, min_transit: float) -> float:
-        """Update a minimum transit time: half of a small change, all of one that cannot be drift."""
-        if math.isinf(self._min_transit):
-            return min_transit
-        change = self._min_transit - min_transit
-        return self._min_transit if abs(change) > DEAD_BAND else min_transit + change / 2
+    begun: float = math.nan
+    min_transit: float = math.inf
+    error_sum: float = 0.0
+    steps: int = 0
 
 
 MAX_EXTRAPOLATION = 0.02
@@ -293,7 +286,9 @@ class Playout:
         if math.isnan(self.controller.position):
             return np.zeros((self.block_size, self._channels), np.float32)
         if step.jumped:
-            self._move(round(self.controller.position - self.block_size))
+            # What is decoded already belongs to the old position; the new sound fades in over it.
+            self._position = round(self.controller.position - self.block_size)
+            self._decoded, self._discontinuous = self._decoded[:0], True
         # The resampler returns a varying number of samples; what exceeds the block is kept for the next pull.
         while len(self._ready) < self.block_size:
             needed = math.ceil((self.block_size - len(self._ready)) * step.speed) + 1
@@ -327,12 +322,6 @@ class Playout:
         if primary or start not in self._waiting:
             self._waiting[start] = _Waiting(payload, primary, start + size)
         return size
-
-    def _move(self, position: int) -> None:
-        """Continue from another position of the stream."""
-        self._position = position
-        self._decoded = self._decoded[:0]
-        self._discontinuous = True
 
     def _read(self, size: int) -> FloatArray:
         """Return the next samples at the sender's rate."""

@@ -67,7 +67,7 @@ class ReceiveSession:
 
     def __init__(self, session: Session, *, reorder: int = 1) -> None:
         self.session = session
-        self.tap: Callable[[float, list[Event], bool], None] = _ignore
+        self.tap: Callable[[float, list[Event], bool], None] = lambda now, events, polled: None
         self._reorder = reorder
         self.playout: Playout | None = None
         self.bandwidth = 0
@@ -112,7 +112,7 @@ class ReceiveSession:
     @property
     def origin(self) -> int:
         """The RTP timestamp at time 0."""
-        return self._predictions.origin if self._predictions.begun else self._depacketizer.origin
+        return self._predictions.timestamps.origin if self._predictions.newest else self._depacketizer.origin
 
     def receive(self, datagrams: Datagrams, *, now: float) -> list[ReceiveEvent]:
         """Process everything that arrived by ``now`` (s); return what it contains, oldest first."""
@@ -171,16 +171,11 @@ class ReceiveSession:
         packets: list[Packet] = []
         for event in events:
             if isinstance(event, PacketReceived):
-                if event.report:
-                    self._handle_report(event.packet, now)
-                elif (packet := self._parse(event.packet)) is None:
-                    continue
-                elif packet.payload.kind in _PREDICTIONS:
-                    received += self._handle_prediction(packet, now)
-                else:
-                    packets.append(packet)
-                    if self.playout:
-                        self.playout.push(packet, now=now)
+                try:
+                    if packet := self._open(event, received, now):
+                        packets.append(packet)
+                except PacketError:
+                    self._past["packets_broken"] += 1
             elif isinstance(event, Renewed):
                 # The stream runs on, so that nothing is lost at the finger; only the SSRCs in reports change.
                 self._ssrcs = (event.local_ssrc, event.remote_ssrc)
@@ -192,24 +187,21 @@ class ReceiveSession:
                 received.append(event)
         return received + self._depacketizer.push(packets, now=now)
 
-    def _parse(self, datagram: bytes) -> Packet | None:
-        try:
-            packet = parse_packet(datagram)
-        except PacketError:
-            self._past["packets_broken"] += 1
+    def _open(self, event: PacketReceived, received: list[ReceiveEvent], now: float) -> Packet | None:
+        """Take a report, or add predictions to ``received``; return a packet of sound, which is still to be ordered."""
+        if event.report:
+            if isinstance(report := parse_report(event.packet), SenderReport):
+                self._depacketizer.reception.note_sender_report(report, now=now)
             return None
-        self._depth = len(packet.earlier)
-        return packet
-
-    def _handle_prediction(self, packet: Packet, now: float) -> list[PredictionReceived]:
-        payload = packet.payload
-        if not self._depacketizer.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
-            return []
-        try:
-            return self._predictions.push(payload, now=now)
-        except PacketError:
-            self._past["packets_broken"] += 1
-            return []
+        packet = parse_packet(event.packet)
+        payload, self._depth = packet.payload, len(packet.earlier)
+        if payload.kind not in _PREDICTIONS:
+            if self.playout:
+                self.playout.push(packet, now=now)
+            return packet
+        if self._depacketizer.reception.count(packet.sequence, payload.timestamp, len(payload.content), now=now):
+            received += self._predictions.push(payload, now=now)
+        return None
 
     def _handle_connection(self, event: Connected | Disconnected, now: float) -> None:
         if isinstance(event, Disconnected):
@@ -223,46 +215,23 @@ class ReceiveSession:
         self._zero = now if self._zero is None else self._zero
         self._begin(totals, start=round((now - self._zero) * CLOCK_RATE))
 
-    def _handle_report(self, packet: bytes, now: float) -> None:
-        try:
-            report = parse_report(packet)
-        except PacketError:
-            self._past["packets_broken"] += 1
-            return
-        if isinstance(report, SenderReport):
-            self._depacketizer.reception.note_sender_report(report, now=now)
-
-
-def _ignore(now: float, events: list[Event], polled: bool) -> None:
-    """Log nothing."""
-
 
 class _PredictionStream:
     """Orders predictions by the end of their windows; one older than the newest of its finger is dropped."""
 
     def __init__(self, start: int = 0) -> None:
-        self._timestamps = TimestampUnwrapper(start)
-        self._newest: dict[int, int] = {}
+        self.timestamps = TimestampUnwrapper(start)
+        self.newest: dict[int, int] = {}
         self._delay = MinDelayFilter()
 
-    @property
-    def begun(self) -> bool:
-        """Whether any prediction was received."""
-        return bool(self._newest)
-
-    @property
-    def origin(self) -> int:
-        """The RTP timestamp at time 0."""
-        return self._timestamps.origin
-
     def push(self, payload: Payload, *, now: float) -> list[PredictionReceived]:
-        samples = self._timestamps.position(payload.timestamp)
+        samples = self.timestamps.position(payload.timestamp)
         end = samples / CLOCK_RATE
         found, fingers = read_predictions(payload, end=end)
-        fresh = {finger: each for finger, each in found.items() if samples > self._newest.get(finger, -1)}
+        fresh = {finger: each for finger, each in found.items() if samples > self.newest.get(finger, -1)}
         if not fresh:
             return []
-        self._newest |= dict.fromkeys(fresh, samples)
+        self.newest |= dict.fromkeys(fresh, samples)
         transit = now - end
         self._delay.push(transit, now=now)
         stale = transit - self._delay.minimum > STALENESS

@@ -109,20 +109,6 @@ class Connection:
         Authenticates and decrypts a datagram (`SrtpCrypto.unprotect`).
     """
 
-    __slots__ = (
-        "_crypto",
-        "_sent",
-        "_sequence",
-        "address",
-        "agreement",
-        "begun",
-        "handshake",
-        "last_received",
-        "stream",
-        "unprotect",
-        "until",
-    )
-
     def __init__(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> None:
         self.handshake, self.agreement, self.address = handshake, agreement, address
         self.begun = self.last_received = now
@@ -164,7 +150,7 @@ class KeyRing:
     """
 
     def __init__(self) -> None:
-        self._use(None, None)
+        self.use(None)
 
     def of_stream(self, stream: int) -> Connection | None:
         """Return the connection of a peer's SSRC; ``None`` if there is none."""
@@ -176,34 +162,32 @@ class KeyRing:
     def __iter__(self) -> Iterator[Connection]:
         return iter([connection for connection in (self.current, self.beside) if connection])
 
-    def replace(self, connection: Connection | None) -> None:
-        """Use this connection alone."""
-        self._use(connection, None)
+    def use(self, current: Connection | None, beside: Connection | None = None) -> None:
+        """Send through one connection, and accept packets of another one beside it."""
+        self.current, self.beside = current, beside
+        # Asked for with every packet, so it is computed here.
+        streams = frozenset(connection.stream for connection in self)
+        self.remote = (current.address, streams) if current else None
 
     def add(self, connection: Connection, now: float) -> None:
         """Accept packets of renewed keys too, until the caller has used them or was given time enough to."""
         connection.until = now + CONFIRM_TIMEOUT
-        self._use(self.current, connection)
+        self.use(self.current, connection)
 
     def confirm(self, connection: Connection, now: float) -> bool:
         """Change to renewed keys now that the caller has used them; return whether ``connection`` is of such keys."""
         before = self.current
         if before is None or connection.begun <= before.begun:
             return False
-        self._use(connection, before)
+        # The two change places: packets under the keys before may still be on their way.
+        self.use(connection, before)
         connection.until, before.until = connection.begun + MAX_KEY_AGE, now + OVERLAP
         return True
 
     def expire(self, now: float) -> None:
         """Forget the connection beside the current one when its time is over."""
         if self.beside and now > self.beside.until:
-            self._use(self.current, None)
-
-    def _use(self, current: Connection | None, beside: Connection | None) -> None:
-        self.current, self.beside = current, beside
-        # Asked for with every packet, so it is computed here.
-        streams = frozenset(connection.stream for connection in self)
-        self.remote = (current.address, streams) if current else None
+            self.use(self.current)
 
 
 RECALL_AFTER = 1.0
@@ -227,8 +211,7 @@ class Session:
     """One end of the link.
 
     It calls the addresses of ``call`` in turn; without one it waits for a call. ``renew_after`` is when a caller renews
-    the keys, in s; ``version`` of this program is what it tells the other end of
-    itself; nothing by default.
+    the keys, in s. ``version`` is what it tells the other end of itself, by default nothing.
 
     Attributes
     ----------
@@ -384,22 +367,21 @@ class Session:
         except PacketError:
             self.faults["rejected"] += 1
             return []
+        # The first packet under renewed keys is the proof that the peer has them too: from now on both ends use them.
         events: list[Event] = [connection.renewed] if self._keys.confirm(connection, now) else []
         if current := self._keys.current:
             current.last_received = now  # also under the keys before: it is the same peer, and it lives
         if report and (reason := goodbye_reason(packet)) is not None:
-            return [*events, *self._leave(reason, now)]
+            peer = self.peer
+            if reason:
+                # Sent away, not forgotten: the caller shows why, and calls again after a pause.
+                self.failure, self._call_after = reason, now + BUSY_PAUSE
+            return [*events, *self._end(f"{peer} hung up: {reason}" if reason else f"{peer} hung up")]
         if report and (version := introduced_version(packet)) is not None:
             self._peer_version = version
             return events
         events.append(PacketReceived(packet, report))
         return events
-
-    def _leave(self, reason: str, now: float) -> list[Event]:
-        peer = self.peer
-        if reason:
-            self.failure, self._call_after = reason, now + BUSY_PAUSE
-        return self._end(f"{peer} hung up: {reason}" if reason else f"{peer} hung up")
 
     def _handle_dtls(self, datagram: bytes, source: Address, now: float) -> list[Event]:
         if is_hello(datagram):
@@ -456,7 +438,10 @@ class Session:
         """Take the keys of a finished handshake: only here is a running session replaced, or continued."""
         current = self._current
         if current and current.agreement.fingerprint != agreement.fingerprint:
-            self._send_away(agreement, address, now)
+            # A second trusted caller gets a goodbye with the reason, under its own keys; the first goes on undisturbed.
+            self.sent_away = agreement.peer, now
+            goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
+            self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
             return []
         connection = Connection(handshake, agreement, address, now)
         self.failure = None
@@ -464,21 +449,15 @@ class Session:
             # The caller cannot decrypt yet: it is sent packets under the new keys once it has sent one.
             self._keys.add(connection, now)
             return [connection.renewed] if self._callees and self._keys.confirm(connection, now) else []
-        self._keys.replace(connection)
+        self._keys.use(connection)
         self._peer_version, self._introduce_at = "", now
         return [Connected(agreement.peer, agreement.secrets.local_ssrc, agreement.secrets.remote_ssrc)]
-
-    def _send_away(self, agreement: Agreement, address: Address, now: float) -> None:
-        """Send a second trusted caller a goodbye with the reason, under its own keys."""
-        self.sent_away = agreement.peer, now
-        goodbye = bytes(Goodbye(agreement.secrets.local_ssrc, BUSY))
-        self._outgoing.append((SrtpCrypto(agreement.secrets).protect(goodbye), address))
 
     def _refusal(self) -> str:
         return f"{REFUSED}; if that is the right machine, run there: {self._identity.trust_command}"
 
     def _end(self, reason: str) -> list[Event]:
-        self._keys.replace(None)
+        self._keys.use(None)
         return [Disconnected(reason)]
 
     def _contain(self, error: Exception, source: Address) -> None:

@@ -78,7 +78,11 @@ class BlockEncoder:
 
     def push(self, block: AudioBlock) -> list[EncodedSound]:
         """Take sound; return what it completes, oldest first."""
-        self._check(block)
+        if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
+            raise ValueError(
+                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
+                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
+            )
         if block.start != self.position:
             # The source lost sound: the incomplete packet is dropped.
             self._filled, self._after_gap = 0, True
@@ -91,7 +95,11 @@ class BlockEncoder:
             samples = np.where(finite, samples, np.float32(0))
         encoded = list(self._cut(samples, block.start))
         if self._prompt and block.size > self.codec.packet_size:
-            encoded += self._cut_rest(block.end)
+            # The rest goes in shorter packets, as far as the codec has so short ones.
+            while size := self.codec.largest_packet(self._filled):
+                encoded.append(self._code(block.end - self._filled, self._buffer[:size]))
+                self._buffer[: self._filled - size] = self._buffer[size : self._filled].copy()
+                self._filled -= size
         return encoded
 
     def recode(self, codec: Codec) -> None:
@@ -102,13 +110,6 @@ class BlockEncoder:
         """Begin anew: a receiver that has missed all before decodes what follows as it was encoded."""
         self.recode(self.codec)
         self.position, self._filled, self._after_gap = None, 0, True
-
-    def _check(self, block: AudioBlock) -> None:
-        if block.sample_rate != CLOCK_RATE or block.channels != self.codec.channels:
-            raise ValueError(
-                f"a block of {block.channels} channels at {block.sample_rate} Hz, but this stream carries "
-                f"{self.codec.channels} at {CLOCK_RATE} Hz; convert the sound or choose another codec"
-            )
 
     def _cut(self, samples: FloatArray, start: int) -> Iterator[EncodedSound]:
         if not self._filled and len(samples) == self.codec.packet_size:
@@ -122,14 +123,6 @@ class BlockEncoder:
             if self._filled == self.codec.packet_size:
                 self._filled = 0
                 yield self._code(start + taken - self.codec.packet_size, self._buffer)
-
-    def _cut_rest(self, end: int) -> Iterator[EncodedSound]:
-        """Make shorter packets of what is left before ``end``, as far as the codec has so short ones."""
-        while size := self.codec.largest_packet(self._filled):
-            encoded = self._code(end - self._filled, self._buffer[:size])
-            self._buffer[: self._filled - size] = self._buffer[size : self._filled].copy()
-            self._filled -= size
-            yield encoded
 
     def _code(self, start: int, samples: FloatArray) -> EncodedSound:
         encoded = EncodedSound(self.codec.kind, start, self._encoder.encode(samples), self._after_gap)
@@ -254,7 +247,6 @@ MAX_CONCEALED_GAP = 0.1
 STALENESS = 0.06
 """Seconds above the minimum delay from which sound is stale: the delay noticed in a texture (Okamoto 2009)."""
 
-
 HISTORY = 0.256 + STALENESS
 """Seconds of a backlog that are decoded, counted from its newest packet: a window of the detector, and what is fresh.
 What is older can no longer change a prediction, and decoding it would only delay what is fresh."""
@@ -294,6 +286,7 @@ class Depacketizer:
         self._delay = MinDelayFilter()
         self._decoder: Decoder | None = None
         self._timestamps = TimestampUnwrapper(start)
+        # The window: everything before `_next` has been returned or given up, and what waits lies after it.
         self._next = start
         self._size = 0
         self._waiting: dict[int, _Waiting] = {}
@@ -311,33 +304,23 @@ class Depacketizer:
 
     def push(self, packets: Sequence[Packet], *, now: float) -> list[DecodedAudio]:
         """Take all packets that have arrived by ``now`` (s); return the sound that can be decoded, oldest first."""
-        if len(packets) == 1 and not self._waiting:
-            return self._push_alone(packets[0], now)
+        decoded: list[DecodedAudio] = []
+        alone = len(packets) == 1 and not self._waiting
         for packet in packets:
-            if (position := self._count(packet, now)) is not None:
+            if (position := self._count(packet, now)) is None:
+                continue
+            if alone and position == self._next:
+                # Nearly always: the next packet in order, which need not be kept.
+                self._decode(decoded, packet.payload, now, arrival=now)
+            else:
                 self._accept(packet, position, now)
-        return self._decode_waiting(now)
-
-    def _push_alone(self, packet: Packet, now: float) -> list[DecodedAudio]:
-        """Take the only packet there is; one that is the next in order need not be kept."""
-        position = self._count(packet, now)
-        if position is None:
-            return []
-        if position != self._next:
-            self._accept(packet, position, now)
-            return self._decode_waiting(now)
-        decoded: list[DecodedAudio] = []
-        self._decode(decoded, packet.payload, now, arrival=now)
-        return decoded
-
-    def _decode_waiting(self, now: float) -> list[DecodedAudio]:
-        """Return what waited and can be decoded now, oldest first."""
-        self._skip_old()
-        decoded: list[DecodedAudio] = []
-        self._decode_contiguous(decoded, now)
-        # Redundant copies do not count: they say nothing about the order of the packets.
-        while sum(waiting.primary for waiting in self._waiting.values()) > self._reorder:
-            self._fill_gap(decoded, now)
+        if self._waiting:
+            self._skip_old()
+            self._decode_contiguous(decoded, now)
+            # More packets wait than may: the one before them is lost. Redundant copies do not count, because they say
+            # nothing about the order of the packets.
+            while sum(waiting.primary for waiting in self._waiting.values()) > self._reorder:
+                self._fill_gap(decoded, now)
         return decoded
 
     def poll(self, now: float) -> list[DecodedAudio]:
@@ -357,6 +340,7 @@ class Depacketizer:
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
         if position < self._next:
+            # Its place has been filled, from a copy or by concealment: `_next` never moves back.
             self.reception.stats.packets_late += 1
             return None
         return position
@@ -381,6 +365,7 @@ class Depacketizer:
             return
         for position in old:
             self.reception.stats.packets_skipped += self._waiting.pop(position).primary
+        # The window moves to the oldest payload that is kept, without concealment: the gap is no loss of the network.
         following = min(self._waiting)
         self.reception.stats.samples_skipped += following - self._next
         self._next = following
@@ -407,6 +392,7 @@ class Depacketizer:
 
     def _fill_gap(self, decoded: list[DecodedAudio], now: float) -> None:
         """Conceal or skip the gap before the oldest waiting payload, and decode from there."""
+        # A copy may still wait for a place that its packet has filled meanwhile.
         self._waiting = {start: waiting for start, waiting in self._waiting.items() if start >= self._next}
         position = min(self._waiting, default=self._next)
         stats, size = self.reception.stats, position - self._next
@@ -414,20 +400,18 @@ class Depacketizer:
             stats.samples_skipped += size
             self._next = position
         elif size:
-            decoded += self._conceal(size, self._waiting[position].payload, now)
+            following = self._waiting[position].payload
+            try:
+                samples = self._decoder_for(following).conceal(size, following.content)
+            except PacketError:
+                stats.packets_broken += 1
+                self._next = position
+            else:
+                stats.samples_concealed += size
+                stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
+                stats.concealment_events += 1
+                decoded.append(self._emit(samples, now, concealed=True, arrival=now))
         self._decode_contiguous(decoded, now)
-
-    def _conceal(self, size: int, following: Payload, now: float) -> Iterator[DecodedAudio]:
-        try:
-            samples = self._decoder_for(following).conceal(size, following.content)
-        except PacketError:
-            self.reception.stats.packets_broken += 1
-            self._next += size
-            return
-        self.reception.stats.samples_concealed += size
-        self.reception.stats.packets_concealed += max(1, round(size / self._size)) if self._size else 1
-        self.reception.stats.concealment_events += 1
-        yield self._emit(samples, now, concealed=True, arrival=now)
 
     def _emit(self, samples: FloatArray, now: float, *, concealed: bool, arrival: float) -> DecodedAudio:
         block, size, stats = AudioBlock(samples, CLOCK_RATE, self._next, concealed), len(samples), self.reception.stats

@@ -11,7 +11,7 @@ import select
 import socket
 import sys
 from collections.abc import Collection, Iterable, Iterator
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 from tactophone.errors import DeviceError
 from tactophone.link.packet import DatagramKind
@@ -121,26 +121,6 @@ _MAPPED = "::ffff:"
 
 _EXPEDITED = 46 << 2
 """DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
-
-
-class DatagramSocket(Protocol):
-    """Sends and receives datagrams; all that the runtime needs of a network."""
-
-    @property
-    def address(self) -> Address:
-        """Local host and port."""
-
-    def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
-        """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
-
-    def send(self, datagrams: Iterable[tuple[bytes, Address]]) -> int:
-        """Send each without waiting; return how many the system refused."""
-
-    def follow(self, remote: tuple[Address, frozenset[int]] | None) -> None:
-        """Prefer the connected peer, by its address and SSRCs, to everybody else."""
-
-    def close(self) -> None:
-        """Free the port."""
 
 
 class UdpSocket:
@@ -274,12 +254,7 @@ class UdpSocket:
                 self._peer_poll.register(self._peer_socket, select.POLLIN)
 
 
-def resolve(host: str, port: int) -> Address:
-    """Resolve a host name; `DeviceError` when that fails."""
-    return resolve_all(host, port)[0]
-
-
-def resolve_all(host: str, port: int) -> list[Address]:
+def resolve(host: str, port: int) -> list[Address]:
     """Resolve a host name to all its addresses, IPv6 and IPv4, in the system's order; `DeviceError` when that fails."""
     try:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)

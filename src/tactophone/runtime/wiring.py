@@ -41,7 +41,6 @@ from tactophone.link import (
     NARROW_BAND,
     Address,
     Codec,
-    DatagramSocket,
     Identity,
     Peers,
     ReceiveSession,
@@ -50,7 +49,8 @@ from tactophone.link import (
     Session,
     open_decoder,
     open_encoder,
-    resolve_all,
+    UdpSocket,
+    resolve,
 )
 from tactophone.perception import (
     FALLBACK_MESSAGES,
@@ -294,7 +294,7 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
         As `operators_of` and `open_session`, and where two names lead to one address.
     """
     link = settings.link
-    operators = [resolve_all(host, port) for host, port in operators_of(link)]
+    operators = [resolve(host, port) for host, port in operators_of(link)]
     every = Counter(address for found in operators for address in set(found))
     if twice := [address for address, count in every.items() if count > 1]:
         raise ConfigError(f"two names in link.peer lead to {twice[0][0]}: name each operator once")
@@ -311,7 +311,7 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 
-def send_outgoing(session: Session, socket: DatagramSocket) -> None:
+def send_outgoing(session: Session, socket: UdpSocket) -> None:
     """Send the datagrams that a session has to send, over a socket that prefers its peer."""
     # First the socket: what the peer sends once it has these datagrams must meet the new preference.
     socket.follow(session.remote)
