@@ -47,9 +47,9 @@ from tactophone.link import (
     RedundancyRule,
     SendGroup,
     Session,
+    UdpSocket,
     open_decoder,
     open_encoder,
-    UdpSocket,
     resolve,
 )
 from tactophone.perception import (
