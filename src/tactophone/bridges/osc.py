@@ -114,7 +114,7 @@ class OscBridge:
                 return
             if _address(datagram) == STOP:
                 self.counts["stop"] += 1
-                self._reader.stop()
+                self._reader.watcher.ask("stop")
             else:
                 self.counts["ignored"] += 1
 

@@ -238,29 +238,14 @@ class NewestReader:
         return ended
 
     def _read(self) -> dict[str, Newest]:
-        found = {}
+        found: dict[str, Newest] = {}
         if self.watcher.follow():
             self._counts = [0] * len(self.fingers)
         for place, finger in enumerate(self.fingers):
             rows, self._counts[place] = self.watcher.predictions(self._counts[place], finger=place)
             if len(rows):
-                found[finger] = _newest(*prediction_of(rows[-1]))
+                prediction, command = prediction_of(rows[-1])
+                if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
+                    command = HapticCommand(0.0, 0.0, command.time)
+                found[finger] = Newest(prediction, command)
         return found
-
-    def state(self) -> State:
-        """Return the run's state."""
-        return self.watcher.state()
-
-    def stop(self) -> None:
-        """Ask for the emergency stop, which any process may."""
-        self.watcher.ask("stop")
-
-    def mute(self) -> None:
-        """Ask to mute, which any process may."""
-        self.watcher.ask("mute")
-
-
-def _newest(prediction: Prediction, command: HapticCommand) -> Newest:
-    if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
-        command = HapticCommand(0.0, 0.0, command.time)
-    return Newest(prediction, command)

@@ -21,7 +21,7 @@ from cyclonedds.util import duration
 from tactophone.bridges import ros_messages as messages
 from tactophone.bridges.reader import NewestReader
 from tactophone.errors import ConfigError
-from tactophone.telemetry import Snapshot
+from tactophone.telemetry import Action, Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, HapticCommand, PipelineStep
 
 INTERVAL = 0.01
@@ -157,9 +157,8 @@ class RosBridge:
             for info in self._infos:
                 info.write(messages.INFO)
         self._devices = [(sink, writer(sink.topic, sink.kind)) for sink in self._sinks]
-        self._requests = {
-            action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in ("stop", "mute")
-        }
+        actions: tuple[Action, ...] = ("stop", "mute")
+        self._requests = {action: self._transport.reader(f"tactophone/{action}", messages.Empty) for action in actions}
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -171,7 +170,7 @@ class RosBridge:
         for action, reader in self._requests.items():
             # Whatever a stranger sends in numbers, one read takes some of it and asks once.
             if reader.take(N=10):
-                self._reader.stop() if action == "stop" else self._reader.mute()
+                self._reader.watcher.ask(action)
         found = self._reader.read()
         for finger, newest in found.items() if self._publishes else ():
             for suffix, message in messages.predicted(newest.prediction, newest.command).items():
@@ -203,7 +202,7 @@ class RosBridge:
         if time.monotonic() - self._diagnosed_at < DIAGNOSTICS_INTERVAL:
             return
         self._diagnosed_at = time.monotonic()
-        state = self._reader.state()
+        state = self._reader.watcher.state()
         counters, _ = self._reader.watcher.totals()
         values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
         values |= {name: str(value) for name, value in counters.items() if value}

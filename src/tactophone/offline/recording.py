@@ -201,18 +201,16 @@ class OfflineRenderer:
         )
 
     def _write(self, step: PipelineStep, *, until: float) -> None:
-        wave = self._render(step, until=until)
+        if self._passthrough is None:
+            wave = self._playback.push(step.commands, until=until)
+        else:
+            wave = self._passthrough.push(self._resampler.push(step.block.samples))
         self._waveform.write(wave)
         self.vibration.push(wave[:, None])
         self._timeline.write(step)
         for prediction in step.predictions:
             self._counts[prediction.touch] += 1
             self._loudest_dbfs = max(self._loudest_dbfs, prediction.level_dbfs)
-
-    def _render(self, step: PipelineStep, *, until: float) -> FloatArray:
-        if self._passthrough is None:
-            return self._playback.push(step.commands, until=until)
-        return self._passthrough.push(self._resampler.push(step.block.samples))
 
 
 def process_recording(
