@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from tactophone.pipeline import open_pipeline
-from tactophone.simulation import demonstration
+from tactophone.simulation.demonstration import demonstration
 from tactophone.types import DEFAULT_TIP, TIP_NAMES, Touch
 
 BRIDGE = 0.03

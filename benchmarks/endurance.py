@@ -21,8 +21,7 @@ import psutil
 
 from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendGroup, Session
 from tactophone.link.session import RENEW_AFTER
-from tactophone.simulation.network import ImpairedLink, NetworkProfile
-from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, VirtualLink
+from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 PACKET = 960

@@ -26,9 +26,12 @@ from tactophone.link import (
     parse_packet,
 )
 from tactophone.pipeline import open_pipeline
-from tactophone.simulation import TAKES, SimulatedFinger, find, single, take_moves
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
-from tactophone.simulation.network.virtual_link import ROBOT_ADDRESS
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.motion import single
+from tactophone.simulation.network import ROBOT_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import take_moves
+from tactophone.simulation.takes import TAKES
 from tactophone.types import AudioBlock, FloatArray, PipelineStep, Touch
 
 RATE = 48_000

@@ -11,7 +11,11 @@ import time
 
 import numpy as np
 
-from tactophone.simulation import TAKES, SimulatedFinger, find, five_stones, shuffled, single, take_moves
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.motion import five_stones, single
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import take_moves
+from tactophone.simulation.takes import TAKES, shuffled
 
 OFFLINE, LIVE = 30.0, 20.0
 """Seconds of sound rendered for each figure."""

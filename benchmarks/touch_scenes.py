@@ -11,10 +11,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.simulation import SessionVariation, SimulatedFinger, find, single
-from tactophone.simulation.content.movement import Script
-from tactophone.simulation.physics.session_variation import COMPETITION
-from tactophone.simulation.physics.source import Truth
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.microphones import COMPETITION, SessionVariation
+from tactophone.simulation.motion import single
+from tactophone.simulation.source import SimulatedFinger, Truth
+from tactophone.simulation.strokes import Script
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, TouchEvent
 
 KNOCK_TO_CONTACT_DB = -20.0

@@ -10,7 +10,7 @@ from tactophone.dataset import open_dataset, split
 from tactophone.errors import TactophoneError, did_you_mean
 from tactophone.haptics import open_profile
 from tactophone.perception import model_path
-from tactophone.simulation.content.catalogue import find
+from tactophone.simulation.catalogue import find
 from tests.dataset.folders import audiofolder
 
 

@@ -13,7 +13,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.simulation import shuffled
+from tactophone.simulation.takes import shuffled
 from tactophone.telemetry import Watcher
 from tactophone.types import Touch
 from tests.browser import browser, chromium, stroke, text, wait

@@ -8,7 +8,9 @@ from tactophone.benchmark.folds import cross_validate
 from tactophone.benchmark.methods import recipe_method
 from tactophone.dataset import KIN_SPLIT, Dataset, open_dataset, split, with_kin
 from tactophone.evaluation import in_true_contact, measure, scores_of
-from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest
+from tactophone.simulation.catalogue import catalogue
+from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+from tactophone.simulation.takes import TAKES
 from tactophone.types import Touch
 
 PINNED = {"level": 0.549, "rules": 0.755, "median-frequency": 0.775, "logistic": 0.922, "texture": 0.886}

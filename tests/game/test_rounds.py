@@ -18,8 +18,7 @@ def stroke(game: Round, xs: np.ndarray, force: float = 1.5, y: float = 0.03) -> 
 
 
 def test_the_stones_are_where_the_simulation_places_them() -> None:
-    from tactophone.simulation import five_stones
-    from tactophone.simulation.physics.scene import DEPTH
+    from tactophone.simulation.motion import DEPTH, five_stones
 
     for k, placed in enumerate(five_stones(ORDER).placed):
         assert (placed.left, placed.near, placed.width) == (pytest.approx(k * PITCH), 0, WIDTH)

@@ -22,8 +22,7 @@ from tactophone.link import (
     Session,
 )
 from tactophone.pipeline import Hand, open_pipeline
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
-from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS
+from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, Prediction, Touch
 
 OPUS = Codec("opus", packet_size=120)

@@ -14,7 +14,9 @@ from tactophone.perception.calibration import (
     measure_calibration,
 )
 from tactophone.perception.contact import ContactGate
-from tactophone.simulation import CODES, FaultSpan, FaultySource, SimulatedParticipant, find
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.faults import CODES, FaultSpan, FaultySource
+from tactophone.simulation.participant import SimulatedParticipant
 from tactophone.types import AudioBlock
 
 RATE = 48_000

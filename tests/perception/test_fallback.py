@@ -7,7 +7,12 @@ import pytest
 from tactophone.perception import open_detector
 from tactophone.perception.fallback import FallbackDetector, FallbackMode, fallback_mode
 from tactophone.perception.health import FAULTS, FaultDetector, FaultKind, Reference, SensorFault
-from tactophone.simulation import CODES, TAKES, FaultSpan, FaultySource, SimulatedFinger, find, single, take_moves
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.faults import CODES, FaultSpan, FaultySource
+from tactophone.simulation.motion import single
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import take_moves
+from tactophone.simulation.takes import TAKES
 from tactophone.types import AIR, CONTACT, AudioBlock, Prediction, Touch
 
 RATE = 48_000

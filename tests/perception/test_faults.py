@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from tactophone.perception.health import FAULTS, FaultDetector, Reference
-from tactophone.simulation import CODES, TAKES, FaultSpan, FaultySource, SimulatedFinger, find, single, take_moves
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.faults import CODES, FaultSpan, FaultySource
+from tactophone.simulation.motion import single
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import take_moves
+from tactophone.simulation.takes import TAKES
 from tactophone.types import AudioBlock
 
 RATE = 48_000

@@ -7,7 +7,10 @@ from tactophone.dataset import Dataset, check, open_dataset
 from tactophone.perception import Reference
 from tactophone.recording.protocol import PROTOCOL, Key, Stage
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
-from tactophone.simulation import TAKES, FaultSpan, FaultySource, SimulatedParticipant, find
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.faults import FaultSpan, FaultySource
+from tactophone.simulation.participant import SimulatedParticipant
+from tactophone.simulation.takes import TAKES
 
 TARGET = RecordedObject("Whiteboard", Touch.SMOOTH, material="enamel", scenario="table", session="2026-01-01")
 SECONDS = 6.0

@@ -20,8 +20,7 @@ from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, ru
 from tactophone.runtime.priority import MAIN_PRIORITY, prioritize_thread
 from tactophone.runtime.robot import paced
 from tactophone.settings import Settings, change
-from tactophone.simulation.network import paired_sessions
-from tactophone.simulation.network.virtual_link import OPERATOR_ADDRESS, ROBOT_ADDRESS
+from tactophone.simulation.network import OPERATOR_ADDRESS, ROBOT_ADDRESS, paired_sessions
 from tactophone.telemetry import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 

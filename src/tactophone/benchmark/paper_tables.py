@@ -35,7 +35,7 @@ from tactophone.evaluation.bootstrap import COVERAGE
 from tactophone.haptics import PASSTHROUGH, PROFILES, Oscillator
 from tactophone.perception import Gate, shipped_models
 from tactophone.pipeline import open_pipeline
-from tactophone.simulation import SoundToVibration, perceive_visits, play_rounds, render_visits
+from tactophone.simulation.operator import SoundToVibration, perceive_visits, play_rounds, render_visits
 from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 

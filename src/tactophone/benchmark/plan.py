@@ -28,7 +28,7 @@ from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
 from tactophone.evaluation import in_true_contact, join_edges, measure, scores_of
 from tactophone.haptics import PASSTHROUGH
 from tactophone.perception import WindowDetector, model_path, read_model
-from tactophone.simulation import read_render_metadata
+from tactophone.simulation.render import read_render_metadata
 from tactophone.training import FEATURE_RECIPES, FeatureSpec, read_weights
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 

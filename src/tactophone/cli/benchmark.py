@@ -114,7 +114,9 @@ def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
 
 def _simulated(folder: Path, workers: int) -> Path:
     """Render a small simulated set, once."""
-    from tactophone.simulation import TAKES, RenderOptions, catalogue, plan_dataset, render_dataset, write_manifest
+    from tactophone.simulation.catalogue import catalogue
+    from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
+    from tactophone.simulation.takes import TAKES
 
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
     objects = [obj for obj in catalogue() if obj.number >= 0]

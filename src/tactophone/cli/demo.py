@@ -101,7 +101,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
     if not settings.is_hand:
         sound = args.recording
         if sound is None:
-            from tactophone.simulation import write_demonstration
+            from tactophone.simulation.demonstration import write_demonstration
 
             sound = write_demonstration(args.out, seed=args.seed, tip=tip)
         return change(settings, [f"capture.device={sound}"])
@@ -109,7 +109,7 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
         raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
     if all(own.capture.device for own in each_finger(settings)):
         return settings
-    from tactophone.simulation import demonstrate_hand
+    from tactophone.simulation.demonstration import demonstrate_hand
 
     paths = demonstrate_hand(args.out, names_of(settings), seed=args.seed, tip=tip)
     fingers = zip(settings.fingers, paths, strict=True)

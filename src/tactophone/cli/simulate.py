@@ -12,11 +12,12 @@ from tactophone.cli._support import terminal
 from tactophone.cli._support.folders import make_folder
 from tactophone.cli._support.ranges import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.simulation.content.takes import TAKES  # not by the door, which loads numba
+from tactophone.simulation.takes import TAKES  # not by the door, which loads numba
 from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 if TYPE_CHECKING:
-    from tactophone.simulation import SimulatedObject, Take
+    from tactophone.simulation.catalogue import SimulatedObject
+    from tactophone.simulation.takes import Take
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +86,7 @@ def _sound_arguments(add: Callable[..., object]) -> None:
 def _objects(args: argparse.Namespace) -> int:
     from rich.table import Table
 
-    from tactophone.simulation import catalogue, measured_objects
+    from tactophone.simulation.catalogue import catalogue, measured_objects
 
     rows = [_row(obj) for obj in (measured_objects() if args.measured else catalogue())]
     if args.json:
@@ -111,7 +112,8 @@ def _row(obj: "SimulatedObject") -> dict[str, object]:
 
 
 def _dataset(args: argparse.Namespace) -> int:
-    from tactophone.simulation import PAPER, RenderOptions, plan_dataset, render_dataset, write_manifest
+    from tactophone.simulation.catalogue import PAPER
+    from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
 
     options = RenderOptions(
         args.seconds,
@@ -149,7 +151,7 @@ def _check_layout(args: argparse.Namespace) -> None:
 
 def _competition(args: argparse.Namespace) -> int:
     from tactophone.dataset import write_metadata
-    from tactophone.simulation import DAYS, CompetitionRun, run_recording, write_finals, write_run
+    from tactophone.simulation.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
 
     _check_layout(args)
     runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
@@ -168,7 +170,13 @@ def _competition(args: argparse.Namespace) -> int:
 
 def _operator(args: argparse.Namespace) -> int:
     from tactophone.pipeline import open_pipeline
-    from tactophone.simulation import OfflinePipeline, perceive_visits, play_rounds, render_visits, summarize_rounds
+    from tactophone.simulation.operator import (
+        OfflinePipeline,
+        perceive_visits,
+        play_rounds,
+        render_visits,
+        summarize_rounds,
+    )
     from tactophone.types import LIVE_SAMPLE_RATE
 
     pipeline = open_pipeline(args.model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=args.profile)
@@ -187,7 +195,7 @@ def _operator(args: argparse.Namespace) -> int:
 
 
 def _objects_named(names: str) -> "list[SimulatedObject]":
-    from tactophone.simulation import PAPER, catalogue, find, measured_objects
+    from tactophone.simulation.catalogue import PAPER, catalogue, find, measured_objects
 
     if names == "all":
         return list(catalogue())
@@ -201,7 +209,7 @@ def _objects_named(names: str) -> "list[SimulatedObject]":
 def _hand(args: argparse.Namespace) -> int:
     from tactophone.hand import names_of, with_fingers
     from tactophone.settings import Settings
-    from tactophone.simulation import demonstrate_hand
+    from tactophone.simulation.demonstration import demonstrate_hand
 
     names = names_of(with_fingers(Settings(), args.fingers))
     make_folder(args.out)

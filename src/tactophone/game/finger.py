@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Any
 
-from tactophone.simulation import LIFT, SimulatedFinger, five_stones
-from tactophone.simulation.physics.session_variation import SessionVariation
+from tactophone.simulation.microphones import SessionVariation
+from tactophone.simulation.motion import LIFT, five_stones
+from tactophone.simulation.source import SimulatedFinger
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
 
 BLOCK_SIZE = 128

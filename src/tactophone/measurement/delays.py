@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from tactophone.haptics import ROUGH_STIMULUS, SMOOTH_STIMULUS, Limits, Oscillator
 from tactophone.pipeline import Pipeline
-from tactophone.simulation import Script, SimulatedFinger, find, row
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.motion import row
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import Script
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
 
 BLOCK = 120

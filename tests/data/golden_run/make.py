@@ -13,7 +13,7 @@ from tests import golden
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.link import Codec, Connected, PacketReceived
-from tactophone.simulation import demonstration
+from tactophone.simulation.demonstration import demonstration
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import AudioBlock
 

@@ -60,7 +60,9 @@ class AudioInput:
         self.name = settings.capture.source
         self._participant = None
         if self.name == "finger":
-            from tactophone.simulation import FaultSpan, FaultySource, SimulatedParticipant, find
+            from tactophone.simulation.catalogue import find
+            from tactophone.simulation.faults import FaultSpan, FaultySource
+            from tactophone.simulation.participant import SimulatedParticipant
 
             self._participant = SimulatedParticipant(
                 find(object_name),
@@ -97,7 +99,7 @@ class AudioInput:
         if self._participant is None:
             return
         if act.take:
-            from tactophone.simulation import TAKES
+            from tactophone.simulation.takes import TAKES
 
             self._participant.take(next(take for take in TAKES if take.name == act.take), act.duration)
         elif act.verb == "rest":

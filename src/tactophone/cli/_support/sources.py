@@ -23,7 +23,7 @@ def open_source(settings: Settings) -> Source:
     if settings.is_hand and capture.source in ("finger", "file"):
         return _hand(settings)
     if capture.source == "finger":
-        from tactophone.simulation import StrokingFinger
+        from tactophone.simulation.demonstration import StrokingFinger
 
         return StrokingFinger(capture.block_size, seed=_seed(capture.device), tip=capture.tip)
     if capture.source == "ros":
@@ -39,7 +39,7 @@ def _hand(settings: Settings) -> Source:
     """Open a simulated hand, or a recording for each finger."""
     capture, fingers = settings.capture, each_finger(settings)
     if capture.source == "finger":
-        from tactophone.simulation import StrokingHand
+        from tactophone.simulation.demonstration import StrokingHand
 
         return StrokingHand(len(fingers), capture.block_size, seed=_seed(capture.device), tip=capture.tip)
     for finger, own in zip(settings.fingers, fingers, strict=True):

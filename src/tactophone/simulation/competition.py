@@ -1,0 +1,130 @@
+"""The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tactophone.dataset import Recording
+from tactophone.processes import atomic_write
+from tactophone.simulation.microphones import COMPETITION, SessionVariation
+from tactophone.simulation.motion import Scene, five_stones
+from tactophone.simulation.render import RenderMetadata, read_render_metadata, touch_segments, write_sound
+from tactophone.simulation.source import SimulatedFinger, Truth
+from tactophone.simulation.strokes import Script, Visit, explore, log_uniform
+from tactophone.simulation.takes import shuffled
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
+
+VERSION = "2"
+"""Raise it when the same seed gives other sound."""
+
+DAYS = (1, 2)
+
+SLIP_SHARE = 0.35
+"""Share of stones that the finger leaves over the edge; the paper saw one false positive from this (section IV)."""
+
+_START = (-0.05, 0.035)
+
+
+@dataclass(frozen=True, slots=True)
+class CompetitionRun:
+    """One exploration of all five stones, left to right; each day has its set-up, each run its order of stones."""
+
+    day: int
+    number: int
+    seed: int = 0
+    tip: str = DEFAULT_TIP
+
+    @property
+    def name(self) -> str:
+        """The file's name without its suffix."""
+        return f"day_{self.day}_run_{self.number}"
+
+    @property
+    def fingerprint(self) -> str:
+        """Everything that the sound depends on."""
+        return f"competition {VERSION} {self.seed} {self.name} {self.tip}"
+
+    @property
+    def scene(self) -> Scene:
+        """The stones, in this run's order."""
+        return five_stones(self.order)
+
+    @property
+    def order(self) -> tuple[Touch, ...]:
+        """Smooth and rough, left to right."""
+        return shuffled(int(np.random.SeedSequence([self.seed, self.day, self.number]).generate_state(1)[0]))
+
+
+def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
+    """Render a run of about half a minute: sound ``(samples, 2)`` with motors and hall, and the ground truth."""
+    rng = np.random.default_rng([0xC0, run.seed, run.day, run.number])
+    script = Script(rng, x=_START[0], y=_START[1])
+    script.hover(rng.uniform(1, 2.5))
+    scene = run.scene
+    for placed in scene.placed:
+        visit = Visit(rng.uniform(2, 4), log_uniform(rng, (0.5, 2.5)), log_uniform(rng, (0.04, 0.14)),
+                      slips=rng.random() < SLIP_SHARE)  # fmt: skip
+        explore(script, placed, visit)
+    script.hover(1.0)
+    session = SessionVariation.draw(1000 * run.seed + run.day, COMPETITION, tip=run.tip)
+    seed = [0xC1, run.seed, run.day, run.number]
+    finger = SimulatedFinger(scene, script.moves, session=session, seed=seed, place=_START)
+    return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples, finger.truth
+
+
+def write_run(folder: Path, run: CompetitionRun, *, bits: int = 16) -> None:
+    """Write a run's sound and a CSV file of its truth: ``start,end,stone,touch``; stones count from 1, 6 is the mat."""
+    path = folder / f"{run.name}.flac"
+    metadata = read_render_metadata(path)
+    if metadata is None or metadata.fingerprint != run.fingerprint:
+        samples, truth = render_run(run)
+        metadata = RenderMetadata(run.fingerprint, *touch_segments(truth.object_index, run.scene))
+        write_sound(path, samples, metadata, bits=bits)
+    _write_truth(folder / f"{run.name}.csv", metadata)
+
+
+def run_recording(folder: Path, run: CompetitionRun) -> Recording:
+    """Return the manifest's entry of a run that has been written."""
+    metadata = read_render_metadata(folder / f"{run.name}.flac")
+    properties = {
+        "stones": " ".join(label.name.lower() for label in run.order),
+        "truth": f"{run.name}.csv",
+        "split": "competition",
+        "tip": run.tip,
+        "source": "simulated",
+    }
+    return Recording(
+        folder / f"{run.name}.flac",
+        "competition stones",
+        None,
+        ("contact", "air"),
+        take=f"run_{run.number}",
+        scenario="competition",
+        session=f"day {run.day}",
+        segments=metadata.segments if metadata else (),
+        properties=properties,
+    )
+
+
+def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16) -> list[Path]:
+    """Write a day's runs as the authors did: ``finals_recordings/day_D_smooth.wav`` and ``..._rough.wav``."""
+    written = []
+    for day in sorted({run.day for run in runs}):
+        rendered = [render_run(run) for run in runs if run.day == day]
+        for label in (Touch.SMOOTH, Touch.ROUGH):
+            sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
+            path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
+            write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)
+            written.append(path)
+    return written
+
+
+def _write_truth(path: Path, metadata: RenderMetadata) -> None:
+    with atomic_write(path) as unfinished, unfinished.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["start", "end", "stone", "touch"])
+        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
+            writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])

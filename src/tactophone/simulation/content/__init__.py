@@ -1,1 +1,0 @@
-"""Objects, movements and data sets for the simulated finger."""

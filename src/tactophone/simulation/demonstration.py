@@ -1,0 +1,215 @@
+"""The demonstration: a finger strokes a smooth stone, then a rough one, and slips off its edge.
+
+A simulated finger that explores five stones without end: a live source that needs no hardware.
+
+A simulated hand that explores five stones without end: each finger by strokes, and lifted now and then.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from numpy.typing import NDArray
+
+from tactophone.dataset import Recording, write_metadata
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.microphones import COMPETITION, SessionVariation
+from tactophone.simulation.motion import Scene, five_stones, row
+from tactophone.simulation.render import touch_segments
+from tactophone.simulation.source import STRUCTURE_DB, SimulatedFinger, SimulatedHand
+from tactophone.simulation.strokes import Script, Visit, explore
+from tactophone.simulation.takes import shuffled
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
+
+STROKING = 3.0
+"""Seconds on each stone."""
+
+_START = (-0.03, 0.035)
+
+
+def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP) -> SimulatedFinger:
+    """Return a finger with this tip and a script of about ten seconds, drawn from the seed.
+
+    The stones are those of the competition, on which no shipped model was trained.
+    """
+    script, scene = _script(delay=0.0, stream=[seed])
+    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
+    return SimulatedFinger(scene, script.moves, session=session, seed=seed, duration=script.time, place=_START)
+
+
+def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
+    """Write the demonstration by the fingers of a hand, each a moment after the one before; one recording for each.
+
+    All stroke the same stones, and each sounds faintly in the microphones of the others (`SimulatedHand`).
+    """
+    scripts = [_script(delay=0.15 * place, stream=[seed, place]) for place in range(len(names))]
+    longest = max(script.time for script, _ in scripts)
+    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
+    hand = SimulatedHand(
+        [
+            SimulatedFinger(scene, script.moves, session=session, seed=[seed, place], place=_START)
+            for place, (script, scene) in enumerate(scripts)
+        ]
+    )
+    blocks: list[AudioBlock] = []
+    touched: list[list[NDArray[np.int16]]] = []
+    while not blocks or blocks[-1].end < longest * hand.sample_rate:
+        blocks.append(hand.render(4800))
+        touched.append([truth.object_index for truth in hand.truths])
+    samples = np.concatenate([block.samples for block in blocks])
+    recordings = []
+    for place, name in enumerate(names):
+        path = folder / f"microphones-{name}.wav"
+        soundfile.write(path, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, subtype="PCM_24")
+        segments, _ = touch_segments(np.concatenate([found[place] for found in touched]), hand.fingers[place].scene)
+        recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
+    write_metadata(folder, recordings)
+    return [recording.path for recording in recordings]
+
+
+def _script(*, delay: float, stream: Sequence[int]) -> tuple[Script, Scene]:
+    """Return the strokes over a smooth and a rough stone, and the scene."""
+    rng = np.random.default_rng([0xDE30, *stream])
+    scene = row([find("smooth competition stone"), find("rough competition stone")])
+    script = Script(rng, x=_START[0], y=_START[1])
+    script.hover(0.6 + delay)
+    for placed, slips in zip(scene.placed, (False, True), strict=True):
+        explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
+    script.hover(0.5)
+    return script, scene
+
+
+def write_demonstration(folder: Path, *, seed: int, tip: str = DEFAULT_TIP) -> Path:
+    """Write the demonstration's sound and its labels as a data set of one recording; return the path of the sound."""
+    path, finger = folder / "microphones.wav", demonstration(seed, tip=tip)
+    indices = []
+    with soundfile.SoundFile(path, "w", finger.sample_rate, finger.channels, "PCM_24") as file, finger:
+        for block in finger:
+            file.write(block.samples)
+            indices.append(finger.truth.object_index)
+    segments, _ = touch_segments(np.concatenate(indices), finger.scene)
+    write_metadata(folder, [Recording(path, "competition stones", channels=("contact", "air"), segments=segments)])
+    return path
+
+
+AHEAD = 1.0
+"""Seconds of movement that are queued in advance."""
+
+
+class StrokingFinger(AlwaysOpen):
+    """The simulated finger, stroking one of five stones after another; a :class:`~tactophone.types.Source`.
+
+    The seed is of the order of the stones, the strokes and the noise; with a tip other than the default one, its
+    radius, mass and microphone are drawn by it too.
+    """
+
+    channels = 2
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
+        self._rng = np.random.default_rng([0x57, seed])
+        self._scene = five_stones(shuffled(seed))
+        place = self._scene.placed[0].centre
+        session = SessionVariation.of_tip(tip, seed)
+        self._finger = SimulatedFinger(self._scene, session=session, seed=seed, block_size=block_size, place=place)
+        self._script = Script(self._rng, x=place[0], y=place[1])
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        for block in self._finger:
+            yield block
+            if self._script.time < block.end / LIVE_SAMPLE_RATE + AHEAD:
+                self._queue_visit()
+
+    def rehearse(self) -> None:
+        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        SimulatedFinger(self._scene).render(64)
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the true touch at the end of the last block."""
+        touch = self._finger.truth.touch
+        return int(touch[-1]) if len(touch) else int(Touch.NONE)
+
+    def _queue_visit(self) -> None:
+        stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
+        force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
+        visit = Visit(self._rng.uniform(1.5, 3.0), force, speed, slips=bool(self._rng.random() < 0.2))
+        explore(self._script, stone, visit)
+        for move in self._script.moves:
+            self._finger.move(move.x, move.y, move.force, move.time)
+        # The finger has its own queue: kept here, the moves would grow by 100 MB an hour.
+        self._script.moves.clear()
+
+
+LIFTED = 0.3
+"""Share of visits that a finger spends in the air, while the others stroke."""
+
+
+class StrokingHand(AlwaysOpen):
+    """Several fingers on the same stone, one after another, all drawn by ``seed``; a `tactophone.types.Source`."""
+
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(
+        self,
+        fingers: int,
+        block_size: int,
+        *,
+        seed: int = 0,
+        tip: str = DEFAULT_TIP,
+        structure_db: float = STRUCTURE_DB,
+    ) -> None:
+        self._rng = np.random.default_rng([0x4A4D, seed])
+        self._scene = five_stones(shuffled(seed))
+        place = self._scene.placed[0].centre
+        self._scripts = [
+            Script(np.random.default_rng([0x4A4D, seed, finger]), x=place[0], y=place[1]) for finger in range(fingers)
+        ]
+        self._hand = SimulatedHand(
+            [_finger(self._scene, place, seed=seed, number=number, tip=tip) for number in range(fingers)],
+            structure_db=structure_db,
+        )
+        self._block_size = block_size
+        self._position = 0
+
+    @property
+    def channels(self) -> int:
+        """Contact and air of each finger in turn."""
+        return self._hand.channels
+
+    def __iter__(self) -> Iterator[AudioBlock]:
+        while True:
+            if self._scripts[0].time < self._position / LIVE_SAMPLE_RATE + AHEAD:
+                self._queue_visit()
+            block = self._hand.render(self._block_size)
+            self._position = block.end
+            yield block
+
+    def rehearse(self) -> None:
+        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
+        SimulatedHand([SimulatedFinger(self._scene)]).render(64)
+
+    def truth_of(self, finger: int = 0) -> int:
+        """Return the true touch of a finger at the end of the last block."""
+        return self._hand.truth_of(finger)
+
+    def _queue_visit(self) -> None:
+        stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
+        visit = Visit(self._rng.uniform(1.5, 3.0), self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12))
+        for script in self._scripts:
+            if script.rng.random() < LIFTED:
+                script.hover(visit.duration)
+            else:
+                explore(script, stone, visit)
+        end = max(script.time for script in self._scripts)
+        for script, finger in zip(self._scripts, self._hand.fingers, strict=True):
+            if end > script.time:
+                script.hover(end - script.time)  # all begin the next visit together
+            for move in script.moves:
+                finger.move(move.x, move.y, move.force, move.time)
+            script.moves.clear()
+
+
+def _finger(scene: Scene, place: tuple[float, float], *, seed: int, number: int, tip: str) -> SimulatedFinger:
+    session = SessionVariation.of_tip(tip, seed + 1000 * number)
+    return SimulatedFinger(scene, session=session, seed=[seed, number], place=place)

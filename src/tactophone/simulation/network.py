@@ -1,0 +1,346 @@
+"""A simulated network that loses, delays, duplicates and stalls; a seed makes it repeatable.
+
+Loss follows the Gilbert-Elliott model (Gilbert, Bell Syst. Tech. J. 39, 1960; Elliott, ibid. 42, 1963): the good state
+loses no packet, the bad state loses every packet and lasts for ``burst`` packets on average. A burst of 1 is
+independent random loss. Delay is a constant, plus an exponential queue as in a busy Wi-Fi cell, plus occasional stalls
+(roaming, scanning), after which all held packets arrive at once.
+
+An impaired link between two real sockets: the robot calls the proxy instead of the operator.
+
+Both ends of a link in virtual time: no socket, no thread, and hours simulated in seconds.
+"""
+
+import heapq
+import math
+import select
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import Generic, Protocol, Self, TypeVar
+
+import numpy as np
+
+from tactophone.errors import ConfigError
+from tactophone.link import (
+    Address,
+    Codec,
+    Datagrams,
+    Identity,
+    Peers,
+    ReceiveSession,
+    RedundancyRule,
+    SendGroup,
+    Session,
+    UdpSocket,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkProfile:
+    """The impairments of one direction of a link."""
+
+    loss: float = 0.0
+    """Share of packets lost, 0 to below 1."""
+    burst: float = 1.0
+    """Mean number of packets lost in a row."""
+    delay: float = 0.0
+    jitter: float = 0.0
+    """`delay` and `jitter`: seconds: the constant delay, and the mean of the exponential queueing delay."""
+    spread: float = 0.0
+    """Seconds of further delay, uniform from 0."""
+    duplicates: float = 0.0
+    """Share of packets that arrive twice."""
+    overtaking: bool = False
+    """Whether packets may overtake one another; if not, a delayed packet also delays those behind it."""
+    stall: float = 0.0
+    stall_interval: float = math.inf
+    """`stall` and `stall_interval`: seconds of a stall, and mean seconds between two stalls; no stalls when the
+    interval is infinite."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.loss < 1:
+            raise ConfigError(f"a network's loss is a share from 0 to below 1, not {self.loss:g}")
+        if not 0 <= self.duplicates <= 1:
+            raise ConfigError(f"a network's duplicates are a share from 0 to 1, not {self.duplicates:g}")
+        if not 1 <= self.burst < math.inf:
+            raise ConfigError(f"a network's burst is at least 1 packet, not {self.burst:g}")
+        for name in ("delay", "jitter", "spread", "stall"):
+            if not 0 <= (time := getattr(self, name)) < math.inf:
+                raise ConfigError(f"a network's {name} is a time in s, at least 0, not {time:g}")
+        if not self.stall_interval > 0:
+            raise ConfigError(f"a network's stall_interval is a time over 0 s, not {self.stall_interval:g}")
+
+
+PROFILES: dict[str, NetworkProfile] = {
+    "clean": NetworkProfile(),
+    "lan": NetworkProfile(delay=0.0002, jitter=0.00005),
+    "wifi": NetworkProfile(loss=0.002, burst=1.5, delay=0.001, jitter=0.0015),
+    "wifi-busy": NetworkProfile(loss=0.02, burst=2.0, delay=0.002, jitter=0.004, stall=0.05, stall_interval=10.0),
+    "wifi-roaming": NetworkProfile(loss=0.005, burst=2.0, delay=0.001, jitter=0.002, stall=0.2, stall_interval=15.0),
+    "internet": NetworkProfile(loss=0.005, burst=1.2, delay=0.02, jitter=0.001, overtaking=True),
+    "bursty": NetworkProfile(loss=0.05, burst=5.0, delay=0.002),
+}
+"""Profiles by name. The Wi-Fi profiles model milliseconds of contention, loss mostly hidden by retransmission, and
+pauses while a station scans or changes its access point; their values are assumed, not measured."""
+
+
+def network_profile(text: str) -> NetworkProfile:
+    """Parse a profile's name and changes: ``wifi``, ``wifi,loss=0.05``, ``loss=0.1,burst=3``.
+
+    Examples
+    --------
+    >>> network_profile("lan,loss=0.05").loss
+    0.05
+    """
+    name, *changes = text.split(",")
+    if "=" in name:
+        name, changes = "clean", [name, *changes]
+    if name not in PROFILES:
+        raise ConfigError(f"no network is named {name!r}; there are {', '.join(PROFILES)}, or write loss=0.05,burst=3")
+    try:
+        numbers = {key: float(value) for key, value in (change.split("=") for change in changes)}
+        return replace(PROFILES[name], **numbers)  # type: ignore[arg-type]
+    except (ValueError, TypeError) as error:
+        raise ConfigError(
+            f"{text!r} is not a network ({error}); write for instance wifi,loss=0.05,delay=0.01"
+        ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """The delays (s) of a datagram's copies: none when it is lost, two when it is duplicated."""
+
+    delays: tuple[float, ...]
+
+
+def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[Delivery]:
+    """Yield the delivery of each datagram in turn, without end."""
+    random = np.random.default_rng(seed)
+    bad = False
+    recover = 1 / profile.burst
+    # With this probability of leaving the good state, the chain is in the bad state for a share `loss` of the time.
+    decay = recover * profile.loss / (1 - profile.loss)
+    while True:
+        turn, double, queue, spread = random.random(4)
+        # A burst of 1 draws each packet independently; otherwise the state persists.
+        bad = turn < profile.loss if profile.burst == 1 else (turn >= recover if bad else turn < decay)
+        delay = profile.delay - profile.jitter * math.log1p(-queue) + profile.spread * spread
+        yield Delivery(() if bad else (delay, delay) if double < profile.duplicates else (delay,))
+
+
+class ImpairedLink:
+    """One direction of an impaired link; time is an argument.
+
+    A seed gives the same deliveries to the same packets, whatever the time between them. ``lost`` says whether each
+    packet in turn is lost, instead of the profile's loss.
+    """
+
+    def __init__(self, profile: NetworkProfile, *, seed: int = 0, lost: Iterator[bool] | None = None) -> None:
+        self._profile = profile
+        self._fates = deliveries(profile, seed=seed)
+        self._lost = lost
+        self._stalls = np.random.default_rng((seed, 1))
+        self._stall_begins: float | None = None
+        self._queue: list[tuple[float, int, bytes]] = []
+        self._numbers = count()
+        self._last = -math.inf
+
+    @property
+    def next_due(self) -> float:
+        """When the next datagram is delivered; infinite when none is in transit."""
+        return self._queue[0][0] if self._queue else math.inf
+
+    def push(self, datagram: bytes, *, now: float) -> None:
+        """Send a datagram."""
+        delivery = next(self._fates)
+        delays = delivery.delays or (self._profile.delay,)
+        if next(self._lost) if self._lost else not delivery.delays:
+            return
+        for delay in delays:
+            due = self._after_stall(now + delay)
+            if not self._profile.overtaking:
+                due = self._last = max(due, self._last)
+            heapq.heappush(self._queue, (due, next(self._numbers), datagram))
+
+    def pull(self, now: float) -> list[bytes]:
+        """Return the datagrams delivered by ``now``, oldest first."""
+        out = []
+        while self._queue and self._queue[0][0] <= now:
+            out.append(heapq.heappop(self._queue)[2])
+        return out
+
+    def _after_stall(self, due: float) -> float:
+        """Return the delivery time, postponed to the end of a stall that it falls into."""
+        if not math.isfinite(self._profile.stall_interval):
+            return due
+        if self._stall_begins is None:
+            self._stall_begins = due + self._pause()
+        while due > self._stall_begins + self._profile.stall:
+            self._stall_begins += self._profile.stall + self._pause()
+        return self._stall_begins + self._profile.stall if due > self._stall_begins else due
+
+    def _pause(self) -> float:
+        return float(self._stalls.exponential(self._profile.stall_interval))
+
+
+_MAX_WAIT = 0.05
+
+
+class ImpairmentProxy:
+    """Forwards datagrams in both directions through two impaired links, in its own thread; a context manager.
+
+    Parameters
+    ----------
+    operator
+        Destination of the robot's datagrams.
+    profile
+        Of each direction.
+    seed
+        Random seed of the direction to the operator; the other direction uses the next.
+    host, port
+        Address for the robot; port 0 lets the system choose.
+    prepare
+        Called first in the thread: to give it the priority of the sound, as a busy machine delays no real network.
+    """
+
+    def __init__(
+        self,
+        operator: Address,
+        profile: NetworkProfile,
+        *,
+        seed: int = 0,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        prepare: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._operator, self._prepare = operator, prepare
+        self._robot: Address | None = None
+        self._to_operator = ImpairedLink(profile, seed=seed)
+        self._to_robot = ImpairedLink(profile, seed=seed + 1)
+        self._robot_side = UdpSocket(host, port)
+        self._operator_side = UdpSocket(host)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self.run, name="impairment-proxy", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._robot_side.close()
+        self._operator_side.close()
+
+    @property
+    def address(self) -> Address:
+        """The address for the robot to call."""
+        return self._robot_side.address
+
+    def run(self) -> None:
+        """Forward until the context ends."""
+        self._prepare()
+        while not self._stop.is_set():
+            self._forward(time.monotonic())
+
+    def _forward(self, now: float) -> None:
+        due = min(self._to_operator.next_due, self._to_robot.next_due)
+        select.select([self._robot_side, self._operator_side], [], [], max(0.0, min(due - now, _MAX_WAIT)))
+        now = time.monotonic()
+        for datagram, source in self._robot_side.receive(0):
+            self._robot = source
+            self._to_operator.push(datagram, now=now)
+        for datagram, _ in self._operator_side.receive(0):
+            self._to_robot.push(datagram, now=now)
+        self._operator_side.send((datagram, self._operator) for datagram in self._to_operator.pull(now))
+        back = self._to_robot.pull(now)
+        if self._robot is not None:
+            self._robot_side.send([(datagram, self._robot) for datagram in back])
+
+
+ROBOT_ADDRESS, OPERATOR_ADDRESS = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)
+"""Addresses reserved for documentation (RFC 5737)."""
+
+_CONNECT_TIMEOUT = 10.0
+
+T_co = TypeVar("T_co", covariant=True)
+T = TypeVar("T")
+
+
+class Receiver(Protocol[T_co]):
+    """The operator's end: a `ReceiveSession`, or an `OperatorEndpoint` with its pipeline."""
+
+    @property
+    def peer(self) -> str | None:
+        """Name of the connected robot."""
+
+    def receive(self, datagrams: Datagrams, *, now: float) -> Iterable[T_co]:
+        """Process the datagrams that arrived."""
+
+    def poll(self, now: float) -> Iterable[T_co]:
+        """Let time pass."""
+
+    def outgoing(self) -> list[tuple[bytes, Address]]:
+        """Return the datagrams to send."""
+
+
+def paired_sessions(
+    codec: Codec, *, rule: RedundancyRule | None = None, reorder: int = 1
+) -> tuple[SendGroup, ReceiveSession]:
+    """Make a robot's and an operator's session that trust each other, with fresh keys."""
+    robot, operator = Identity.create("robot"), Identity.create("operator")
+    calling = Session(robot, Peers({operator.fingerprint: "operator"}), call=OPERATOR_ADDRESS)
+    answering = Session(operator, Peers({robot.fingerprint: "robot"}))
+    return SendGroup([calling], codec, rule=rule), ReceiveSession(answering, reorder=reorder)
+
+
+@dataclass
+class VirtualLink(Generic[T]):
+    """A robot and an operator with an impaired link each way."""
+
+    robot: SendGroup
+    operator: Receiver[T]
+    """Its session alone, or its whole endpoint; `carry` returns what that returns."""
+    to_operator: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
+    to_robot: ImpairedLink = field(default_factory=lambda: ImpairedLink(NetworkProfile()))
+    """`to_operator` and `to_robot`: the two directions of the link."""
+    number: int = 0
+    """Which of the robot's operators this one is."""
+
+    @property
+    def _session(self) -> Session:
+        return self.robot.members[self.number].session
+
+    def connect(self, now: float) -> float:
+        """Let both ends connect; return the time at which they have.
+
+        Raises `TimeoutError` when they have not connected within ten seconds.
+        """
+        begun = now
+        while self.operator.peer is None or self._session.peer is None:
+            self.carry(now)
+            now += 0.005
+            if now - begun > _CONNECT_TIMEOUT:
+                raise TimeoutError(f"no session within {_CONNECT_TIMEOUT:g} s over {self.to_operator}")
+        return now
+
+    def carry(self, now: float) -> list[T]:
+        """Run both ends and the link until nothing more happens at ``now``; return what the operator received."""
+        self.robot.poll(now, operator=self.number)
+        received = list(self.operator.poll(now))
+        while self._pass(now, received):
+            pass
+        return received
+
+    def _pass(self, now: float, received: list[T]) -> bool:
+        for datagram, _ in self._session.outgoing():
+            self.to_operator.push(datagram, now=now)
+        for datagram, _ in self.operator.outgoing():
+            self.to_robot.push(datagram, now=now)
+        to_operator = [(datagram, ROBOT_ADDRESS) for datagram in self.to_operator.pull(now)]
+        to_robot = [(datagram, OPERATOR_ADDRESS) for datagram in self.to_robot.pull(now)]
+        received += self.operator.receive(to_operator, now=now)
+        self.robot.receive(to_robot, now=now, operator=self.number)
+        return bool(to_operator or to_robot)

@@ -1,1 +1,0 @@
-"""Simulated people: an operator who explores stones, a participant who follows instructions."""

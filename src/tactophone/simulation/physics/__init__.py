@@ -1,1 +1,0 @@
-"""Surface, finger, contact, room and microphones."""

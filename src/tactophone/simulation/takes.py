@@ -1,0 +1,37 @@
+"""The paper's seven takes by name; separate from the movements, so that this needs neither numba nor scipy.
+
+Order of the competition's stones; separate from the scenes, so that it needs neither numba nor scipy.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from tactophone.types import Touch
+
+
+class Take(NamedTuple):
+    """One of the paper's recordings of an object: ``stroke`` is long, short or wiggle."""
+
+    stroke: str
+    pressure: str
+
+    @property
+    def name(self) -> str:
+        """The authors' file name; they call strong *loud*."""
+        if self.stroke == "wiggle":
+            return "wiggle"
+        return f"{self.stroke}_{'loud' if self.pressure == 'strong' else self.pressure}"
+
+
+TAKES = (
+    *(Take(stroke, pressure) for stroke in ("long", "short") for pressure in ("light", "medium", "strong")),
+    Take("wiggle", "medium"),
+)
+"""The paper's seven takes."""
+
+
+def shuffled(seed: int) -> tuple[Touch, ...]:
+    """Return three smooth and two rough, in an order drawn from the seed."""
+    labels = [Touch.SMOOTH] * 3 + [Touch.ROUGH] * 2
+    return tuple(labels[k] for k in np.random.default_rng([0xF1FE, seed]).permutation(5))

@@ -1,0 +1,16 @@
+import numpy as np
+
+from tactophone.simulation.demonstration import demonstration
+from tactophone.simulation.render import touch_segments
+
+
+def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
+    finger = demonstration()
+    indices = []
+    for _ in finger:
+        indices.append(finger.truth.object_index)
+    segments, _ = touch_segments(np.concatenate(indices), finger.scene)
+    touched = [segment.label_name for segment in segments if segment.label_name != "none"]
+    assert touched[0] == "smooth"
+    assert touched[-2:] == ["rough", "contact"]
+    assert 8 < segments[-1].end < 16
