@@ -20,7 +20,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +38,7 @@ from tactophone.simulation.operator import SoundToVibration, perceive_visits, pl
 from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 
-GATES: Mapping[str, Gate] = MappingProxyType(
-    {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}
-)
+GATES: Mapping[str, Gate] = {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}
 """Gates that contact is labelled by, where it is not labelled already."""
 
 LABELLED = "contact as labelled"
@@ -66,29 +63,27 @@ IN_CONTACT = "in_contact"
 PIECE = 5.0
 """Seconds of a competition's run that are drawn as one: several strokes, so that a stroke is hardly ever cut."""
 
-PAPER_ONE: Mapping[str, tuple[float, ...]] = MappingProxyType(
-    {"competition": (0.113, 0.472, 0.009, 0.405), "test": (0.240, 0.265, 0.081, 0.413)}
-)
+PAPER_ONE: Mapping[str, tuple[float, ...]] = {
+    "competition": (0.113, 0.472, 0.009, 0.405), "test": (0.240, 0.265, 0.081, 0.413),
+}  # fmt: skip
 """Table I, general model: shares of all windows, in the order of :data:`SHARES`."""
 
 TWO_COLUMNS = ("rough day 1", "rough day 2", "smooth day 1", "smooth day 2", "test rough", "test smooth")
 
-PAPER_TWO: Mapping[str, tuple[float, ...]] = MappingProxyType(
-    {
-        "general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
-        "fine-tuned": (0.239, 0.190, 1.000, 0.959, 0.459, 0.999),
-        "one-channel": (0.482, 0.117, 0.998, 0.692, 0.630, 0.736),
-    }
-)
+PAPER_TWO: Mapping[str, tuple[float, ...]] = {
+    "general": (0.264, 0.141, 1.000, 0.929, 0.476, 0.836),
+    "fine-tuned": (0.239, 0.190, 1.000, 0.959, 0.459, 0.999),
+    "one-channel": (0.482, 0.117, 0.998, 0.692, 0.630, 0.736),
+}
 """Table II: accuracy of each class."""
 
 BLOCK_SIZE = 512
 LIKE_PAPER = ("paper", "dualsense", "events")
 """Profiles that render roughness as the paper's does: one row stands for them."""
 
-PAPER_THREE: Mapping[str, str] = MappingProxyType(
-    {"NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567"}
-)
+PAPER_THREE: Mapping[str, str] = {
+    "NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567",
+}  # fmt: skip
 """Table III: time in s from the begin of the task until a rough stone was fetched; of the rivals the paper's range."""
 
 VISITS = 12

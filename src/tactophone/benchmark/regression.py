@@ -14,7 +14,6 @@ import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -87,17 +86,13 @@ def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Flo
     return (starts + WINDOW_SIZE) / VIBRATION_RATE, rows
 
 
-RENDERERS: Mapping[str, str] = MappingProxyType(
-    {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
-)
+RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
 """The renderer of each method: a name that a recipe has too gets ``/felt``."""
 
-REGRESSION_FEATURES: Mapping[str, Callable[[Recording], tuple[Floats, Floats]]] = MappingProxyType(
-    {
-        HIGH_BAND_CONTROL: high_band_features,
-        **{name: functools.partial(vibration_features, renderer=renderer) for name, renderer in RENDERERS.items()},
-    }
-)
+REGRESSION_FEATURES: Mapping[str, Callable[[Recording], tuple[Floats, Floats]]] = {
+    HIGH_BAND_CONTROL: high_band_features,
+    **{name: functools.partial(vibration_features, renderer=renderer) for name, renderer in RENDERERS.items()},
+}
 """By name: recording to the end of each window, in s, and its features, shape ``(windows, features)``."""
 
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,16 +21,14 @@ COLUMNS = (
     "rank with Ra", "p (corrected)",
 )  # fmt: skip
 
-_STYLES: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {
-        "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
-        "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
-        "scalogram-cnn": (PURPLE, "-"),
-        "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
-        "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
-        "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
-    }
-)  # fmt: skip
+_STYLES: Mapping[str, tuple[str, str]] = {
+    "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
+    "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
+    "scalogram-cnn": (PURPLE, "-"),
+    "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
+    "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
+    "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
+}  # fmt: skip
 """A colour for each family of methods and a dash for each member, the same in every figure."""
 
 MOST_CELLS = 20

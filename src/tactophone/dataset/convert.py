@@ -4,7 +4,6 @@ import dataclasses
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,8 @@ def convert(
     dataset: Dataset,
     out: Path,
     *,
-    air_of: Mapping[Path, Path] = MappingProxyType({}),
-    targets: Mapping[Path, Path] = MappingProxyType({}),
+    air_of: Mapping[Path, Path] = {},
+    targets: Mapping[Path, Path] = {},
     progress: Callable[[int], None] = lambda done: None,
 ) -> Dataset:
     """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.

@@ -19,7 +19,6 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TypeAlias
 
 import numpy as np
@@ -43,7 +42,7 @@ TEST_OBJECTS = frozenset({21, 22})
 SPARE_OBJECT = 20
 """Neither trained on nor tested with by default: the fine-tuned model's sample of the competition's stones."""
 
-KIN: Mapping[int, str] = MappingProxyType({20: "competition rough", 21: "competition smooth", 22: "competition rough"})
+KIN: Mapping[int, str] = {20: "competition rough", 21: "competition smooth", 22: "competition rough"}
 """Objects that are the competition's stones: kin of its runs, which a split keeps on one side."""
 
 REDUCED_OBJECTS = frozenset(range(10, 20))
@@ -53,7 +52,7 @@ which are most like the competition's stones."""
 STEREO = Path("opus", "stereo")
 FINALS = Path("finals_recordings")
 
-PRESSURES: Mapping[str, str] = MappingProxyType({"light": "light", "medium": "medium", "loud": "strong"})
+PRESSURES: Mapping[str, str] = {"light": "light", "medium": "medium", "loud": "strong"}
 """The authors' name of each pressure, and the paper's."""
 
 _OBJECT = re.compile(r"(?P<number>\d{2})_(?P<take>(?:(?P<stroke>long|short)_(?P<pressure>light|medium|loud))|wiggle)")
@@ -146,9 +145,9 @@ def _final(path: Path, match: re.Match[str]) -> Recording:
 
 SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
 
-MICROPHONES: Mapping[str, str] = MappingProxyType(
-    {"contact": "contact", "piezo": "contact", "air": "air", "mems": "air", "mic": "air", "microphone": "air"}
-)
+MICROPHONES: Mapping[str, str] = {
+    "contact": "contact", "piezo": "contact", "air": "air", "mems": "air", "mic": "air", "microphone": "air",
+}  # fmt: skip
 """Words for a microphone in the names of folders and files, and the channel that each is."""
 
 _MICROPHONE_AT_END = re.compile(rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONES)})", re.IGNORECASE)
@@ -363,9 +362,11 @@ def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = l
     return _import(folder, out, _files(folder, {".wav", ".flac"}), find, "air", progress)
 
 
-FORMATS: Mapping[str, Callable[..., Imported]] = MappingProxyType(
-    {"biotac": import_biotac, "cluster": import_cluster, "sens3": import_sens3}
-)
+FORMATS: Mapping[str, Callable[..., Imported]] = {
+    "biotac": import_biotac,
+    "cluster": import_cluster,
+    "sens3": import_sens3,
+}
 """Importers by the name that `dataset import --format` takes."""
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import soundfile
@@ -23,12 +22,10 @@ TWO_CHANNELS = ("contact", "air")
 CROSSING = 0.1
 """Seconds after an edge for which a finger that crosses it still slides."""
 
-LABEL_NAMES: Mapping[str, Touch | None] = MappingProxyType(
-    {
-        "none": Touch.NONE, "no_contact": Touch.NONE, "smooth": Touch.SMOOTH, "rough": Touch.ROUGH,
-        "ambiguous": None, "mixed": None, "contact": None, "": None,
-    }
-)  # fmt: skip
+LABEL_NAMES: Mapping[str, Touch | None] = {
+    "none": Touch.NONE, "no_contact": Touch.NONE, "smooth": Touch.SMOOTH, "rough": Touch.ROUGH,
+    "ambiguous": None, "mixed": None, "contact": None, "": None,
+}  # fmt: skip
 """What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
 
 
