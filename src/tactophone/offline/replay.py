@@ -108,12 +108,9 @@ class LoggedEndpoint:
         # What was chosen for the replay, finger by finger, stays as it is.
         self._chosen = [_differences(*pair) for pair in zip(own, each_finger(logged), strict=True)]
         self._session, session = _open_session()
-        if self.settings.is_hand:
-            channels = channels_of(self.settings, alone=2)
-            pipelines = [self.open(count, finger=finger) for finger, count in enumerate(channels)]
-            self.endpoint = OperatorEndpoint(session, Hand(pipelines, channels=channels))
-        else:
-            self.endpoint = OperatorEndpoint(session, self.open(2), reopen=self.open)
+        channels = channels_of(self.settings, alone=2)
+        hand = Hand([self.open(count, finger=finger) for finger, count in enumerate(channels)], channels=channels)
+        self.endpoint = OperatorEndpoint(session, hand, reopen=None if self.settings.is_hand else self.open)
         # The renderers stand for actuators: a replay moves nothing but numbers.
         self._outputs = [
             FingerOutput(each, Oscillator(Limits(ceiling=each.rendering.ceiling)), self.endpoint, index=index)
