@@ -21,6 +21,24 @@ from numpy.typing import NDArray
 from tactophone.haptics.limits import Limits, is_finite
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand
 
+RAMP = 0.004
+"""Seconds: time constant of the low-pass on amplitude and frequency. It bounds the slew: an amplitude never moves
+faster than ``1 / RAMP`` of full drive a second. That is far under the 30 ms of the shortest burst that a finger
+notices, and slow enough that nothing clicks. An amplitude falls to exact silence in 12 time constants, 48 ms."""
+
+STALE_AFTER = 0.035
+"""Longest time, in s, from a vibration's last command to the beginning of its fade: three missed hops of 10.67 ms. The
+fade begins within 40 ms, and ends within 35 + 48 < 100 ms."""
+
+SETTLED = 12
+"""Time constants after which the target counts as reached."""
+
+NEGLIGIBLE = math.exp(-SETTLED)
+"""What is left of a full gap by then: 6e-6, 104 dB down."""
+
+MAX_PIECE = 1024
+"""Samples rendered at once; longer blocks are rendered in such pieces, so that no memory is allocated later."""
+
 
 class Renderer:
     """Base of the renderers: commands in, waveform out, called in the actuator's thread.
@@ -30,7 +48,7 @@ class Renderer:
     Parameters
     ----------
     limits
-        Bounds of everything rendered. Other limits may be assigned: ceiling and band take effect, times stay.
+        Bounds of everything rendered. Other limits may be assigned: ceiling and band take effect at once.
 
     Attributes
     ----------
@@ -83,16 +101,6 @@ class Renderer:
         raise NotImplementedError
 
 
-SETTLED = 12
-"""Time constants after which the target counts as reached."""
-
-NEGLIGIBLE = math.exp(-SETTLED)
-"""What is left of a full gap by then: 6e-6, 104 dB down."""
-
-MAX_PIECE = 1024
-"""Samples rendered at once; longer blocks are rendered in such pieces, so that no memory is allocated later."""
-
-
 class Oscillator(Renderer):
     """Renders commands as a phase-continuous sine.
 
@@ -117,10 +125,10 @@ class Oscillator(Renderer):
     def __init__(self, limits: Limits | None = None, *, sample_rate: int = LIVE_SAMPLE_RATE) -> None:
         super().__init__(limits)
         self.sample_rate = sample_rate
-        self._timeout = round(self.limits.timeout * sample_rate)
-        self._settled = math.ceil(SETTLED * self.limits.time_constant * sample_rate)
+        self._timeout = round(STALE_AFTER * sample_rate)
+        self._settled = math.ceil(SETTLED * RAMP * sample_rate)
         self._counts = np.arange(1.0, MAX_PIECE + 1)
-        self._decay, self._decay_sum = _tables(self.limits.time_constant * sample_rate, self._settled)
+        self._decay, self._decay_sum = _tables(RAMP * sample_rate, self._settled)
         self._envelope, self._phases = np.empty(MAX_PIECE), np.empty(MAX_PIECE)
         self.reset()
 
@@ -172,7 +180,8 @@ class Oscillator(Renderer):
         """Start towards new targets from the present amplitude, frequency and phase."""
         if (amplitude, frequency) == (self._amplitude, self._frequency):
             return
-        decay, decay_sum = self._now()
+        now = min(self._age, self._settled)
+        decay, decay_sum = float(self._decay[now]), float(self._decay_sum[now])
         # The closed form restarts here: the present state becomes the initial state of the new segment, and each gap
         # is the distance from the new target that has yet to decay.
         here = self._amplitude + self._amplitude_gap * decay
@@ -185,29 +194,21 @@ class Oscillator(Renderer):
         self._amplitude, self._amplitude_gap = amplitude, here - amplitude
         self._frequency, self._age = frequency, 0 if here or amplitude else self._settled
 
-    def _now(self) -> tuple[float, float]:
-        """Return the share of each gap that is left, and its sum since the last change of target."""
-        if not self._age:
-            return 1.0, 0.0
-        last = min(self._age, self._settled) - 1
-        return float(self._decay[last]), float(self._decay_sum[last])
-
     def _write(self, out: FloatArray) -> None:
         self._since_command += len(out)
-        if len(out) <= MAX_PIECE:
-            self._write_piece(out)
-            return
         for start in range(0, len(out), MAX_PIECE):
             self._write_piece(out[start : start + MAX_PIECE])
 
     def _write_piece(self, out: FloatArray) -> None:
-        size, first = len(out), min(self._age, self._settled)
-        if first == self._settled and not self._amplitude:
+        size, first = len(out), min(self._age, self._settled) + 1
+        if first > self._settled and not self._amplitude:
+            # At rest: neither age nor phase need go on, since the next segment begins at phase 0.
             out[:] = 0.0
             self._age += size
             return
         self.silent = False
         envelope, phases = self._envelope[:size], self._phases[:size]
+        # Turns since the segment began: the target's, f n, and what the gap in frequency adds, (f0 - f) sum(r^k).
         np.add(self._counts[:size], self._age, out=phases)
         phases *= self._frequency
         np.multiply(self._decay_sum[first : first + size], self._frequency_gap, out=envelope)
@@ -220,16 +221,22 @@ class Oscillator(Renderer):
         np.sin(phases, out=phases)
         np.multiply(self._decay[first : first + size], self._amplitude_gap, out=envelope)
         envelope += self._amplitude
+        # Commands are bounded already, but the ceiling may have been lowered in the middle of a ramp.
         np.minimum(envelope, self._seen[1].ceiling, out=envelope)
         np.multiply(envelope, phases, out=out, casting="same_kind")
         self._age += size
 
 
 def _tables(time_constant: float, settled: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Powers of the decay after 1, 2, ... samples, zero once settled, and their running sum."""
+    """Return the powers r^n of the decay after n = 0, 1, ... samples, and their running sums from n = 1.
+
+    The frequency n samples into a segment is f + (f0 - f) r^n. The phase adds up the frequencies of all samples before,
+    so that of the gap is (f0 - f) times the sum of r^k: a table of sums makes each sample's phase one product. From
+    ``settled`` on powers count as zero, and the sum stays what it is: what the gap has added to the phase for good.
+    """
     powers = np.exp(-np.arange(1.0, settled + MAX_PIECE + 1) / time_constant)
     powers[settled - 1 :] = 0.0
-    return powers, np.cumsum(powers)
+    return np.concatenate(([1.0], powers)), np.concatenate(([0.0], np.cumsum(powers)))
 
 
 class Playback:

@@ -15,14 +15,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactophone.haptics.limits import Limits
-from tactophone.haptics.oscillator import MAX_PIECE, NEGLIGIBLE, Renderer
+from tactophone.haptics.oscillator import MAX_PIECE, NEGLIGIBLE, RAMP, STALE_AFTER, Renderer
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, HapticCommand, Prediction, Touch
 
 STEP_SIZE = 12
@@ -83,7 +82,7 @@ class Passthrough:
         shift: float = 1.0,
         dynamics: Dynamics | None = None,
         limits: Limits | None = None,
-        open_chain: "Callable[[Dynamics, Limits], Chain] | None" = None,
+        open_chain: "type[_Chain] | None" = None,
     ) -> None:
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
         self._open_chain = open_chain or _Chain
@@ -153,13 +152,6 @@ class Passthrough:
         return np.asarray((before[:, None] + (values - before)[:, None] * share).reshape(-1), np.float32)
 
 
-class Chain(Protocol):
-    """From a value of the low band to one of the vibration, at 4 kHz."""
-
-    def step(self, value: float) -> float:
-        """Take the next value; return the vibration, within the ceiling."""
-
-
 class _Chain:
     """Band-pass, expander, transient shaper, limiter: one value in, one out, at 4 kHz."""
 
@@ -180,7 +172,7 @@ class _Chain:
         return self._ceiling * math.tanh(band * under * sharp * self._gain)
 
 
-class _MedianChain:
+class _MedianChain(_Chain):
     """A sine at the median frequency of the sound, as loud as the sound after the expander.
 
     The median is taken within the actuator's band, so that it can always be rendered: half of the power between
@@ -188,10 +180,9 @@ class _MedianChain:
     """
 
     def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
-        rate = LIVE_SAMPLE_RATE / STEP_SIZE
-        self._rate, self._dynamics, self._ceiling = rate, dynamics, limits.ceiling
-        self._threshold, self._gain = 10 ** (dynamics.threshold_dbfs / 20), 10 ** (dynamics.gain_db / 20)
-        self._low, self._slow = _Pole(limits.lowest, rate), _Pole(1 / (2 * math.pi * 10e-3), rate)
+        super().__init__(dynamics, limits)
+        self._rate = rate = LIVE_SAMPLE_RATE / STEP_SIZE
+        self._slow = _Pole(1 / (2 * math.pi * 10e-3), rate)
         bins = np.fft.rfftfreq(MEDIAN_SIZE, 1 / rate)
         self._band = (bins >= limits.lowest) & (bins <= limits.highest)
         self._bins, self._window = bins[self._band], np.hanning(MEDIAN_SIZE)
@@ -270,10 +261,8 @@ class PassthroughRenderer(Renderer):
     ) -> None:
         super().__init__(limits)
         self._passthrough, self._pull = passthrough, pull
-        self._timeout = round(self.limits.timeout * LIVE_SAMPLE_RATE)
-        self._decay = np.exp(-np.arange(1, MAX_PIECE + 1) / (self.limits.time_constant * LIVE_SAMPLE_RATE)).astype(
-            np.float32
-        )
+        self._timeout = round(STALE_AFTER * LIVE_SAMPLE_RATE)
+        self._decay = np.exp(-np.arange(1, MAX_PIECE + 1) / (RAMP * LIVE_SAMPLE_RATE)).astype(np.float32)
         self.reset()
 
     @property

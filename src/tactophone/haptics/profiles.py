@@ -56,13 +56,15 @@ class PaperProfile:
     name: str = "paper"
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction; its time is the window's end."""
         roughness = prediction.roughness
         frequency = self.smooth.frequency * (self.rough.frequency / self.smooth.frequency) ** roughness
-        if prediction.touch is Touch.NONE:
-            return HapticCommand(0.0, frequency, prediction.end)
         level_dbfs = self.smooth.level_dbfs + roughness * (self.rough.level_dbfs - self.smooth.level_dbfs)
-        return HapticCommand(10 ** (level_dbfs / 20), frequency, prediction.end)
+        return _vibration(prediction, 10 ** (level_dbfs / 20), frequency)
+
+
+def _vibration(prediction: Prediction, amplitude: float, frequency: float) -> HapticCommand:
+    """Return the vibration for a prediction, silent without contact; its time is the window's end."""
+    return HapticCommand(0.0 if prediction.touch is Touch.NONE else amplitude, frequency, prediction.end)
 
 
 _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,250:-6"
@@ -107,9 +109,7 @@ class ActuatorResponse:
 
     def within(self, frequency: float) -> float:
         """Return the nearest frequency in the band."""
-        low = -math.inf if math.isnan(self.lowest) else self.lowest
-        high = math.inf if math.isnan(self.highest) else self.highest
-        return min(max(frequency, low), high)
+        return min(max(frequency, known(self.lowest, -math.inf)), known(self.highest, math.inf))
 
 
 UNKNOWN = ActuatorResponse()
@@ -191,14 +191,11 @@ class PerceptualProfile:
         return cls(lowest=response.within(cls().lowest), highest=response.within(cls().highest), response=response)
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction; its time is the window's end."""
         share = prediction.roughness
         frequency = self.highest * (self.lowest / self.highest) ** share
-        if prediction.touch is Touch.NONE:
-            return HapticCommand(0.0, frequency, prediction.end)
         level_db = self.faint_db + share * (self.strong_db - self.faint_db)
         drive_db = level_db - self.response.level_db(frequency)
-        return HapticCommand(amplitude_for(drive_db, frequency), frequency, prediction.end)
+        return _vibration(prediction, amplitude_for(drive_db, frequency), frequency)
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +220,7 @@ class ErmProfile:
         """Return the vibration that the motor makes; drive it by ``frequency / fastest``."""
         share = 0.0 if prediction.touch is Touch.NONE else prediction.roughness
         frequency = self.slowest + share * (self.fastest - self.slowest)
-        amplitude = 0.0 if prediction.touch is Touch.NONE else (frequency / self.fastest) ** 2
-        return HapticCommand(amplitude, frequency, prediction.end)
+        return _vibration(prediction, (frequency / self.fastest) ** 2, frequency)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,15 +235,10 @@ class LraProfile:
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        """Make the profile for an actuator's resonance."""
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction; its time is the window's end."""
-        if prediction.touch is Touch.NONE:
-            return HapticCommand(0.0, self.resonance, prediction.end)
-        level_db = self.faint_db * (1 - prediction.roughness)
-        return HapticCommand(10 ** (level_db / 20), self.resonance, prediction.end)
+        return _vibration(prediction, 10 ** (self.faint_db * (1 - prediction.roughness) / 20), self.resonance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,15 +258,11 @@ class PiezoProfile:
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        """Make the profile for an actuator's resonance."""
         return cls(resonance=known(response.resonance, cls().resonance))
 
     def command(self, prediction: Prediction) -> HapticCommand:
-        """Return the vibration for a prediction; its time is the window's end."""
         frequency = self.resonance * 2**-prediction.roughness
-        if prediction.touch is Touch.NONE:
-            return HapticCommand(0.0, frequency, prediction.end)
-        return HapticCommand(10 ** (self.faint_db * (1 - prediction.roughness) / 20), frequency, prediction.end)
+        return _vibration(prediction, 10 ** (self.faint_db * (1 - prediction.roughness) / 20), frequency)
 
 
 CLICK_DURATION = 0.03
@@ -311,28 +298,18 @@ class EventsProfile:
         return self._base.command(prediction)
 
 
-_FITTED: Mapping[str, Callable[[ActuatorResponse], Profile]] = MappingProxyType(
+PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = MappingProxyType(
     {
+        "paper": lambda response: PaperProfile(),
         "perceptual": PerceptualProfile.fitted,
         "erm": ErmProfile.fitted,
         "lra": LraProfile.fitted,
         "piezo": PiezoProfile.fitted,
         "dualsense": DualSenseProfile.fitted,
+        "events": lambda response: EventsProfile(PaperProfile()),
     }
 )
-
-PROFILES: Mapping[str, Callable[[], Profile]] = MappingProxyType(
-    {
-        "paper": PaperProfile,
-        "perceptual": PerceptualProfile,
-        "erm": ErmProfile,
-        "lra": LraProfile,
-        "piezo": PiezoProfile,
-        "dualsense": DualSenseProfile,
-        "events": lambda: EventsProfile(PaperProfile()),
-    }
-)
-"""Every profile by the name that ``feel --profile`` takes."""
+"""Makes each profile for an actuator, by the name that ``feel --profile`` takes."""
 
 
 def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
@@ -346,7 +323,7 @@ def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
         If there is no profile of that name.
     """
     if name in PROFILES:
-        return _FITTED[name](response) if name in _FITTED else PROFILES[name]()
+        return PROFILES[name](response)
     hint = did_you_mean(name, PROFILES)
     raise ConfigError(f"no rendering profile {name!r}; there are {', '.join(PROFILES)}{hint}")
 
