@@ -148,7 +148,9 @@ def parse_report(packet: bytes) -> Report:
         case 202 if version := introduced_version(packet):
             return Introduction(ssrc, version)
         case 201 if len(body) == _BLOCK.size:
-            return _read_block(ssrc, body)
+            of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
+            fraction, lost = (losses >> 24) / 256, losses & 0xFFFFFF
+            return ReceiverReport(ssrc, of, fraction, lost, highest, jitter / CLOCK_RATE, last_report, since / 65_536)
         case 200 if len(body) == _SENT.size:
             ntp, timestamp, packets, octets = _SENT.unpack(body)
             return SenderReport(ssrc, ntp / (1 << 32) - NTP_ERA, timestamp, packets, octets)
@@ -195,13 +197,6 @@ def _text(field: bytes) -> str:
     """Return the text after a byte with its length, without characters that a terminal may interpret."""
     text = field[1 : 1 + field[0]] if field else b""
     return "".join(filter(str.isprintable, text.decode(errors="ignore")))
-
-
-def _read_block(ssrc: int, body: bytes) -> ReceiverReport:
-    of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
-    return ReceiverReport(
-        ssrc, of, (losses >> 24) / 256, losses & 0xFFFFFF, highest, jitter / CLOCK_RATE, last_report, since / 65_536
-    )
 
 
 def _head(kind: int, count: int, ssrc: int, body: bytes) -> bytes:

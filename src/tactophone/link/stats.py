@@ -97,7 +97,11 @@ class Reception:
 
     def _count_other(self, sequence: int) -> bool:
         """Count a packet that is not the next in order."""
-        stats, number = self.stats, self._extend(sequence)
+        stats = self.stats
+        if stats.first is None:
+            stats.first = stats.highest = sequence
+        # The number that continues the highest one, forwards or backwards (RFC 3550 appendix A.1).
+        number = stats.highest + ahead(sequence, stats.highest % (1 << 16), bits=16)
         if number in self._seen:
             stats.packets_duplicated += 1
             return False
@@ -121,12 +125,6 @@ class Reception:
         stamp, received_at = self._last_report
         since = now - received_at if stamp else 0.0
         return ReceiverReport(ssrc, of, fraction, stats.packets_lost, stats.highest, stats.jitter, stamp, since)
-
-    def _extend(self, sequence: int) -> int:
-        """Unwrap a sequence number (RFC 3550 appendix A.1)."""
-        if self.stats.first is None:
-            self.stats.first = self.stats.highest = sequence
-        return self.stats.highest + ahead(sequence, self.stats.highest % (1 << 16), bits=16)
 
     def _mark_seen(self, number: int) -> None:
         self._seen.add(number)

@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import select
 import socket
+import struct
 import sys
 from collections.abc import Collection, Iterable, Iterator
 from typing import Any, Self, TypeAlias
@@ -28,19 +29,6 @@ Instruction = tuple[int, int, int, int]
 """Code, instructions to skip if true and if false, and operand."""
 
 
-class _Instruction(ctypes.Structure):
-    _fields_ = [
-        ("code", ctypes.c_ushort),
-        ("if_true", ctypes.c_ubyte),
-        ("if_false", ctypes.c_ubyte),
-        ("operand", ctypes.c_uint32),
-    ]
-
-
-class _Program(ctypes.Structure):
-    _fields_ = [("length", ctypes.c_ushort), ("instructions", ctypes.POINTER(_Instruction))]
-
-
 def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: bool = True) -> None:
     """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
 
@@ -54,10 +42,11 @@ def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: b
         if not streams:
             target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
             return
-        program = list(_program(sorted(streams), handshakes=handshakes))
-        instructions = (_Instruction * len(program))(*(_Instruction(*each) for each in program))
-        # The kernel copies both structures during the call.
-        target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, bytes(_Program(len(program), instructions)))
+        # Two structures of the kernel, sock_filter and sock_fprog: it copies both during the call.
+        program = [struct.pack("HBBI", *each) for each in _program(sorted(streams), handshakes=handshakes)]
+        instructions = ctypes.create_string_buffer(b"".join(program))
+        pointer = struct.pack("HP", len(program), ctypes.addressof(instructions))
+        target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, pointer)
 
 
 def _program(streams: Collection[int], *, handshakes: bool) -> Iterator[Instruction]:
@@ -153,7 +142,7 @@ class UdpSocket:
     @property
     def address(self) -> Address:
         """Local host and port."""
-        return _endpoint(self._socket.getsockname())
+        return _address(self._socket.getsockname())
 
     def fileno(self) -> int:
         """Return the file descriptor of the first socket, for ``select``."""
@@ -163,6 +152,7 @@ class UdpSocket:
         """Give the peer at this address, with these SSRCs, a socket of its own; ``None`` when there is no session."""
         if remote is self._followed or remote == self._followed:
             return
+        # Another address takes another socket; the same one with renewed keys, only another filter.
         before, self._followed = self._followed, remote
         if remote is None or before is None or before[0] != remote[0]:
             self._connect(remote[0] if remote else None)
@@ -260,7 +250,7 @@ def resolve(host: str, port: int) -> list[Address]:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
     except OSError as error:
         raise DeviceError(f"{host!r} cannot be resolved ({error.strerror}); check link.peer") from error
-    return list(dict.fromkeys(_endpoint(address) for *_, address in found))
+    return list(dict.fromkeys(_address(address) for *_, address in found))
 
 
 def _open(host: str, port: int) -> socket.socket:
@@ -268,18 +258,16 @@ def _open(host: str, port: int) -> socket.socket:
     families = [socket.AF_INET6, socket.AF_INET] if not host else [socket.AF_INET6 if ":" in host else socket.AF_INET]
     error = OSError()
     for family in families:
+        opened = None
         try:
             opened = _socket(family, only=bool(host))
-        except OSError as refused:
-            error = refused
-            continue
-        try:
             opened.bind(_socket_address((host or _ANY[family], port), family))
         except OSError as refused:
-            opened.close()
             error = refused
-            continue
-        return opened
+            if opened:
+                opened.close()
+        else:
+            return opened
     raise DeviceError(
         f"cannot listen at {host or '*'}:{port}: {error.strerror}; choose another with --set link.port=..."
     ) from error
@@ -329,7 +317,7 @@ def _read(source: socket.socket, most: int) -> list[tuple[bytes, Address]]:
             break
         except OSError:
             continue
-        datagrams.append((datagram, _endpoint(origin)))
+        datagrams.append((datagram, _address(origin)))
     return datagrams
 
 
@@ -337,15 +325,15 @@ def _is_handshake(datagram: bytes) -> bool:
     return DatagramKind.of(datagram) is DatagramKind.DTLS
 
 
-def _endpoint(address: tuple[Any, ...]) -> Address:
+def _address(address: tuple[Any, ...]) -> Address:
     """Return host and port; an IPv4 address that a socket of IPv6 reports as ``::ffff:192.0.2.1`` in its usual form."""
     host = str(address[0])
     return host.removeprefix(_MAPPED) if "." in host else host, int(address[1])
 
 
-def _socket_address(endpoint: Address, family: int) -> tuple[Any, ...]:
-    """Return the inverse of `_endpoint`, for a socket of ``family``."""
-    host, port = endpoint
+def _socket_address(address: Address, family: int) -> tuple[Any, ...]:
+    """Return the inverse of `_address`, for a socket of ``family``."""
+    host, port = address
     if family == socket.AF_INET6 and ":" not in host:
         return _MAPPED + host, port
     if "%" in host:  # a link-local address, which means something on one interface only
