@@ -5,6 +5,7 @@ The only place where level and median frequency are turned into detectors; their
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -23,16 +24,6 @@ RULES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_co
 
 VOTE_STEEPNESS = 8.0
 """A cue's vote is a step, softened over an eighth of the distance between its class medians."""
-
-
-def build_level(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit a threshold of level between smooth and rough."""
-    return _single_cue(training_set, "level_db")
-
-
-def build_median_frequency(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit a threshold of median frequency between smooth and rough (it drives the stimulus in Svensson et al. 2021)."""
-    return _single_cue(training_set, "median_octaves")
 
 
 def build_rules(training_set: TrainingSet) -> onnx.ModelProto:
@@ -128,12 +119,16 @@ def _trees_node(trees: Sequence[NDArray[np.void]], *, base: float) -> NodeProto:
     number = np.concatenate([np.arange(len(tree)) for tree in trees])
     tree = np.repeat(np.arange(len(trees)), [len(tree) for tree in trees])
     leaf = every["is_leaf"].astype(bool)
+    thresholds = every["num_threshold"].astype(np.float32)
+    # Rounded down, because features are float32 and those over a threshold must stay over it.
+    below = np.nextafter(thresholds, np.float32(-np.inf))
+    thresholds = np.where(thresholds > every["num_threshold"], below, thresholds)
     return helper.make_node(
         "TreeEnsembleRegressor", ["whole"], ["logit"], domain="ai.onnx.ml", n_targets=1, base_values=[base],
         nodes_treeids=tree.tolist(), nodes_nodeids=number.tolist(),
         nodes_modes=np.where(leaf, "LEAF", "BRANCH_LEQ").tolist(),
         nodes_featureids=np.where(leaf, 0, every["feature_idx"]).tolist(),
-        nodes_values=_round_down(every["num_threshold"]).tolist(),
+        nodes_values=thresholds.tolist(),
         nodes_truenodeids=np.where(leaf, 0, every["left"]).tolist(),
         nodes_falsenodeids=np.where(leaf, 0, every["right"]).tolist(),
         target_treeids=tree[leaf].tolist(), target_nodeids=number[leaf].tolist(),
@@ -141,13 +136,8 @@ def _trees_node(trees: Sequence[NDArray[np.void]], *, base: float) -> NodeProto:
     )  # fmt: skip
 
 
-def _round_down(thresholds: Floats) -> NDArray[np.float32]:
-    """Round thresholds down to float32: features are float32, and those over a threshold must stay over it."""
-    near = thresholds.astype(np.float32)
-    return np.where(near > thresholds, np.nextafter(near, np.float32(-np.inf)), near)
-
-
-def _single_cue(training_set: TrainingSet, cue: str) -> onnx.ModelProto:
+def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
+    """Fit a threshold of one cue between smooth and rough."""
     from sklearn.linear_model import LogisticRegression
 
     column, examples = CUES.index(cue), training_set.examples.thinned()
@@ -167,9 +157,10 @@ def build_scalogram(training_set: TrainingSet) -> onnx.ModelProto:
 BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyType(
     {
         "texture": build_texture,
-        "level": build_level,
+        "level": partial(_single_cue, cue="level_db"),
         "rules": build_rules,
-        "median-frequency": build_median_frequency,
+        # It drives the stimulus in Svensson et al. 2021.
+        "median-frequency": partial(_single_cue, cue="median_octaves"),
         "scalogram-cnn": build_scalogram,
         "surface": build_surface,
         "logistic": build_logistic,

@@ -111,12 +111,12 @@ def read_weights(path: Path) -> dict[str, FloatArray]:
 
 def caveats_of(dataset: Dataset) -> dict[str, str]:
     """Return the entries that a card's scores begin with."""
-    return {"real sound": UNTESTED} if _is_simulated(dataset) else {}
+    return {"real sound": UNTESTED} if all(map(is_simulation, dataset.recordings)) else {}
 
 
 def licence_of(dataset: Dataset) -> str:
     """Return the licences of the training sound; whoever distributes the weights needs to know them."""
-    if _is_simulated(dataset):
+    if all(map(is_simulation, dataset.recordings)):
         return "BSD-3-Clause, as the package; trained on simulated sound alone"
     licences = sorted({recording.known("licence") for recording in dataset.recordings} - {""})
     sources = "simulated sound and sound" if any(map(is_simulation, dataset.recordings)) else "sound"
@@ -127,10 +127,6 @@ def tip_of(recordings: Sequence[Recording]) -> str:
     """Return the tip that all recordings name; empty if they name none, or several."""
     tips = {recording.known("tip") for recording in recordings}
     return tips.pop() if len(tips) == 1 else ""
-
-
-def _is_simulated(dataset: Dataset) -> bool:
-    return all(map(is_simulation, dataset.recordings))
 
 
 def is_simulation(recording: Recording) -> bool:
@@ -300,12 +296,12 @@ def read_graph(model: onnx.ModelProto) -> dict[str, FloatArray]:
 
 def _tensors(name: str, array: FloatArray, storage: Storage) -> Iterator[onnx.TensorProto]:
     """Store one parameter; 8-bit weights have shape ``(outputs, blocks, block size)``, padded with zeros."""
-    if not _is_quantised(name, storage):
+    size = _block_size(name, storage)
+    if not size:
         yield numpy_helper.from_array(array, name)
         return
     scale = np.maximum(np.abs(array).max(axis=1, keepdims=True), np.finfo(np.float32).tiny) / 127
     outputs, inputs = array.shape
-    size = _block_size(name)
     blocks = -(-inputs // size)
     padded = np.full((outputs, blocks * size), _ZERO_POINT, np.uint8)
     padded[:, :inputs] = np.round(array / scale) + _ZERO_POINT
@@ -314,39 +310,30 @@ def _tensors(name: str, array: FloatArray, storage: Storage) -> Iterator[onnx.Te
     yield numpy_helper.from_array(np.array([outputs, blocks]), f"{name}:shape")
 
 
-def _is_quantised(name: str, storage: Storage) -> bool:
-    return storage == "int8" and name.endswith(".weight") and not name.startswith(_LAST)
-
-
-def _block_size(name: str) -> int:
+def _block_size(name: str, storage: Storage) -> int:
+    """Return the length of a block of 8-bit weights; 0 for parameters that stay in float32."""
+    if storage == "float32" or not name.endswith(".weight") or name.startswith(_LAST):
+        return 0
     return _SPECTRUM_BLOCK if name.startswith("layer1.") else _BLOCK
 
 
 def _layers(weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
+    residual = [f"layer_resnet.{number}" for number in range(RESIDUALS)]
     value = FEATURES
-    for name in ("layer1", "layer2", "layer3"):
-        yield from _relu_layer(name, value, weights, storage)
-        value = f"{name}:relu"
-    for number in range(RESIDUALS):
-        name = f"layer_resnet.{number}"
-        yield from _relu_layer(name, value, weights, storage)
-        yield helper.make_node("Add", [value, f"{name}:relu"], [f"{name}:sum"])
-        value = f"{name}:sum"
-    for name in ("layer4", "layer5"):
-        yield from _relu_layer(name, value, weights, storage)
-        value = f"{name}:relu"
+    for name in ("layer1", "layer2", "layer3", *residual, "layer4", "layer5"):
+        yield from _linear(name, value, weights, storage)
+        yield helper.make_node("Relu", [f"{name}:out"], [f"{name}:relu"])
+        if name in residual:
+            yield helper.make_node("Add", [value, f"{name}:relu"], [f"{name}:sum"])
+        value = f"{name}:sum" if name in residual else f"{name}:relu"
     yield from _linear(_LAST, value, weights, storage)
     yield helper.make_node("LogSoftmax", [f"{_LAST}:out"], [LOG_PROBABILITIES], axis=-1)
 
 
-def _relu_layer(name: str, value: str, weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
-    yield from _linear(name, value, weights, storage)
-    yield helper.make_node("Relu", [f"{name}:out"], [f"{name}:relu"])
-
-
 def _linear(name: str, value: str, weights: Weights, storage: Storage) -> Iterator[onnx.NodeProto]:
     weight, bias, out = f"{name}.weight", f"{name}.bias", f"{name}:out"
-    if not _is_quantised(weight, storage):
+    size = _block_size(weight, storage)
+    if not size:
         yield helper.make_node("Gemm", [value, weight, bias], [out], transB=1)
         return
     outputs, inputs = weights[weight].shape
@@ -360,6 +347,6 @@ def _linear(name: str, value: str, weights: Weights, storage: Storage) -> Iterat
         K=inputs,
         N=outputs,
         bits=8,
-        block_size=_block_size(weight),
+        block_size=size,
         accuracy_level=_INT8_ACTIVATIONS,
     )

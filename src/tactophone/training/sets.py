@@ -233,7 +233,8 @@ def build_training_set(
             f"{len(recordings)} recording(s) to train on: contact was found {found}; training needs rough and smooth "
             "surfaces: label and record more"
         )
-    prior = _mean_moments([track.description[mask] for track, mask in zip(tracks, masks, strict=True)])
+    every = np.concatenate([track.description[mask] for track, mask in zip(tracks, masks, strict=True)], dtype=float)
+    prior = np.stack((every.mean(axis=0), np.square(every).mean(axis=0))).round(6)
     if spec.change_detection and spec.kind == "texture":
         change_metric = fit_change_metric(
             [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
@@ -248,15 +249,12 @@ def build_training_set(
     rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
     names = sorted({kin_of(track.recording) for track in tracks})
     surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
-    importance = np.repeat(_importance([track.recording for track in tracks]), sizes)
-    height = np.repeat([_log_height(track.recording) for track in tracks], sizes)
+    simulated = np.array([is_simulation(track.recording) for track in tracks])
+    # A simulated surface counts less, but only beside real ones.
+    weights = np.ones(len(tracks)) if simulated.all() else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
+    importance = np.repeat(weights, sizes)
+    height = np.repeat([np.log10(float(track.recording.known("ra_um") or "nan")) for track in tracks], sizes)
     return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface, importance), height=height)
-
-
-def _importance(recordings: Sequence[Recording]) -> NDArray[np.float64]:
-    """Return the importance of each recording's surface: 1, or less for a simulated one beside real ones."""
-    simulated = np.array(list(map(is_simulation, recordings)))
-    return np.ones(len(simulated)) if simulated.all() else np.where(simulated, SIMULATED_IMPORTANCE, 1.0)
 
 
 def _threshold_for(track: FeatureTrack, threshold_dbfs: float) -> float:
@@ -294,16 +292,6 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
     # Of each window the larger of its channels' distances counts, as in the live detection.
     distance = np.square(np.einsum("ncv,cvw->ncw", moved, whitening)).sum(axis=-1).max(axis=-1)
     return np.asarray((whitening / np.sqrt(np.quantile(distance, 1 - FALSE_CHANGES))).round(5))
-
-
-def _mean_moments(descriptions: Sequence[NDArray[np.float32]]) -> Moments:
-    wide = np.concatenate(descriptions).astype(np.float64)
-    return np.stack((wide.mean(axis=0), np.square(wide).mean(axis=0))).round(6)
-
-
-def _log_height(recording: Recording) -> float:
-    height_um = recording.known("ra_um")
-    return float(np.log10(float(height_um))) if height_um else float("nan")
 
 
 @dataclass(frozen=True, slots=True)

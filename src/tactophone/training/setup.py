@@ -155,8 +155,9 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     own = "impulses" if tip in HARD_TIPS else "model"
     names = [own] if tip == SOFT_TIP else [own, *(name for name in SCORES if name != own)]
     left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
+    right = {name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)] for name in names}
     # The first of those that are equal: with nothing to choose by, the tip's own.
-    score = max(names, key=lambda name: _right(left_out[name]) + MARGIN * (name == own))
+    score = max(names, key=lambda name: (np.mean(right[name]) if right[name] else 0.0) + MARGIN * (name == own))
     unknown = float(np.mean([sound.unknown for sound in sounds]))
     return SetUpFit(fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown)
 
@@ -178,14 +179,10 @@ def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) ->
     spread = math.sqrt(np.mean([_bounded(sound.logit).var() for sound in sounds]))
     unbiased = Correction(centre, scale, weights, model / max(spread, MIN_LOGIT_SCALE), 0.0)
     smooth, rough = (
-        _facing([unbiased.logit(sound) for sound in sounds if sound.rough is label], label) for label in (False, True)
+        np.mean([np.quantile(unbiased.logit(sound), tail) for sound in sounds if sound.rough is label])
+        for label, tail in ((False, 1 - TAIL), (True, TAIL))
     )
-    return replace(unbiased, bias=-(smooth + rough) / 2)
-
-
-def _facing(logits: Sequence[Floats], rough: bool) -> float:
-    """Return where the tail of a class that faces the other begins, the mean over its objects."""
-    return float(np.mean([np.quantile(logit, TAIL if rough else 1 - TAIL) for logit in logits]))
+    return replace(unbiased, bias=float(-(smooth + rough) / 2))
 
 
 def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
@@ -208,21 +205,11 @@ def impulse_columns(features: int, channels: int) -> NDArray[np.intp]:
 
 def _leave_out(sounds: Sequence[ObjectSound], sound: ObjectSound, score: str, channels: int) -> LeftOut:
     before, after = _share(sound.logit, sound.rough), math.nan
-    if rest := _others(sounds, sound):
+    rest = [other for other in sounds if other is not sound]
+    # Without this object all others may be smooth, or all rough: then there is no boundary to fit.
+    if {other.rough for other in rest} == {False, True}:
         after = _share(fit_boundary(rest, score, channels=channels).logit(sound), sound.rough)
     return LeftOut(sound.name, sound.rough, before, after)
-
-
-def _others(sounds: Sequence[ObjectSound], sound: ObjectSound) -> list[ObjectSound]:
-    """Return the other objects; none where they are all smooth or all rough."""
-    rest = [other for other in sounds if other is not sound]
-    return rest if len({other.rough for other in rest}) == 2 else []
-
-
-def _right(entries: Sequence[LeftOut]) -> float:
-    """Return the mean share that is right of the objects that could be left out; 0 if none could."""
-    shares = [entry.after for entry in entries if not math.isnan(entry.after)]
-    return float(np.mean(shares)) if shares else 0.0
 
 
 def _balanced(shares: Sequence[tuple[bool, float]]) -> float:

@@ -108,7 +108,9 @@ class Run:
         torch.use_deterministic_algorithms(True)
         torch.set_flush_denormal(True)
         self._windows, self._settings, self._seed, self._path = windows, settings, seed, checkpoint_path
-        self.network = _network(settings, seed, initial)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.network = with_weights(initial) if initial else PaperNetwork(channels=settings.channels)
         self._optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, fused=True)
         self._identity = _identity(windows, settings, seed=seed, initial=initial)
         self._skip = self._restore()
@@ -191,14 +193,6 @@ def train(
     for progress in run:
         report(progress)
     return weights_of(run.network)
-
-
-def _network(settings: NetworkSettings, seed: int, initial: Weights | None) -> PaperNetwork:
-    if initial is not None:
-        return with_weights(initial)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return PaperNetwork(channels=settings.channels)
 
 
 def _epoch_sizes(windows: Windows, settings: NetworkSettings, seed: int) -> list[int]:
