@@ -6,7 +6,7 @@ devices are measured separately (`tactophone.measurement.impulses`) and add to t
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import sqrt
 
 import numpy as np
@@ -54,38 +54,32 @@ class DecisionDelays:
     missed_edges: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rendered:
-    touch: NDArray[np.int8]
-    waveform: FloatArray
-    frequency: NDArray[np.float64]
-    """Of the newest command, after each sample's block; NaN while its amplitude is 0."""
-
-
 def measure_decisions(pipeline: Pipeline, *, passes: int = 20, seed: int = 0) -> DecisionDelays:
     """Stroke, detect and render, and measure the delays.
 
     The pipeline is for two channels at 48 kHz. Of ``passes`` over the edge, a lift and a new touch follow every fourth.
     """
-    rendered = _render(pipeline, passes, seed)
-    rendered = replace(rendered, touch=_without_hops(rendered.touch))
+    touch, waveform, frequency = _render(pipeline, passes, seed)
+    touch = _without_hops(touch)
     delays = DecisionDelays()
-    touching = rendered.touch != Touch.NONE
+    touching = touch != Touch.NONE
+    longest, lasting = int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE), int(CHANGED_FOR * LIVE_SAMPLE_RATE)
     for onset in _onsets(touching):
-        loud = np.flatnonzero(
-            np.abs(rendered.waveform[onset : onset + int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE)]) > FIRST
-        )
+        loud = np.flatnonzero(np.abs(waveform[onset : onset + longest]) > FIRST)
         if len(loud):
             delays.touch.append(float(loud[0]) / LIVE_SAMPLE_RATE)
         else:
             delays.missed_touches += 1
-    changes = (rendered.touch[1:] != rendered.touch[:-1]) & touching[1:] & touching[:-1]
-    for edge in np.flatnonzero(changes) + 1:
-        delay = _time_to_change(rendered, int(edge))
-        if delay is None:
-            delays.missed_edges += 1
+    for edge in np.flatnonzero((touch[1:] != touch[:-1]) & touching[1:] & touching[:-1]) + 1:
+        # The vibration has changed once its frequency is on the new surface's side of `MIDDLE` and stays there.
+        after = frequency[edge : edge + longest]
+        changed = after < MIDDLE if touch[edge] == Touch.ROUGH else after > MIDDLE
+        # The convolution counts the changed samples in each stretch of `lasting`.
+        found = np.flatnonzero(np.convolve(changed, np.ones(lasting), mode="valid") == lasting)
+        if len(found):
+            delays.edge.append(float(found[0]) / LIVE_SAMPLE_RATE)
         else:
-            delays.edge.append(delay)
+            delays.missed_edges += 1
     return delays
 
 
@@ -100,7 +94,11 @@ def _without_hops(touch: NDArray[np.int8]) -> NDArray[np.int8]:
     return filled
 
 
-def _render(pipeline: Pipeline, passes: int, seed: int) -> _Rendered:
+def _render(pipeline: Pipeline, passes: int, seed: int) -> tuple[NDArray[np.int8], FloatArray, NDArray[np.float64]]:
+    """Return, sample by sample, the true touch, the waveform, and the frequency of the newest command in Hz.
+
+    The frequency is that after each sample's block, and NaN while the command's amplitude is 0.
+    """
     finger, duration = _finger(passes, seed)
     oscillator = Oscillator(Limits())
     # The vibration caused by a block starts at the block's end at the earliest: hence a silent block before the first.
@@ -118,7 +116,7 @@ def _render(pipeline: Pipeline, passes: int, seed: int) -> _Rendered:
         if step.command is not None:
             newest = step.command.frequency if step.command.amplitude else np.nan
         frequency.append(newest)
-    return _Rendered(np.concatenate(touch), np.concatenate(waveform[:-1]), np.repeat(np.array(frequency[:-1]), BLOCK))
+    return np.concatenate(touch), np.concatenate(waveform[:-1]), np.repeat(np.array(frequency[:-1]), BLOCK)
 
 
 def _finger(passes: int, seed: int) -> tuple[SimulatedFinger, float]:
@@ -145,14 +143,3 @@ def _onsets(touching: NDArray[np.bool_]) -> Iterator[int]:
         after = touching[onset : onset + LIVE_SAMPLE_RATE // 10]
         if not before.any() and after.mean() > 0.8:
             yield int(onset)
-
-
-def _time_to_change(rendered: _Rendered, edge: int) -> float | None:
-    """Return the seconds until the frequency is on the new surface's side of `MIDDLE` for `CHANGED_FOR`."""
-    rough = rendered.touch[edge] == Touch.ROUGH
-    frequency = rendered.frequency[edge : edge + int(MAX_DECISION_DELAY * LIVE_SAMPLE_RATE)]
-    changed = (frequency < MIDDLE) if rough else (frequency > MIDDLE)
-    size = int(CHANGED_FOR * LIVE_SAMPLE_RATE)
-    # The convolution counts the changed samples in each stretch of `size`.
-    found = np.flatnonzero(np.convolve(changed, np.ones(size), mode="valid") == size)
-    return float(found[0]) / LIVE_SAMPLE_RATE if len(found) else None
