@@ -12,8 +12,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Self
 
 import numpy as np
@@ -22,9 +21,7 @@ from tactophone.hand import each_finger, names_of
 from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
 from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.runtime.latency import LocalPeer, operator_stages
-from tactophone.runtime.priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.recorder import SessionRecorder
-from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
+from tactophone.runtime.supervisor import ProcessInfo, Side
 from tactophone.runtime.wiring import (
     microphone_faults,
     open_actuator,
@@ -36,7 +33,7 @@ from tactophone.runtime.wiring import (
     tip_warning,
 )
 from tactophone.settings import Settings
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02
@@ -55,9 +52,6 @@ POLL_INTERVAL = 0.005
 SESSION_INTERVAL = 0.025
 """Seconds between two polls of the session while packets come in order: its own times are ten times as long."""
 
-BUDGET_INTERVAL = 1.0
-"""Seconds between two updates of the latency budget."""
-
 LONGEST_CALL = 2.0
 """Seconds that a robot may take to connect before its absence is reported as a fault."""
 
@@ -70,7 +64,7 @@ SENT_AWAY_SHOWN = 10.0
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
 
-class Operator:
+class Operator(Side):
     """The operator's side while it runs; a context manager.
 
     Parameters
@@ -80,10 +74,10 @@ class Operator:
         the latency budget.
     """
 
+    interval = HOUSEKEEPING_INTERVAL
+
     def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "") -> None:
-        self.ended = threading.Event()
-        self.failure: BaseException | None = None
-        self._settings, self._info = settings, info
+        super().__init__(settings, info, role="operator")
         fingers = each_finger(settings)
         renderers = [open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
         self._actuator = open_actuator(
@@ -111,29 +105,22 @@ class Operator:
         info.progress("opening the actuator and the port")
         self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
-        self._resources = ExitStack()
         self._submitted = self._rendered = self._losses = self._period = 0
-        self._counted_at = self._budgeted_at = 0.0
+        self._counted_at = 0.0
         self._muted: tuple[str, ...] = ()
         # Written by the network thread, whole, for the main thread to publish.
         self._counters: Mapping[str, int] = {}
         self._gauges: Mapping[str, float] = {}
         self._received_at = time.monotonic()
-        self._warnings: tuple[Fault, ...] = ()
-        self._thread = threading.Thread(target=self._run, args=(self._follow_network,), daemon=True)
 
     def __enter__(self) -> Self:
         with self._resources:
             self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
-            self._telemetry = self._resources.enter_context(Telemetry(self._info.name, fingers=len(self._fingers)))
-            self._telemetry.count("process_restarts", self._info.restarts)
-            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
-            self._watcher = Watcher(self._info.name)
-            self._recorder = SessionRecorder(self._telemetry, self._settings, role="operator")
+            self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
             self._resources = self._resources.pop_all()
-        self._thread.start()
+        self._thread = self._start(self._follow_network)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -164,9 +151,7 @@ class Operator:
             return
         self._counted_at = now
         self._update_counts()
-        if now - self._budgeted_at >= BUDGET_INTERVAL:
-            self._budgeted_at = now
-            self._update_budget()
+        self._update_budget(now, self._stages)
         self._telemetry.update(self._state(now), now=now)
 
     def _revive(self) -> bool:
@@ -199,32 +184,29 @@ class Operator:
             "sound_faults": invalid["sound"],
             "model_faults": invalid["model"],
         }
-        for name, total in counts.items():
-            self._telemetry.count(name, total - self._telemetry.counter(name))
+        self._count(counts)
         for name, value in {**self._gauges, "device_latency": device.latency}.items():
             self._telemetry.gauge(name, value)
 
-    def _update_budget(self) -> None:
+    def _stages(self) -> Mapping[str, float]:
         self._local_robot.refresh()
         playout = self._session.playout
-        stages = operator_stages(
+        return operator_stages(
             self._watcher, self._local_robot.watcher, self._actuator.device.latency,
             sound_delay=(
                 playout.controller.margin + playout.latency + self._fingers[0].renderer.latency if playout else 0.0
             ),
         )  # fmt: skip
-        for stage, duration in stages.items():
-            self._telemetry.gauge(f"latency_{stage}", duration)
 
     def _state(self, now: float) -> State:
-        peer, states = self._session.peer, tuple(finger.state() for finger in self._fingers)
+        peer = self._session.peer
         return State(
             role="operator",
             profiles=self._fingers[0].profiles,
             link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
             output=self._settings.output.actuator,
             faults=tuple(self._faults(now)),
-            fingers=states,
+            fingers=tuple(finger.state() for finger in self._fingers),
         )
 
     def _faults(self, now: float) -> Iterator[Fault]:
@@ -254,28 +236,13 @@ class Operator:
         began = self._telemetry.counter("packets_received")
         return "no page sends sound: press Use this microphone on the one that listens" if began else ""
 
-    def _run(self, work: Callable[[], None]) -> None:
-        """Run the thread's work; its end, whatever the reason, ends the whole side in silence."""
-        try:
-            work()
-        except BaseException as error:
-            self.failure = error
-        self._silence()
-        self.ended.set()
-
     def _silence(self) -> None:
         for finger in self._fingers:
             finger.renderer.stop()
 
     def _follow_network(self) -> None:
-        name_thread("tactophone-net")
-        process, checked_at, polled_at = self._settings.process, 0.0, 0.0
-        warnings = {
-            "priority": prioritize_thread(process.priority),
-            "other_tip": self._tip_warning,
-            "memory": lock_memory() if process.lock_memory else "",
-        }
-        self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
+        self._prepare_thread("tactophone-net", other_tip=self._tip_warning)
+        checked_at = polled_at = 0.0
         while not self.ended.is_set():
             # Only a packet that waits for an earlier one makes it worth waking before the next arrives.
             datagrams = self._socket.receive(POLL_INTERVAL if self._session.waiting else LONGEST_RECEIVE)
@@ -363,11 +330,7 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> N
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     with Operator(settings, info, robot=robot) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
-        run_housekeeping(
-            operator, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
-        )
-    if operator.failure is not None:
-        raise operator.failure
+        operator.run(terminated)
 
 
 def _timestamp(origin: int, samples: int) -> int:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from functools import partial
 from typing import Protocol, Self, runtime_checkable
 
@@ -21,9 +20,8 @@ from tactophone.errors import ConfigError
 from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link import Event, UdpSocket
 from tactophone.runtime.latency import robot_stages
-from tactophone.runtime.priority import lock_memory, name_thread, prioritize_thread
-from tactophone.runtime.recorder import SessionRecorder
-from tactophone.runtime.supervisor import ProcessInfo, run_housekeeping
+from tactophone.runtime.priority import name_thread, prioritize_thread
+from tactophone.runtime.supervisor import ProcessInfo, Side
 from tactophone.runtime.wiring import (
     OpenSource,
     finger_fault,
@@ -37,14 +35,11 @@ from tactophone.runtime.wiring import (
     send_outgoing,
 )
 from tactophone.settings import Settings
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State, Telemetry, Watcher
+from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
-
-BUDGET_INTERVAL = 1.0
-"""Seconds between two updates of the latency budget."""
 
 LONGEST_RECEIVE = 0.05
 """Seconds that the network thread waits for a datagram before it polls the session."""
@@ -70,7 +65,7 @@ interruption, and everything after it lay beside its labels."""
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
 
 
-class Robot:
+class Robot(Side):
     """The robot's side while it runs; a context manager.
 
     Parameters
@@ -79,11 +74,10 @@ class Robot:
         Opens the microphones, or what replaces them.
     """
 
+    interval = HOUSEKEEPING_INTERVAL
+
     def __init__(self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
-        self.ended = threading.Event()
-        self.failure: BaseException | None = None
-        self._settings = settings
-        self._resources = ExitStack()
+        super().__init__(settings, info, role="robot")
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once: whether an object fits a protocol takes 25 us.
@@ -95,7 +89,12 @@ class Robot:
         info.progress("rehearsing")
         self._group = open_send_group(settings, self._source.channels)
         self._operators = operators_of(settings.link)
-        fingers = self._check_fingers()
+        fingers, found = each_finger(settings), self._source.channels
+        if settings.is_hand and found != 2 * len(fingers):
+            raise ConfigError(
+                f"the source has {found} channels, but {len(fingers)} fingers have {2 * len(fingers)}, contact and air "
+                "of each in turn: give --fingers as many, or another source"
+            )
         channels = channels_of(settings, alone=self._source.channels)
         self._microphones = MicrophoneCheck(settings, channels=channels)
         predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
@@ -103,30 +102,19 @@ class Robot:
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
         rehearse_encoder(self._group.codec)
         rehearse_statistics()
+        # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
+        # other lock is taken under it, and no thread waits for the network or a device while it holds it.
         self._lock = threading.Lock()
-        self._info = info
-        self._budgeted_at = 0.0
-        self._warnings: tuple[Fault, ...] = ()
-        networks = [partial(self._follow_network, operator) for operator in range(len(self._group.members))]
-        self._threads = [
-            threading.Thread(target=self._run, args=(work,), daemon=True) for work in (self._follow_sound, *networks)
-        ]
 
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
             self._sockets = [self._resources.enter_context(UdpSocket()) for _ in self._operators]
-            self._telemetry = self._resources.enter_context(
-                Telemetry(self._info.name, fingers=len(self._settings.fingers))
-            )
-            self._telemetry.count("process_restarts", self._info.restarts)
-            # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
-            self._watcher = Watcher(self._info.name)
-            self._recorder = SessionRecorder(self._telemetry, self._settings, role="robot")
+            self._open_telemetry()
             self._group.tap = self._log
             self._resources = self._resources.pop_all()
-        for thread in self._threads:
-            thread.start()
+        networks = [partial(self._follow_network, operator) for operator in range(len(self._group.members))]
+        self._threads = [self._start(self._follow_sound), *map(self._start, networks)]
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -148,21 +136,26 @@ class Robot:
             group = self._group
             counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
             peers, link_faults = group.peers, list(self._link_faults())
-        for name, total in counters.items():
-            self._telemetry.count(name, total - self._telemetry.counter(name))
+        self._count(counters)
         self._telemetry.gauge("loss_ratio", loss)
         self._telemetry.gauge("operators", len(peers))
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
-        if now - self._budgeted_at >= BUDGET_INTERVAL:
-            self._budgeted_at = now
-            period = self._source.period if isinstance(self._source, LiveSource) else 0
-            for stage, duration in robot_stages(self._watcher, self._group.codec, period=period).items():
-                self._telemetry.gauge(f"latency_{stage}", duration)
-        faults = (*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults())
+        period = self._source.period if isinstance(self._source, LiveSource) else 0
+        self._update_budget(now, lambda: robot_stages(self._watcher, self._group.codec, period=period))
         of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
-        link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
-        self._telemetry.update(dataclasses.replace(self._state(), link=link, faults=faults), now=now)
+        names = itertools.zip_longest(
+            names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
+        )
+        state = State(
+            role="robot",
+            source=self._settings.capture.source,
+            channels=2 if self._settings.is_hand else self._source.channels,
+            link=f"connected to {', '.join(peers)}{of_all}" if peers else "calling",
+            faults=(*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults()),
+            fingers=tuple(FingerState(name, muted_because="", detector=detector) for name, detector in names),
+        )
+        self._telemetry.update(state, now=now)
 
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why, and which run another version."""
@@ -174,50 +167,15 @@ class Robot:
             elif conflict := member.session.version_conflict:
                 yield Fault(f"version{which}", conflict)
 
-    def _state(self) -> State:
-        capture, detectors = self._settings.capture, [each.name for each in self._endpoint.detectors]
-        return State(
-            role="robot",
-            source=capture.source,
-            channels=self._source.channels if not self._settings.is_hand else 2,
-            fingers=tuple(
-                FingerState(name, muted_because="", detector=detector)
-                for name, detector in itertools.zip_longest(names_of(self._settings), detectors, fillvalue="")
-            ),
-        )
-
-    def _check_fingers(self) -> list[Settings]:
-        """Return the settings of each finger; `ConfigError` where the source has the sound of another number."""
-        fingers, found = each_finger(self._settings), self._source.channels
-        if self._settings.is_hand and found != 2 * len(fingers):
-            raise ConfigError(
-                f"the source has {found} channels, but {len(fingers)} fingers have {2 * len(fingers)}, contact and air "
-                "of each in turn: give --fingers as many, or another source"
-            )
-        return fingers
-
     def _device_faults(self) -> Iterator[Fault]:
         if isinstance(self._source, LiveSource):
             device = self._source.device
-            self._telemetry.count("xruns", device.xruns - self._telemetry.counter("xruns"))
-            missed = self._source.overflows - self._telemetry.counter("capture_overflows")
-            self._telemetry.count("capture_overflows", missed)
+            self._count({"xruns": device.xruns, "capture_overflows": self._source.overflows})
             if device.fault:
                 yield Fault("microphones", device.fault)
 
-    def _run(self, work: Callable[[], None]) -> None:
-        """Run one thread's work; its end ends the whole side, and the operator's renderer fades to silence."""
-        try:
-            work()
-        except BaseException as error:
-            self.failure = error
-        self.ended.set()
-
     def _follow_sound(self) -> None:
-        name_thread("tactophone-snd")
-        self._warn("priority", prioritize_thread(self._settings.process.priority))
-        if self._settings.process.lock_memory:
-            self._warn("memory", lock_memory())
+        self._prepare_thread("tactophone-snd")
         recorded = self._settings.capture.source == "file"
         if recorded:
             self._await_operator()
@@ -282,10 +240,6 @@ class Robot:
         for member, socket in zip(self._group.members, self._sockets, strict=True):
             send_outgoing(member.session, socket)
 
-    def _warn(self, code: str, warning: str) -> None:
-        if warning:
-            self._warnings = (*self._warnings, Fault(code, warning))
-
 
 def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
     """Run the robot's side in this process until SIGTERM or the end of the sound."""
@@ -293,11 +247,7 @@ def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource 
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
     with Robot(settings, info, open_source=open_source) as robot:
-        run_housekeeping(
-            robot, terminated=terminated, interval=HOUSEKEEPING_INTERVAL, priority=settings.process.priority
-        )
-    if robot.failure is not None:
-        raise robot.failure
+        robot.run(terminated)
 
 
 class MicrophoneCheck:

@@ -10,18 +10,26 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self, TypeAlias
+from typing import Self, TypeAlias
 
 from tactophone.devices import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.processes import Child, Parent, orphaned
-from tactophone.runtime.priority import MAIN_PRIORITY, GarbageCollection, prioritize_thread, share_interpreter
+from tactophone.runtime.priority import (
+    MAIN_PRIORITY,
+    GarbageCollection,
+    lock_memory,
+    name_thread,
+    prioritize_thread,
+    share_interpreter,
+)
+from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
 from tactophone.settings import Settings
-from tactophone.telemetry import Watcher, remove_leftovers, remove_memory
+from tactophone.telemetry import Fault, Telemetry, Watcher, remove_leftovers, remove_memory
 
 RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
 """Seconds between the end of a process and the next, which double with every process that lived less than
@@ -38,6 +46,9 @@ LONGEST_START = 300.0
 
 SLOW_START = 5.0
 """Seconds between two lines on what a slow start is at."""
+
+BUDGET_INTERVAL = 1.0
+"""Seconds between two updates of the latency budget."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
@@ -96,8 +107,14 @@ class Supervisor:
 
     def begin(self) -> None:
         """Start the process without waiting for it; `await_start` has to follow."""
-        remove_leftovers()
-        self._begin()
+        if self._child:
+            self._child.close()
+        else:
+            # Not for a successor: who watches the run still reads what the dead process wrote last.
+            remove_leftovers()
+        # A bare function, as `self` holds a thread and cannot be sent to another process.
+        self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
+        self._began = time.monotonic()
 
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
@@ -129,13 +146,6 @@ class Supervisor:
         """Send the emergency stop as a signal, which needs no free thread in the process."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, signal.SIGUSR1)
-
-    def _begin(self) -> None:
-        if self._child:
-            self._child.close()
-        # A bare function, as `self` holds a thread and cannot be sent to another process.
-        self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
-        self._began = time.monotonic()
 
     def _await_start(self) -> None:
         """Wait for the first telemetry as long as the process makes progress; its error is raised here."""
@@ -179,25 +189,26 @@ class Supervisor:
             reason = self._watch_process()
             if not reason:
                 self._ended.set()
-                return
             if self._ended.is_set():
                 return
-            lived = time.monotonic() - self._began
-            self._restart_delay = (
-                min(2 * self._restart_delay, LONGEST_RESTART_DELAY)
-                if lived < SHORT_LIFE and self.restarts
-                else RESTART_DELAY
-            )
+            # What ends soon after each start will most likely do so again: it is tried less and less often.
+            short = self.restarts and time.monotonic() - self._began < SHORT_LIFE
+            self._restart_delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY) if short else RESTART_DELAY
             self._report(f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s")
             if self._ended.wait(self._restart_delay):
                 return
+            # Its successor begins muted: it finds the count in `ProcessInfo`.
             self.restarts += 1
-            self._begin()
+            self.begin()
 
     def _watch_process(self) -> str:
         """Watch one process; returns why it ended and another should start, empty when none should."""
         child, watcher = self._child, self._watcher()
-        watchdog = Watchdog(_timeouts(self._settings))
+        # The short timeout is for real actuators: a stalled file harms nobody, and a busy machine may be late.
+        harmless = self._settings.output.actuator in ("file", "none")
+        watchdog = Watchdog(
+            StallTimeouts(vibrating=SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout)
+        )
         while child and not self._ended.wait(CHECK_INTERVAL):
             if not child.alive:
                 failures = [text for kind, text in child.messages() if kind in ("error", "bug")]
@@ -224,10 +235,9 @@ class Supervisor:
         return True
 
     def _watcher(self) -> Watcher | None:
-        with contextlib.suppress(TactophoneError):
-            watcher = Watcher(self.name)
-            return watcher if watcher.pid == self.pid else None
-        return None
+        # The memory of a process that was killed stays until its successor replaces it.
+        watcher = Watcher.find(self.name)
+        return watcher if watcher and watcher.pid == self.pid else None
 
     def _end(self) -> None:
         if self._child:
@@ -261,33 +271,82 @@ def _processor_time(pid: int) -> int:
         return 0
 
 
-def _timeouts(settings: Settings) -> StallTimeouts:
-    """Use the short timeout only with a real actuator: a stalled file harms nobody, and a busy machine may be late."""
-    if settings.output.actuator in ("file", "none"):
-        return StallTimeouts(vibrating=SILENT_TIMEOUT)
-    return StallTimeouts(vibrating=settings.process.stall_timeout)
+class Side:
+    """Base of the operator's and the robot's side while they run: their telemetry, their threads, and how they end."""
 
+    interval: float
+    """Seconds between two calls of `housekeep`."""
 
-class Side(Protocol):
-    """The operator's or the robot's side, set up."""
-
-    ended: threading.Event
+    def __init__(self, settings: Settings, info: ProcessInfo, *, role: str) -> None:
+        self.ended = threading.Event()
+        self.failure: BaseException | None = None
+        self._settings, self._info, self._role = settings, info, role
+        self._resources = contextlib.ExitStack()
+        self._warnings: tuple[Fault, ...] = ()
+        self._budgeted_at = 0.0
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; ``now`` is in s of the monotonic clock."""
+        raise NotImplementedError
 
+    def run(self, terminated: threading.Event) -> None:
+        """Keep house in the main thread of the side's process, until the side or the parent ends or it is terminated.
 
-def run_housekeeping(side: Side, *, terminated: threading.Event, interval: float, priority: int) -> None:
-    """Do a side's housekeeping every ``interval`` seconds, until it or its parent process ends or it is ``terminated``.
+        Raises what ended the side, if it was an error.
+        """
+        garbage = GarbageCollection(time.monotonic())
+        share_interpreter()
+        prioritize_thread(min(MAIN_PRIORITY, self._settings.process.priority))
+        while not (terminated.is_set() or self.ended.is_set() or orphaned()):
+            now = time.monotonic()
+            self.housekeep(now)
+            garbage.collect(now)
+            self.ended.wait(self.interval)
+        if self.failure is not None:
+            raise self.failure
 
-    Call it in the main thread of the side's process. ``priority`` is that of the whole process, which the main thread
-    does not exceed.
-    """
-    garbage = GarbageCollection(time.monotonic())
-    share_interpreter()
-    prioritize_thread(min(MAIN_PRIORITY, priority))
-    while not (terminated.is_set() or side.ended.is_set() or orphaned()):
-        now = time.monotonic()
-        side.housekeep(now)
-        garbage.collect(now)
-        side.ended.wait(interval)
+    def _open_telemetry(self) -> None:
+        name, fingers = self._info.name, len(self._settings.fingers)
+        self._telemetry = self._resources.enter_context(Telemetry(name, fingers=fingers))
+        self._telemetry.count("process_restarts", self._info.restarts)
+        # Opened once: whoever removes the file from the file system takes the watchers away, not this process.
+        self._watcher = Watcher(name)
+        self._recorder = SessionRecorder(self._telemetry, self._settings, role=self._role)
+
+    def _start(self, work: Callable[[], None]) -> threading.Thread:
+        """Start a thread whose end, whatever the reason, ends the whole side in silence."""
+
+        def run() -> None:
+            try:
+                work()
+            except BaseException as error:
+                self.failure = error
+            # In this order: once `ended` is set, the main thread takes everything down.
+            self._silence()
+            self.ended.set()
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        return thread
+
+    def _silence(self) -> None:
+        """Stop all vibration, where there is any."""
+
+    def _prepare_thread(self, name: str, **warnings: str) -> None:
+        """Name and prioritise the calling thread; what the system refuses is a fault from now on, as are warnings."""
+        name_thread(name)
+        process = self._settings.process
+        warnings["priority"] = prioritize_thread(process.priority)
+        warnings["memory"] = lock_memory() if process.lock_memory else ""
+        self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
+
+    def _count(self, totals: Mapping[str, int]) -> None:
+        for name, total in totals.items():
+            self._telemetry.count(name, total - self._telemetry.counter(name))
+
+    def _update_budget(self, now: float, stages: Callable[[], Mapping[str, float]]) -> None:
+        """Show how long sound spends in each stage, once a second."""
+        if now - self._budgeted_at >= BUDGET_INTERVAL:
+            self._budgeted_at = now
+            for stage, duration in stages().items():
+                self._telemetry.gauge(f"latency_{stage}", duration)

@@ -145,14 +145,9 @@ def open_actuator(
 
 def actuator_response(settings: Settings) -> ActuatorResponse:
     """Return what the settings say of the actuator."""
-    actuator = settings.actuator
+    own = settings.actuator
     return ActuatorResponse(
-        actuator.resonance,
-        actuator.lowest,
-        actuator.highest,
-        actuator.slowest,
-        actuator.fastest,
-        parse_levels(actuator.response),
+        own.resonance, own.lowest, own.highest, own.slowest, own.fastest, parse_levels(own.response)
     )
 
 
@@ -386,7 +381,4 @@ def rehearse_statistics() -> None:
 
 def _noise(duration: float, channels: int) -> FloatArray:
     random = np.random.default_rng(0)
-    noise: FloatArray = (0.1 * random.standard_normal((round(duration * LIVE_SAMPLE_RATE), channels))).astype(
-        np.float32
-    )
-    return noise
+    return random.normal(0.0, 0.1, (round(duration * LIVE_SAMPLE_RATE), channels)).astype(np.float32)
