@@ -33,7 +33,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
-from tactophone.dashboard import watch
+from tactophone.pages import watch
 from tactophone.telemetry import FingerState, State, Telemetry, Watcher
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 

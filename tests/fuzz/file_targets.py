@@ -13,12 +13,12 @@ import numpy as np
 import soundfile
 
 from tactophone.capture import FileSource
-from tactophone.dashboard.requests import parse_request
 from tactophone.dataset import open_dataset
 from tactophone.errors import TactophoneError
-from tactophone.game.rounds import read_results
 from tactophone.link import Identity, Peers
 from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE
+from tactophone.pages.dashboard import parse_request
+from tactophone.pages.game import read_results
 from tactophone.perception import default_model, model_path, read_model
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.model_file import ModelCard

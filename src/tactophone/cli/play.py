@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the game until interrupted."""
-    from tactophone.game import GameSettings, open_finger, serve_game
+    from tactophone.pages import GameSettings, open_finger, serve_game
     from tactophone.simulation.takes import shuffled  # not by the door, which loads numba
 
     settings = change(flags.settings_of(args, NEAR), SIMULATED)

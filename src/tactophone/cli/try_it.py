@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve the page and run both sides until interrupted."""
-    from tactophone.dashboard import watch
+    from tactophone.pages import watch
 
     settings = for_one_microphone(flags.settings_of(args, [*USUAL, f"capture.source={args.source}"]))
     if settings.output.actuator == "none":  # a stalled process then harms nobody

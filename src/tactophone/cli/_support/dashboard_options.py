@@ -12,7 +12,7 @@ from tactophone.cli._support import terminal
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
-    from tactophone.dashboard import Page
+    from tactophone.pages import Page
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +62,7 @@ def shown(
         return
     # For this option alone: they import a web server's libraries, and processes.
     from tactophone.cli._support.page_recorder import PageRecorder
-    from tactophone.dashboard import watch
+    from tactophone.pages import watch
 
     recorder = PageRecorder(name, Path(), report=terminal.note)
     with recorder, watch(name, microphone=microphone, recorder=recorder.page if live else None, **place(args)) as page:
@@ -71,7 +71,7 @@ def shown(
 
 
 def place(args: argparse.Namespace) -> dict[str, Any]:
-    """Return where and how the page is served, as arguments of `tactophone.dashboard.Page`.
+    """Return where and how the page is served, as arguments of `tactophone.pages.Page`.
 
     Raises `TactophoneError` if there is no network, or no certificate.
     """
@@ -79,7 +79,7 @@ def place(args: argparse.Namespace) -> dict[str, Any]:
         return {"address": args.dashboard_address, "certificate": _certificate(args)}
     if args.dashboard_address:
         raise ConfigError("--lan and --dashboard-address both choose the address: give one of them")
-    from tactophone.dashboard import network_address
+    from tactophone.pages import network_address
 
     name = socket.gethostname().lower()
     names = (name, name if name.endswith(".local") else f"{name}.local")  # the second by multicast DNS

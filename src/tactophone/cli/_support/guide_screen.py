@@ -27,11 +27,11 @@ class GuidePage:
     """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
-        from tactophone.dashboard import guide  # for --dashboard alone: it imports processes
+        from tactophone.pages import serve_guide  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
         self._wait, self._finished = wait, False
-        self._page = guide(page_end)
+        self._page = serve_guide(page_end)
 
     def __enter__(self) -> Self:
         terminal.note(f"page: {self._page.url}")

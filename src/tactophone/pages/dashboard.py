@@ -1,0 +1,217 @@
+"""The operator's page: a live feed for each viewer, and requests from the viewers; the run alone decides on these.
+
+A viewer acknowledges each message, and receives none while `CREDIT` of them are unacknowledged. So nothing queues up
+for a stalled browser; when it resumes, it receives what it missed in a single message.
+"""
+
+import asyncio
+import json
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from typing import Any
+
+from aiohttp import WSMsgType, web
+
+from tactophone.pages.devices import Fingertips, PageMicrophone
+from tactophone.pages.feed import Feed, WatchedRun
+from tactophone.pages.views import (
+    CREDIT,
+    FLOOD_RATE,
+    STATIC,
+    VIEWERS,
+    Answers,
+    FloodGate,
+    admit,
+    end_flood,
+    finger_of,
+    is_local,
+    page,
+)
+from tactophone.telemetry import FingerState, Request, State
+
+PERIOD = 1 / 60
+"""Seconds between messages: the refresh interval of a screen."""
+
+_LEVELS = ("ceiling", "output_level")
+_WITHOUT_VALUE = ("stop", "mute", "arm")
+
+MAX_NAME_BYTES = 64
+"""Of a profile's name: the size of the mailbox."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordRequest:
+    """Begin a log of the run, or end it: for whoever keeps logs, not for the run."""
+
+    begin: bool
+
+
+def parse_request(text: str, state: State, *, finger: int = 0, local: bool = True) -> Request | RecordRequest | str:
+    """Parse a request; returns a text with the reason when it must be refused.
+
+    Parameters
+    ----------
+    state
+        Settings of the run now: a page may lower the ceiling and never raises it, not even to an earlier value. The run
+        itself refuses any ceiling above the local machine's; this check is the stricter.
+    finger
+        Whose settings the request is for.
+    local
+        Whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken the
+        vibration; it never arms, strengthens or changes what is detected.
+
+    Examples
+    --------
+    >>> parse_request('{"action": "mute"}', State()).action
+    'mute'
+    >>> parse_request('{"action": "ceiling", "value": 0.9}', State(fingers=(FingerState(ceiling=0.5),)))
+    'a page can lower the ceiling (0.5 now), never raise it: raise it at the machine'
+    """
+    own = (state.fingers[finger:] or state.fingers)[0]
+    try:
+        entries = json.loads(text)
+        action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return "not a request: write JSON with an action"
+    if not local and (reason := _refusal_of_remote(action, value, own)):
+        return reason
+    if action in _WITHOUT_VALUE:
+        return Request(action)
+    if action == "record":
+        return RecordRequest(value is True)
+    if action in (*_LEVELS, "threshold_dbfs"):
+        return _number(action, value, own)
+    if action == "profile":
+        return _profile(name, state)
+    return f"there is no action {str(action)[:20]!r}"
+
+
+def _refusal_of_remote(action: Any, value: Any, own: FingerState) -> str:
+    weaker = isinstance(value, int | float) and value <= own.output_level
+    if action in ("stop", "mute", "ceiling") or (action == "output_level" and weaker):
+        return ""
+    return f"only a page on the run's own machine may do that ({str(action)[:20]}): this one may stop, mute and weaken"
+
+
+def _number(action: Any, value: Any, own: FingerState) -> Request | str:
+    # An integer of hundreds of digits is no float, so it is bounded before anything converts it.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not -1e6 <= value <= 1e6:
+        return f"{action} needs a number"
+    low, high = (0.0, 1.0) if action in _LEVELS else (-120.0, 0.0)
+    if not low <= value <= high:
+        return f"{action} must be from {low:g} to {high:g}"
+    if action == "ceiling" and value > own.ceiling:
+        return f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: raise it at the machine"
+    return Request(action, float(value))
+
+
+def _profile(name: Any, state: State) -> Request | str:
+    if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
+        return f"profiles are {', '.join(state.profiles)}"
+    return Request("profile", text=name)
+
+
+class Recorder(Answers):
+    """The page's button *Record*, passed on to the command that keeps logs; this process writes no file.
+
+    One end of a pipe: true begins a log, false ends it; answers are shown by all pages.
+
+    Attributes
+    ----------
+    status
+        For a page that is opened now: ``recording`` is the file, empty while there is none.
+    """
+
+    def __init__(self, orders: Connection, views: set[web.WebSocketResponse]) -> None:
+        super().__init__(orders, views)
+        self.status: dict[str, Any] = {"recording": ""}
+
+    def ask(self, begin: bool) -> None:
+        """Begin or end a log; the answer comes later."""
+        self.send(begin)
+
+    def keep(self, answer: dict[str, Any]) -> None:
+        """Keep which file is recorded."""
+        if "recording" in answer:
+            self.status = {"recording": answer["recording"]}
+
+
+RUN = web.AppKey("run", WatchedRun)
+VIEWS: web.AppKey[set[web.WebSocketResponse]] = web.AppKey("views", set)
+RECORDER = web.AppKey("recorder", Recorder)
+
+
+def dashboard(name: str, microphone: Connection | None = None, recorder: Connection | None = None) -> web.Application:
+    """Build the operator's page for the run of that name.
+
+    ``microphone`` takes the sound of a page that listens; ``recorder`` keeps logs, as `Recorder` asks for them.
+    """
+    app = web.Application()
+    app[RUN], app[VIEWS] = WatchedRun(name), set()
+    app.router.add_get("/", page(STATIC / "index.html"))
+    app.router.add_get("/try", page(STATIC / "try.html"))
+    app.router.add_get("/live", _live)
+    app.router.add_get("/feel", Fingertips(app[RUN]).connect)
+    if microphone is not None:
+        app.router.add_get("/listen", PageMicrophone(microphone).connect)
+    if recorder is not None:
+        app[RECORDER] = Recorder(recorder, app[VIEWS])
+        app.on_startup.append(app[RECORDER].follow)
+    return app
+
+
+async def _live(request: web.Request) -> web.StreamResponse:
+    views, run = request.app[VIEWS], request.app[RUN]
+    view = await admit(request, views, VIEWERS)
+    if view is None:
+        return web.Response()
+    views.add(view)
+    credit = asyncio.Semaphore(CREDIT)
+    recorder = request.app.get(RECORDER)
+    try:
+        if recorder is not None:
+            await view.send_str(json.dumps(recorder.status))
+        async with asyncio.TaskGroup() as tasks:
+            finger = finger_of(request)
+            sending = tasks.create_task(_send(view, Feed(run, finger=finger), credit))
+            await _receive(view, run, recorder, credit, local=is_local(request), finger=finger)
+            sending.cancel()
+    finally:
+        views.discard(view)
+    return view
+
+
+async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semaphore) -> None:
+    with suppress(ConnectionError):
+        while not view.closed:
+            await credit.acquire()
+            await view.send_bytes(feed.message())
+            await asyncio.sleep(PERIOD)
+
+
+async def _receive(
+    view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool,
+    finger: int,
+) -> None:  # fmt: skip
+    gate, snapshot = FloodGate(FLOOD_RATE), None
+    async for message in view:
+        if gate.overflows():
+            await end_flood(view)
+            return
+        if message.type is not WSMsgType.TEXT:
+            continue
+        if message.data == "ok":
+            credit.release()
+            continue
+        snapshot = run.snapshot(snapshot, finger=finger)  # only what is new: a flood of requests must stay cheap
+        request = parse_request(message.data, snapshot.state if snapshot else State(), finger=finger, local=local)
+        if isinstance(request, str):
+            await view.send_str(json.dumps({"refused": request}))
+        elif isinstance(request, RecordRequest):
+            if recorder is not None:
+                recorder.ask(request.begin)
+        elif request.action == "stop":
+            run.ask(request)  # an emergency stop is for all fingers
+        else:
+            run.ask(replace(request, finger=finger))

@@ -1,0 +1,199 @@
+"""What all pages share: their files behind access control, who is admitted to a WebSocket, and answers to every page.
+
+Sent away are pages too many, of another version, or flooding. A page cannot read the answer to a refused WebSocket, so
+it is accepted and closed at once, with a reason that it shows.
+"""
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable, Sized
+from contextlib import suppress
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from multiprocessing.connection import Connection
+from typing import Any
+
+from aiohttp import web
+from aiohttp.typedefs import Middleware
+
+from tactophone.pages.security import HEADERS, AccessControl
+
+VERSION = "1"
+"""Of the messages between page and server; `live.js` sends its own. Change both when a message changes."""
+
+TAKEN = 4001
+"""WebSocket close code, of the range for applications: another window took the place."""
+
+OTHER_VERSION, TOO_MANY, FLOOD = 4002, 4003, 4008
+"""Close codes: the page is of another version, too many pages are open, the page sends too much."""
+
+MAX_MESSAGE_BYTES = 4_096
+"""Bytes of a message from a page."""
+
+FLOOD_RATE = 500.0
+"""Messages a second, twice what a page sends that acknowledges 125 a second and follows a fast pointer."""
+
+HEADER_TIMEOUT = 10.0
+"""Seconds that a connection may take to send a request; a browser sends one at once."""
+
+VIEWERS = 16
+"""Greatest number of viewers, so that forgotten tabs cannot load the machine."""
+
+CREDIT = 3
+"""Unacknowledged messages to a viewer: 50 ms of them, more than a local page needs."""
+
+STATIC = files("tactophone.pages") / "static"
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def protect(inner: web.Application, access: AccessControl) -> web.Application:
+    """Serve a page, and the files that all pages load, under the token and behind access control."""
+    inner.router.add_static("/static", str(STATIC))
+    outer = web.Application(middlewares=[_check_access(access)], client_max_size=MAX_MESSAGE_BYTES)
+    outer.add_subapp(f"/{access.token}", inner)
+    outer.on_response_prepare.append(_add_headers)
+    return outer
+
+
+def page(path: Traversable) -> Handler:
+    """Return a handler that serves an HTML file."""
+
+    async def handler(request: web.Request) -> web.StreamResponse:
+        return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
+
+    return handler
+
+
+async def close_idle_connections(runner: web.AppRunner, *, timeout: float = HEADER_TIMEOUT) -> None:
+    """Close connections that have had no request for a while: the web server waits for a request's header for ever.
+
+    A page's live connection is one request that goes on, and stays.
+    """
+    waiting: dict[int, float] = {}
+    while runner.server is not None:
+        now = time.monotonic()
+        handlers = {id(handler): handler for handler in runner.server.connections}
+        idle = {key: handler for key, handler in handlers.items() if handler._current_request is None}
+        waiting = {key: waiting.get(key, now) for key in idle}
+        for key, since in waiting.items():
+            if now - since > timeout:
+                idle[key].force_close()
+                if transport := idle[key].transport:
+                    transport.abort()
+        await asyncio.sleep(timeout / 5)
+
+
+def _check_access(access: AccessControl) -> Middleware:
+    @web.middleware
+    async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
+        reason = access.refusal(
+            token=request.path.partition("/")[2].partition("/")[0],
+            host=request.headers.get("Host"),
+            origin=request.headers.get("Origin"),
+            websocket="Upgrade" in request.headers,
+        )
+        return web.Response(status=403, text=f"Refused: {reason}.\n") if reason else await handler(request)
+
+    return middleware
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    response.headers.update(HEADERS)
+
+
+def is_local(request: web.Request) -> bool:
+    """Return whether a page is open on this machine: both ends of its connection then have the same address."""
+    if request.transport is None:
+        return False
+    peer, own = (request.transport.get_extra_info(end) for end in ("peername", "sockname"))
+    return bool(peer and own and peer[0] == own[0])
+
+
+async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketResponse | None:
+    """Open a page's WebSocket; ``None`` if the page has left already, ``views`` are too many, or it is too old."""
+    view = web.WebSocketResponse(heartbeat=20, max_msg_size=MAX_MESSAGE_BYTES, compress=False)
+    try:
+        await view.prepare(request)
+    except ConnectionError:
+        return None
+    if request.query.get("v", VERSION) != VERSION:
+        await view.close(code=OTHER_VERSION, message=b"this page is of another version: reload it")
+    elif len(views) >= most:
+        await view.close(code=TOO_MANY, message=f"{most} pages are open already: close one".encode())
+    else:
+        return view
+    return None
+
+
+def finger_of(request: web.Request) -> int:
+    """Return which finger of a hand a page shows and controls, counted from 0."""
+    text = request.query.get("finger", "")
+    return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
+
+
+class FloodGate:
+    """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds one second of it.
+
+    Examples
+    --------
+    >>> gate = FloodGate(10.0)
+    >>> [gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=1.0)]
+    [False, False, True, False]
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate, self._level, self._time = rate, 0.0, 0.0
+
+    def overflows(self, amount: float = 1.0, *, now: float | None = None) -> bool:
+        """Add an amount; true if that is too much."""
+        now = time.monotonic() if now is None else now
+        self._level = max(0.0, self._level - self._rate * (now - self._time)) + amount
+        self._time = now
+        return self._level > self._rate
+
+
+async def end_flood(view: web.WebSocketResponse) -> None:
+    """Close a page that floods; the run never notices."""
+    await view.close(code=FLOOD, message=b"this page sends too much: reload it")
+
+
+class Answers:
+    """A page's end of a pipe to the command that serves it: what pages ask goes in, and its answers go to every page.
+
+    The caller adds and removes the ``views``, the pages that are open now.
+    """
+
+    def __init__(self, orders: Connection, views: set[web.WebSocketResponse]) -> None:
+        self._orders, self._views = orders, views
+        self._sending: set[asyncio.Task[None]] = set()
+
+    def send(self, order: Any) -> None:
+        """Pass on what a page asks."""
+        with suppress(OSError):  # the command has ended, and soon ends this process too
+            self._orders.send(order)
+
+    def keep(self, answer: dict[str, Any]) -> None:
+        """Keep of an answer what a page that is opened later has to show."""
+
+    async def follow(self, app: web.Application) -> None:
+        """Take answers as they come, once the server runs."""
+        asyncio.get_running_loop().add_reader(self._orders.fileno(), self._take)
+
+    def _take(self) -> None:
+        try:
+            answer = self._orders.recv()
+        except (EOFError, OSError):
+            asyncio.get_running_loop().remove_reader(self._orders.fileno())
+            return
+        self.keep(answer)
+        for view in self._views:
+            task = asyncio.ensure_future(_send(view, answer))
+            self._sending.add(task)
+            task.add_done_callback(self._sending.discard)
+
+
+async def _send(view: web.WebSocketResponse, answer: dict[str, Any]) -> None:
+    with suppress(ConnectionError):
+        await view.send_str(json.dumps(answer))
