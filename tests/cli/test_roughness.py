@@ -7,7 +7,7 @@ import pytest
 from tactophone.cli import main
 from tactophone.dataset import open_dataset
 from tests.dataset.folders import audiofolder
-from tests.dataset.test_height_map import STEP, SURFACES, ridges
+from tests.dataset.test_heights import STEP, SURFACES, ridges
 
 
 def test_a_map_is_measured_drawn_and_written_into_a_data_set(
