@@ -1,8 +1,21 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tactophone.dataset import Recording
+from tactophone.errors import DatasetError
+from tactophone.evaluation import (
+    TakePredictions,
+    accuracy_of,
+    by_surface,
+    by_take,
+    compare_models,
+    paired_difference,
+)
 from tactophone.evaluation.bootstrap import BINS, estimate
 from tactophone.evaluation.metrics import Scores, count_by_surface, measure, measure_counts, sort_scores
+from tactophone.types import Touch
 
 
 def made(surfaces: int, *, spread: float, windows: int = 50, seed: int = 0) -> Scores:
@@ -50,3 +63,60 @@ def test_draws_in_bins_measure_what_exact_ones_do() -> None:
     for row, weights in enumerate(times):
         exact = measure(scores, weights[scores.surface])
         assert {name: drawn[row] for name, drawn in binned.items()} == pytest.approx(exact, abs=2e-3)
+
+
+def scores(noise: float, seed: int = 0) -> Scores:
+    rng = np.random.default_rng(seed)
+    surface = np.repeat(np.arange(10), 100)
+    rough = surface % 2 == 1
+    score = np.clip(0.25 + 0.5 * rough + noise * rng.standard_normal(1000), 0, 1)
+    return sort_scores(score, rough=rough, surface=surface, names=tuple(f"stone {k}" for k in range(10)))
+
+
+def test_the_better_method_differs_significantly() -> None:
+    difference = paired_difference(scores(0.1), scores(0.5), draws=200)["balanced_accuracy"]
+    assert difference.estimate.value > 0.1
+    assert difference.estimate.low > 0
+    assert difference.p < 0.05
+
+
+def test_a_method_does_not_differ_from_itself() -> None:
+    difference = paired_difference(scores(0.3), scores(0.3), draws=100)["auc"]
+    assert difference.estimate.value == 0
+    assert difference.p == 1
+
+
+def predicted(correct: float, *, contact: bool = True) -> list[TakePredictions]:
+    """Four surfaces with two takes each, of which a share of windows is classified correctly."""
+    made = []
+    for number in range(8):
+        label = Touch.ROUGH if number % 4 < 2 else Touch.SMOOTH
+        right = np.arange(100) < 100 * correct
+        rough = right if label is Touch.ROUGH else ~right
+        rows = np.stack([np.zeros(100), 1.0 - rough, rough], axis=1).astype(np.float32)
+        recording = Recording(Path(f"{number}.wav"), f"stone {number // 2}", label)
+        made.append(TakePredictions(recording, np.arange(100) / 100, rows, np.full(100, contact)))
+    return made
+
+
+def test_gain_and_loss_are_paired() -> None:
+    changes = compare_models(predicted(0.6), predicted(0.9), by=by_surface)
+    accuracy = changes["balanced_accuracy"]
+    assert (accuracy.before.value, accuracy.after.value) == pytest.approx((0.6, 0.9))
+    assert accuracy.difference.value == pytest.approx(0.3)
+    assert accuracy.difference.low == pytest.approx(0.3)
+    assert changes["false_positive_rate"].difference.value == pytest.approx(-0.3)
+    assert compare_models(predicted(0.6), predicted(0.9), by=by_take)["balanced_accuracy"] == accuracy
+
+
+def test_objects_of_one_label_are_scored_on_it_alone() -> None:
+    rough = [take for take in predicted(0.7) if take.recording.label is Touch.ROUGH]
+    changes = compare_models(rough, rough, by=by_take)
+    assert changes["balanced_accuracy"].after.value == pytest.approx(0.7)
+    assert np.isnan(changes["false_positive_rate"].after.value)
+    assert accuracy_of(rough) == pytest.approx(0.7)
+
+
+def test_no_contact_is_named() -> None:
+    with pytest.raises(DatasetError, match="never opened"):
+        compare_models(predicted(0.5, contact=False), predicted(0.5, contact=False), by=by_surface)

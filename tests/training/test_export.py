@@ -2,16 +2,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 
 from tactophone import AudioBlock, ModelError
 from tactophone.dataset import open_dataset
-from tactophone.perception import Gate, WindowDetector, magnitudes, read_model
-from tactophone.training.export import add_scores, make_card, read_weights, write_model
+from tactophone.perception import FEATURES, Gate, WindowDetector, magnitudes, read_model
+from tactophone.training.export import (
+    Storage,
+    add_scores,
+    build_graph,
+    make_card,
+    read_graph,
+    read_weights,
+    write_model,
+)
 from tactophone.training.network import PaperNetwork, weights_of
 from tactophone.training.recipes import network_settings
 from tactophone.training.trainer import NetworkRecipe
+from tactophone.types import FloatArray
 from tests.dataset.folders import audiofolder
 
 GATE = Gate(-60.0)
@@ -69,3 +79,46 @@ def test_the_folder_of_a_model_is_made(tmp_path: Path) -> None:
     path = tmp_path / "models" / "a.onnx"
     write_model(path, make_card(weights, name="a", gate=GATE), weights)
     assert read_model(path).card.name == "a"
+
+
+def spectra(channels: int, count: int = 20) -> FloatArray:
+    """Features of the size that real windows have: most bins small, a few large."""
+    return (np.random.default_rng(0).exponential(1.0, (count, 257 * channels)) ** 2).astype(np.float32)
+
+
+def run(model: bytes, features: FloatArray) -> FloatArray:
+    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    return np.concatenate([session.run(None, {FEATURES: row[None]})[0] for row in features])
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_onnx_agrees_with_torch(channels: int) -> None:
+    network = PaperNetwork(channels=channels)
+    features = spectra(channels)
+    expected = network(torch.from_numpy(features)).detach().numpy()
+    model = build_graph(weights_of(network), storage="float32").SerializeToString()
+    assert run(model, features) == pytest.approx(expected, abs=1e-5)
+
+
+def test_eight_bits_cost_a_quarter_and_almost_nothing_in_probability() -> None:
+    network = PaperNetwork()
+    features = spectra(2)
+    expected = network(torch.from_numpy(features)).detach().exp().numpy()
+    model = build_graph(weights_of(network), storage="int8").SerializeToString()
+    assert len(model) < 2_000_000
+    assert np.exp(run(model, features)) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("storage", "tolerance"), [("float32", 0.0), ("int8", 1 / 127)])
+def test_weights_are_read_back(storage: Storage, tolerance: float) -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    read = read_graph(build_graph(weights, storage=storage))
+    assert read.keys() == weights.keys()
+    for name, array in weights.items():
+        assert np.abs(read[name] - array).max() <= tolerance * np.abs(array).max()
+
+
+def test_a_row_of_zeros_is_stored_as_zeros() -> None:
+    weights = weights_of(PaperNetwork(channels=1))
+    weights["layer1.weight"][0] = 0
+    assert not read_graph(build_graph(weights, storage="int8"))["layer1.weight"][0].any()
