@@ -119,7 +119,6 @@ class Codec:
 
     @property
     def kind(self) -> PayloadType:
-        """The RTP payload type."""
         return _KINDS[self.name, self.channels]
 
     def largest_packet(self, samples: int) -> int:
@@ -183,7 +182,6 @@ class PcmDecoder:
         return len(content) // width
 
     def decode(self, content: bytes) -> FloatArray:
-        """Decode a payload."""
         self._last = self._read(content)
         return self._last
 
@@ -364,7 +362,6 @@ class OpusDecoder:
         return np.concatenate(pieces)[:size]
 
     def _split(self, content: bytes) -> list[bytes]:
-        """Return the payload of each finger."""
         fingers = len(self._fingers)
         each, rest = divmod(len(content), fingers)
         if rest or not each:
@@ -466,7 +463,6 @@ Decoder: TypeAlias = PcmDecoder | OpusDecoder
 
 
 def open_encoder(codec: Codec) -> Encoder:
-    """Return a new encoder."""
     if codec.name == "pcm16":
         return PcmEncoder()
     return OpusEncoder(

@@ -104,11 +104,9 @@ class LoggedSession:
         self.polled: list[bytes] = []
 
     def receive(self, datagram: bytes, *, source: Address, now: float) -> list[Event]:
-        """Return the event that a datagram holds."""
         return [self._followed(read_event(datagram))]
 
     def poll(self, now: float) -> list[Event]:
-        """Return the logged events of this moment."""
         events, self.polled = [self._followed(read_event(content)) for content in self.polled], []
         return events
 

@@ -97,7 +97,6 @@ class NewRecords:
         self._messages, self.changed_cipher = 0, False
 
     def of(self, written: bytes) -> bytes:
-        """Return the records that are new."""
         records = list(_records(written))
         # All are judged by what was written before, and only then noted: a flight holds several of each kind.
         fresh = b"".join(record for record in records if self._is_new(record))
@@ -291,7 +290,6 @@ class Handshake:
         self._outgoing: list[bytes] = []
 
     def receive(self, datagram: bytes, *, now: float) -> None:
-        """Process a datagram of this handshake."""
         if self.failure:
             return
         if is_plain_alert(datagram):
@@ -314,13 +312,13 @@ class Handshake:
         if self.agreement or self.failure:
             return
         if now - self.begun > HANDSHAKE_TIMEOUT:
+            # The refusal could not be believed at once; that nothing else came makes it likely.
             self.failure = REFUSED if self.refused else f"no answer within {HANDSHAKE_TIMEOUT:g} s"
         elif now - self._sent > self._retransmit_after:
             self._retransmit_after = min(2 * self._retransmit_after, MAX_RETRANSMISSION)
             self._retransmit(now)
 
     def outgoing(self) -> list[bytes]:
-        """Return the datagrams to send."""
         ready, self._outgoing = self._outgoing, []
         return ready
 
@@ -376,7 +374,6 @@ def call_label(fingerprint: str) -> bytes:
 
 
 def _written(connection: SSL.Connection) -> bytes:
-    """Return what OpenSSL has written."""
     try:
         return bytes(connection.bio_read(1 << 16))
     except SSL.WantReadError:

@@ -154,7 +154,6 @@ class Peers:
         return Peers({**kept, fingerprint: name})
 
     def without(self, name: str) -> "Peers":
-        """Return the peers without one."""
         if name not in self._names.values():
             raise ConfigError(f"no peer is named {name!r}; there are: {', '.join(self._names.values()) or 'none'}")
         return Peers({pin: other for pin, other in self._names.items() if other != name})
@@ -165,7 +164,6 @@ class Peers:
         return matches[0] if matches else None
 
     def items(self) -> list[tuple[str, str]]:
-        """Return name and fingerprint of each peer."""
         return [(name, pin) for pin, name in self._names.items()]
 
 

@@ -130,7 +130,6 @@ class DatagramKind(enum.Enum):
 
     @classmethod
     def of(cls, datagram: bytes) -> "DatagramKind":
-        """Return the kind of a datagram."""
         return _DATAGRAM_KINDS[datagram[0]] if datagram else cls.NEITHER
 
 
@@ -261,6 +260,7 @@ class TimestampUnwrapper:
             self._newest, self.origin = timestamp, timestamp - self._start
         # As `ahead`, without a call for each packet.
         reached = self._newest + (timestamp - self._newest + _HALF_TURN) % (1 << 32) - _HALF_TURN
+        # Only forwards: a late packet does not move the reference, or the next wrap could be taken for a step back.
         self._newest = max(self._newest, reached)
         return reached - self.origin
 
@@ -287,6 +287,8 @@ def _read_redundancy(timestamp: int, body: bytes) -> tuple[Payload, tuple[Payloa
     """Return a packet's own payload, which is the last and takes the rest, and the earlier ones."""
     heads: list[tuple[int, int, int]] = []
     position, size = 0, len(body)
+    # Headers with a set first bit announce earlier payloads; the one without announces the packet's own, and has no
+    # length. The contents follow in the same order.
     while position < size and body[position] & 0x80:
         if position + _EARLIER.size > size:
             raise PacketError("a redundancy header that ends within; the datagram was cut")

@@ -83,7 +83,6 @@ class ReceiveSession:
 
     @property
     def stats(self) -> StreamStats:
-        """Of the current stream."""
         return self._depacketizer.reception.stats
 
     @property

@@ -101,12 +101,10 @@ class SendGroup:
 
     @property
     def connected(self) -> list[Member]:
-        """The operators that are connected."""
         return [member for member in self.members if member.stream]
 
     @property
     def peers(self) -> list[str]:
-        """Names of the connected operators."""
         return [member.session.peer for member in self.members if member.session.peer is not None]
 
     @property
@@ -222,6 +220,8 @@ class SendGroup:
         requested, used = member.bandwidth, self.codec.bandwidth
         if not (self._follow and requested and member.stream):
             return
+        # To a larger bandwidth at any time, though it restarts the encoder; to a smaller one, which disturbs the others
+        # for nothing, only once and for an operator that is alone.
         if requested > used or (self._lowers and self.connected == [member]):
             self._lowers = False
             if requested != used:
@@ -233,6 +233,7 @@ class SendGroup:
 
     def _log(self, member: Member, event: Event) -> None:
         """Pass on one connected operator's events, and when it leaves those of the next, as a connection of its own."""
+        # One operator is followed at a time: a log is one session, which can be repeated.
         if isinstance(event, Connected) and self._logged is None:
             self._logged = member
         if member is not self._logged:

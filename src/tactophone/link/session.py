@@ -69,7 +69,6 @@ class SrtpCrypto:
         self._in = pylibsrtp.Session(_policy(secrets.inbound, secrets.remote_ssrc))
 
     def protect(self, packet: bytes) -> bytes:
-        """Encrypt an RTP packet or an RTCP report."""
         if is_report(packet):
             return bytes(self._out.protect_rtcp(packet))
         return bytes(self._out.protect(packet))
@@ -119,7 +118,6 @@ class Connection:
         self._sent = self._sequence = 0
 
     def protect(self, packet: bytes) -> bytes:
-        """Encrypt a packet."""
         self._sent += 1
         if not is_report(packet):
             self._sequence = int.from_bytes(packet[2:4])
@@ -261,7 +259,7 @@ class Session:
             return ""
         return (
             f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
-            "update the older of the two, or what one sends the other may not understand"
+            "update the older one, as the two may not understand each other"
         )
 
     def leave_to_others(self, is_taken: Callable[[str], bool]) -> None:
@@ -336,7 +334,6 @@ class Session:
         return self._end("closed on this side")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams to send, each with its address."""
         ready, self._outgoing = self._outgoing, []
         return ready
 
@@ -413,6 +410,7 @@ class Session:
             return
         for displaced in self._admission.displaced(self._pending, source=source, known=known, now=now):
             self._drop(displaced, "another call took its place")
+        # The hello names the session that it continues, if any; only the finished handshake proves that it may.
         handshake.known = known
         if self._current and self._current.agreement.continuation in hello:
             handshake.continues = self._current.agreement.continuation

@@ -181,6 +181,7 @@ class MinDelayFilter:
 
     def push(self, transit: float, *, now: float) -> None:
         """Add the transit time of one packet, in s."""
+        # The window that ends becomes the previous one, so that the minimum always covers one to two windows.
         if now - self._window_start >= WINDOW and (self._count >= _MIN_PACKETS or math.isinf(self._window_start)):
             self._previous, self._current = self._current, math.inf
             self._window_start, self._count = now, 0

@@ -371,7 +371,6 @@ class Depacketizer:
         self._next = following
 
     def _decode_contiguous(self, decoded: list[DecodedAudio], now: float) -> None:
-        """Decode the payloads that follow without a gap."""
         while (waiting := self._waiting.pop(self._next, None)) is not None:
             if self._decode(decoded, waiting.payload, now, arrival=waiting.arrival):
                 self.reception.stats.packets_recovered += not waiting.primary

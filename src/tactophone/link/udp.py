@@ -188,7 +188,6 @@ class UdpSocket:
         return refused
 
     def close(self) -> None:
-        """Free the port."""
         self._connect(None)
         self._socket.close()
 
