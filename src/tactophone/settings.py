@@ -413,7 +413,7 @@ def read_tables(path: Path, *, missing: str, outside: str) -> dict[str, Mapping[
     return tables
 
 
-def change(settings: Settings, assignments: Iterable[str]) -> Settings:
+def change(settings: Settings, assignments: Iterable[str], *, where: str = "--set") -> Settings:
     """Apply ``section.name=value`` assignments; a value that is not TOML is taken as plain text.
 
     >>> change(Settings(), ["link.packet_duration=0.0025", "capture.source=finger"]).link.packet_duration
@@ -422,14 +422,14 @@ def change(settings: Settings, assignments: Iterable[str]) -> Settings:
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals:
-            raise ConfigError(f"--set {assignment}: wanted section.name=value, such as link.port=48470")
+            raise ConfigError(f"{where} {assignment}: wanted section.name=value, such as link.port=48470")
         try:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text
         if name in SETTINGS and isinstance(SETTINGS[name].default, str) and not isinstance(value, str):
             value = text  # a device may be named "3"
-        settings = set_value(settings, name, value, where="--set")
+        settings = set_value(settings, name, value, where=where)
     return settings
 
 

@@ -46,8 +46,8 @@ def start_loopback(
     noise = np.random.default_rng(0).normal(0, 0.05, (48_000 * 20, 2))
     soundfile.write(folder / "noise.wav", noise, 48_000)
     name = f"test-{uuid.uuid4().hex[:8]}"
-    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "file", "--actuator", "none"]
-    command += ["--name", name, "--device", str(folder / "noise.wav"), "--record", str(folder / "run.mcap")]
+    command = [sys.executable, "-m", "tactophone", "loopback", "--actuator", "none"]
+    command += ["--name", name, "--source", f"file:{folder / 'noise.wav'}", "--record", str(folder / "run.mcap")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
         try:
             until = time.monotonic() + 60

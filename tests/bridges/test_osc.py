@@ -9,7 +9,7 @@ import pytest
 
 from tactophone.bridges.osc import OscBridge
 from tactophone.bridges.reader import SILENCE, NewestReader
-from tactophone.cli._support import record_option
+from tactophone.cli import live, options
 from tactophone.errors import ConfigError
 from tactophone.telemetry import FingerState, State, Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
@@ -139,22 +139,23 @@ def test_a_port_to_listen_at_that_is_none_is_one_line(telemetry: Telemetry, port
 
 
 @pytest.mark.parametrize(
-    ("verb", "options"),
+    ("verb", "words"),
     [
-        ("receive", ["--osc-listen", "9001"]),
-        ("receive", ["--osc-avatar"]),
-        ("receive", ["--ros-over", "zenoh", "--osc", "127.0.0.1:9"]),
-        ("receive", ["--finger", "index"]),
-        ("send", ["--osc", "127.0.0.1:9", "--osc-listen", "9001"]),
+        ("receive", ["--set", "bridges.osc_listen=9001"]),
+        ("receive", ["--set", "bridges.osc_avatar=true"]),
+        ("receive", ["--set", "bridges.ros_sinks=joy", "--bridge", "osc=127.0.0.1:9"]),
+        ("receive", ["--set", "bridges.finger=thumb"]),
+        ("send", ["--bridge", "osc=127.0.0.1:9", "--set", "bridges.osc_listen=9001"]),
     ],
 )
-def test_an_option_that_would_be_ignored_is_refused(telemetry: Telemetry, verb: str, options: list[str]) -> None:
+def test_an_option_that_would_be_ignored_is_refused(telemetry: Telemetry, verb: str, words: list[str]) -> None:
     parser = argparse.ArgumentParser()
-    record_option.add_arguments(parser)
-    args = parser.parse_args(options)
-    args.verb, args.fingers = verb, None
+    live.add_record(parser)
+    options.add_settings(parser, verb)
+    args = parser.parse_args(words)
+    args.verb = verb
     with (
         pytest.raises(ConfigError, match=r"does nothing without|stops the operator"),
-        record_option.recorded(args, telemetry.name),
+        live.recorded(args, options.settings_of(args), telemetry.name),
     ):
         pass

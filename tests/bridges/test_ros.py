@@ -14,7 +14,7 @@ pytest.importorskip("cyclonedds")
 
 from tactophone.bridges.ros import RosBridge
 from tactophone.bridges.ros_messages import open_sinks
-from tactophone.cli._support import flags
+from tactophone.cli import options
 from tactophone.errors import ConfigError
 from tactophone.telemetry import Telemetry
 from tactophone.types import AudioBlock, PipelineStep
@@ -178,6 +178,6 @@ def test_a_topic_in_another_format_is_one_line() -> None:
 
 def test_a_source_is_named_with_its_topic() -> None:
     parser = argparse.ArgumentParser()
-    flags.add_settings(parser, {"--source": "capture.source"})
-    settings = flags.settings_of(parser.parse_args(["--source", "ros:/audio"]))
+    options.add_settings(parser, "send")
+    settings = options.settings_of(parser.parse_args(["--source", "ros:/audio"]))
     assert (settings.capture.source, settings.capture.device) == ("ros", "/audio")

@@ -6,7 +6,7 @@ import pytest
 
 from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.cli import main
-from tactophone.cli._support.paper_tables import print_rows
+from tactophone.cli.benchmark import print_rows
 from tactophone.dataset import write_metadata
 from tactophone.evaluation import Estimate
 from tests.surfaces import surfaces
@@ -67,7 +67,7 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
 
 def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     command = [
-        "sweep", data, "--vary", "recipe=level,logistic", "--vary", "channels=1,2", "--split", "2-fold",
+        "evaluate", "--data", data, "--vary", "recipe=level,logistic", "--vary", "channels=1,2", "--split", "2-fold",
         "--workers", "1", "--cache", str(tmp_path / "cache"), "--json",
     ]  # fmt: skip
     assert main(command) == 0
@@ -79,7 +79,7 @@ def test_sweeps_every_combination_best_first(data: str, tmp_path: Path, capsys: 
 
 @pytest.mark.parametrize("text", ["recipe", "colour=red", "hop=many", "recipe=guesswork"])
 def test_a_setting_without_a_meaning_is_refused(text: str, data: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["sweep", data, "--vary", text]) == 1
+    assert main(["evaluate", "--data", data, "--vary", text]) == 1
     assert text.rsplit("=", maxsplit=1)[-1] in capsys.readouterr().err
 
 
@@ -92,7 +92,8 @@ def test_a_ray_cluster_has_the_results_of_this_process(data: str, tmp_path: Path
             assert (
                 main([*command, *place, "--out", str(tmp_path / name), "--cache", str(tmp_path / f"{name}-cache")]) == 0
             )
-        assert main(["sweep", data, "--vary", "recipe=level,texture", "--split", "2-fold", "--workers", "1", "--ray",
+        assert main(["evaluate", "--data", data, "--vary", "recipe=level,texture", "--split", "2-fold",
+                     "--workers", "1", "--ray",
                      "--cache", str(tmp_path / "sweep-cache")]) == 0  # fmt: skip
     finally:
         ray.shutdown()

@@ -7,7 +7,7 @@ import soundfile
 from tactophone.cli import main
 from tactophone.perception import Calibration
 
-FINGER = ["calibrate", "--source", "finger", "--finger-gain", "-12"]
+FINGER = ["setup", "--check", "--source", "finger", "--set", "simulation.gain_db=-12"]
 
 
 def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -20,7 +20,7 @@ def test_a_good_set_up_is_written_down(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_a_bad_one_is_refused_with_what_to_change(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "finger.toml"
-    assert main([*FINGER, "--fault", "swapped", "--out", str(file)]) == 1
+    assert main([*FINGER, "--set", "simulation.faults=swapped", "--out", str(file)]) == 1
     assert "refused: microphones swapped" in capsys.readouterr().out
     assert not file.exists()
 
@@ -38,7 +38,7 @@ def test_a_recording_can_be_calibrated_on_and_one_too_short_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     soundfile.write(tmp_path / "short.wav", [[0.0, 0.0]] * 48_000, 48_000)
-    command = ["calibrate", "--source", "file", "--device", str(tmp_path / "short.wav")]
+    command = ["setup", "--check", "--source", f"file:{tmp_path / 'short.wav'}"]
     assert main(command) == 1
     assert "ended" in capsys.readouterr().err
 
@@ -49,10 +49,10 @@ def test_a_rate_that_is_none_is_named(rate: str, capsys: pytest.CaptureFixture[s
     assert "1/min" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("faults", "code"), [([], 0), (["--fault", "air-covered"], 1)])
+@pytest.mark.parametrize(("faults", "code"), [([], 0), (["--set", "simulation.faults=air-covered"], 1)])
 def test_a_glazed_tile_which_sounds_alike_to_both_microphones_covers_neither(
     faults: list[str], code: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments = [*FINGER, "--object", "glazed tile", "--out", str(tmp_path / "calibration.toml")]
+    arguments = [*FINGER, "--smooth", "glazed tile", "--out", str(tmp_path / "calibration.toml")]
     assert main([*arguments, *faults]) == code
     assert ("covered" in capsys.readouterr().out) is bool(faults)

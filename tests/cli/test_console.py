@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from tactophone.cli._support.console import _ConsoleView
+from tactophone.cli.console import _ConsoleView
 from tactophone.telemetry import Fault, State, Telemetry
 
 

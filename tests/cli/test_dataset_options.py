@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError
-from tactophone.cli._support.dataset_options import open_filtered
+from tactophone.cli.data import open_filtered
 from tests.dataset.folders import audiofolder, write_sound
 
 

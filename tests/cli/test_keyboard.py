@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tactophone.cli._support.keyboard import KEYS, read_key, single_keys
+from tactophone.cli.console import KEYS, read_key, single_keys
 
 
 @pytest.fixture

@@ -21,8 +21,8 @@ def arguments(tmp_path: Path) -> list[str]:
     tone = 0.5 * np.sin(2 * np.pi * 400 / 44_100 * np.arange(2 * 44_100))
     soundfile.write(tmp_path / "stroke.wav", np.stack([tone, 0.1 * tone], axis=1), 44_100)
     model = write_tiny_model(tmp_path / "tiny.onnx", gain=1e3)
-    source = ["--source", "file", "--device", str(tmp_path / "stroke.wav"), "--set", "capture.loop=false"]
-    output = ["--actuator", "file", "--output", str(tmp_path / "vibration.wav"), "--ceiling", "0.25"]
+    source = ["--source", f"file:{tmp_path / 'stroke.wav'}", "--set", "capture.loop=false"]
+    output = ["--actuator", f"file:{tmp_path / 'vibration.wav'}", "--ceiling", "0.25"]
     return ["loopback", *source, *output, "--model", str(model), "--name", f"test-{tmp_path.name}", "--json"]
 
 
@@ -60,7 +60,7 @@ def test_a_duration_that_is_none_is_refused(
 
 
 def test_an_unknown_port_or_file_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*arguments, "--device", "nowhere.wav"]) == 1
+    assert main([*arguments, "--source", "file:nowhere.wav"]) == 1
     assert "nowhere.wav" in capsys.readouterr().err
     assert main([*arguments, "--ceiling", "7"]) == 1
     assert "0 to 1 of full drive" in capsys.readouterr().err

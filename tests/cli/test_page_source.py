@@ -1,6 +1,6 @@
 import pytest
 
-from tactophone.cli._support.page_source import for_one_microphone
+from tactophone.cli.audio import for_one_microphone
 from tactophone.settings import Settings, change
 
 

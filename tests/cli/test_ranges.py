@@ -1,12 +1,10 @@
 import argparse
-import importlib
 from collections.abc import Iterator
 
 import pytest
 
-from tactophone.cli import _SHARED_MODULES, VERBS, main
-from tactophone.cli._support import terminal
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import VERBS, add_verb, main
+from tactophone.cli.options import Parser, Within
 from tactophone.errors import ConfigError
 
 
@@ -21,9 +19,8 @@ def options(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_number_states_and_checks_its_range(verb: str) -> None:
-    parser = terminal.Parser(prog=verb)
-    name = _SHARED_MODULES.get(verb, verb.replace("-", "_"))
-    importlib.import_module(f"tactophone.cli.{name}").add_arguments(parser)
+    parser = Parser(prog=verb)
+    add_verb(parser, verb)
     for option in options(parser):
         assert option.choices or option.type not in (int, float), f"{option.option_strings}: give the range, a `Within`"
         assert not isinstance(option.type, Within) or "%(type)s" in str(option.help), option.option_strings
@@ -42,5 +39,5 @@ def test_a_whole_number_is_whole(text: str) -> None:
 
 
 def test_the_error_names_the_option_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["demo", "--seed", "-1"]) == 1
+    assert main(["finetune", "paper", "new", "--general", "old", "--seed", "-1"]) == 1
     assert capsys.readouterr().err == "tactophone: --seed -1: must be 0 or more\n"

@@ -13,7 +13,18 @@ from tactophone.cli import main
 from tactophone.dataset import open_dataset
 from tests.perception.test_calibration_file import CALIBRATION
 
-FINGER = ["record", "whiteboard", "--label", "smooth", "--source", "finger", "--finger-gain", "-12", "--seconds", "8"]
+FINGER = [
+    "record",
+    "whiteboard",
+    "--label",
+    "smooth",
+    "--source",
+    "finger",
+    "--set",
+    "simulation.gain_db=-12",
+    "--seconds",
+    "8",
+]
 
 
 def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

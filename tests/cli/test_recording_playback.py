@@ -12,7 +12,7 @@ import pytest
 import soundfile
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import recording_playback
+from tactophone.cli import playback
 from tactophone.dataset import Segment
 from tactophone.pipeline import open_pipeline
 from tactophone.telemetry import Telemetry, Watcher
@@ -32,9 +32,9 @@ def recording(tmp_path: Path) -> Path:
 def test_it_shows_sound_prediction_vibration_and_label_in_real_time(recording: Path) -> None:
     source = FileSource(recording)
     pipeline = open_pipeline(sample_rate=source.sample_rate, channels=2)
-    take = recording_playback.Take(recording.name, [recording], [pipeline], (Segment(0.1, 0.2, "rough"),))
+    take = playback.Take(recording.name, [recording], [pipeline], (Segment(0.1, 0.2, "rough"),))
     with Telemetry("test-playback") as telemetry:
-        recording_playback.play(take, telemetry)
+        playback.play(take, telemetry)
         seen = Watcher("test-playback").snapshot()
     assert (seen.sound_end, seen.vibration_end) == (13_230, 14_400)
     assert (seen.state.role, seen.state.source, seen.state.sample_rate) == ("replay", "stroke.wav", 44_100)
@@ -46,9 +46,9 @@ def test_it_shows_sound_prediction_vibration_and_label_in_real_time(recording: P
 def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(recording: Path) -> None:
     pipelines = [open_pipeline(sample_rate=44_100, channels=2) for _ in range(2)]
     names = ["thumb", "index"]
-    take = recording_playback.Take("run.mcap", [recording, recording], pipelines, fingers=names)
+    take = playback.Take("run.mcap", [recording, recording], pipelines, fingers=names)
     with Telemetry("test-playback", fingers=2) as telemetry:
-        recording_playback.play(take, telemetry)
+        playback.play(take, telemetry)
         seen = [Watcher("test-playback").snapshot(finger=finger) for finger in (0, 1)]
     assert [(each.sound_end, each.vibration_end) for each in seen] == [(13_230, 14_400)] * 2
     assert seen[0].state.source == "run.mcap"

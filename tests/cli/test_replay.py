@@ -3,8 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tactophone.cli import main
-from tactophone.cli._support import recording_playback
+from tactophone.cli import main, playback
 from tactophone.link import Codec
 from tests.bridges.recorded_run import record
 from tests.models import write_tiny_model
@@ -80,8 +79,8 @@ def test_the_page_plays_with_the_calibration_of_the_log(tmp_path: Path, monkeypa
     codec = Codec("pcm16", channels=2, packet_size=120)
     log = record(tmp_path / "run.mcap", model, f"detector.calibration={calibration}", codec=codec)
     calibration.unlink()
-    shown: list[recording_playback.Take] = []
-    monkeypatch.setattr(recording_playback, "play_on_page", lambda args, takes, name: shown.extend(takes))
+    shown: list[playback.Take] = []
+    monkeypatch.setattr(playback, "play_on_page", lambda settings, takes, name: shown.extend(takes))
     assert main(["replay", str(log), "--dashboard"]) == 0
     assert [pipeline.detector.threshold.dbfs for take in shown for pipeline in take.pipelines] == [
         CALIBRATION.threshold_dbfs

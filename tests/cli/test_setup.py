@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.cli._support.guide_screen import GuidePage
+from tactophone.cli.guide import GuidePage
 from tactophone.perception import model_path, read_model
 
-QUICK = ["setup", "--source", "finger", "--finger-gain", "-20", "--seconds", "3", "--yes"]
+QUICK = ["setup", "--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "3", "--yes"]
 
 
 def test_a_simulated_finger_gets_a_model_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -25,7 +25,7 @@ def test_a_faulty_microphone_is_named_and_nothing_is_written(
 ) -> None:
     path = tmp_path / "own.onnx"
     objects = ["--smooth", "whiteboard", "--rough", "brick"]
-    assert main([*QUICK, *objects, "--fault", "contact-dead", "--out", str(path)]) == 1
+    assert main([*QUICK, *objects, "--set", "simulation.faults=contact-dead", "--out", str(path)]) == 1
     assert "contact microphone" in capsys.readouterr().out
     assert not path.exists()
 
@@ -36,7 +36,7 @@ def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
 ) -> None:
     path = tmp_path / "own.onnx"
     objects = ["--smooth", "whiteboard", "--rough", "brick", "--tip", tip]
-    gains = ["--finger-gain", "-30", "--finger-air-gain", "-30"]
+    gains = ["--set", "simulation.gain_db=-30", "--set", "simulation.air_gain_db=-30"]
     assert main([*QUICK, *gains, *objects, "--out", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["from"] == model
     assert read_model(path).card.tip == tip

@@ -6,7 +6,7 @@ import pytest
 import soundfile
 
 from tactophone.capture import FileSource
-from tactophone.cli._support.sources import open_source, recorded
+from tactophone.cli.audio import open_source, recorded
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.settings import Settings, change
 from tactophone.types import Source, Touch

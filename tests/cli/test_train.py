@@ -6,7 +6,17 @@ from tactophone.cli import main
 from tactophone.perception import read_model
 from tests.dataset.folders import audiofolder
 
-QUICK = ["--reference-code", "--hop", "64", "--batch-size", "64", "--epochs", "1", "--least-steps", "0"]
+QUICK = ["--recipe", str(Path(__file__).with_name("quick.toml"))]
+
+
+def recipe(folder: Path, line: str) -> Path:
+    """Write the quick recipe with another line, or with another value for one of its lines."""
+    lines = Path(QUICK[1]).read_text().splitlines()
+    name = line.partition(" ")[0]
+    kept = [each for each in lines if each.partition(" ")[0] != name]
+    path = folder / "recipe.toml"
+    path.write_text("\n".join([*kept, line]) + "\n")
+    return path
 
 
 def test_trains_a_model_that_the_live_side_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -25,24 +35,32 @@ def test_training_continues_from_a_model(tmp_path: Path) -> None:
     main(["train", sound, "--out", str(first), *QUICK])
     assert main(["train", sound, "--out", str(second), "--from", str(first), *QUICK]) == 0
     assert read_model(second).card.training["start"] == "a.onnx"
-    assert main(["train", sound, "--from", str(first), "--variant", "one-channel", *QUICK]) == 1
+    one_channel = recipe(tmp_path, 'variant = "one-channel"')
+    assert main(["train", sound, "--from", str(first), "--recipe", str(one_channel)]) == 1
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("line", "options", "message"),
     [
-        (["--epochs", "0"], "--epochs 0: must be 1 or more"),
-        (["--noise", "nan"], "--noise nan: must be 0 or more"),
-        (["--contact-threshold", "loud"], "--contact-threshold loud: must be a level"),
-        (["--opus-bitrate", "5"], "--opus-bitrate 5: must be 16 to 512 kbit/s"),
-        (["--filter", "label=soft"], "no recording has it; label is one of rough, smooth"),
+        ("epochs = 0", [], "`int` >= 1 - at `$.epochs`"),
+        ("noise = nan", [], "`float` >= 0.0 - at `$.noise`"),
+        ('contact_threshold = "loud"', [], "at `$.contact_threshold`"),
+        ("opus_bitrate = 5", [], "`int` >= 16 - at `$.opus_bitrate`"),
+        ("epoch = 3", [], "unknown field `epoch`; did you mean epochs?"),
+        ('recipe = "textur"', [], "did you mean texture?"),
+        ("", ["--filter", "label=soft"], "no recording has it; label is one of rough, smooth"),
     ],
 )
 def test_an_impossible_request_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, options: list[str], message: str
 ) -> None:
     sound = audiofolder(tmp_path / "sound")
-    assert main(["train", str(sound), "--out", str(tmp_path / "a.onnx"), *QUICK, *options]) == 1
+    assert (
+        main(
+            ["train", str(sound), "--out", str(tmp_path / "a.onnx"), "--recipe", str(recipe(tmp_path, line)), *options]
+        )
+        == 1
+    )
     assert message in capsys.readouterr().err
     assert not (tmp_path / "a.onnx").exists()
 
@@ -50,7 +68,7 @@ def test_an_impossible_request_is_one_line(
 def test_quiet_recordings_are_too_quiet_for_the_papers_threshold(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = [option for option in QUICK if option != "--reference-code"]
+    options = ["--recipe", str(recipe(tmp_path, "reference_code = false"))]
     assert main(["train", str(audiofolder(tmp_path / "sound")), "--out", str(tmp_path / "a.onnx"), *options]) == 1
     assert "no window of the smooth recordings is louder than -26.0 dBFS" in capsys.readouterr().err
     assert not (tmp_path / "a.onnx").exists()

@@ -163,7 +163,7 @@ def test_this_machines_microphone_is_a_source_through_portaudio() -> None:
     """`--source microphone`: noise into the one input that PortAudio has on a JACK server of the test's own."""
     pytest.importorskip("sounddevice")
     rng, name = np.random.default_rng(1), "test-microphone"
-    command = (sys.executable, "-m", "tactophone", "loopback", "--source", "microphone", "--device", "system",
+    command = (sys.executable, "-m", "tactophone", "loopback", "--source", "microphone:system",
                "--actuator", "none", "--name", name)  # fmt: skip
     with DummyServer(128) as server:
 

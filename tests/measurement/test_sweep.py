@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tactophone.cli import main
-from tactophone.cli._support.measure_actuator import as_toml
+from tactophone.cli.devices import as_toml
 from tactophone.devices import DummyServer, JackClient
 from tactophone.errors import DeviceError
 from tactophone.measurement.sweep import SweepRecorder, fit, sweep

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from selenium.webdriver.common.by import By
 
-from tactophone.cli._support.dashboard_options import qr_code
+from tactophone.cli.page import qr_code
 from tactophone.link import CERTIFICATE_FILE, KEY_FILE, Identity
 from tactophone.pages import watch
 from tests.browser import start_chromium, text, wait

@@ -9,7 +9,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone.bridges import read_log
-from tactophone.cli._support.page_recorder import PageRecorder
+from tactophone.cli.page import PageRecorder
 from tactophone.pages import Page, watch
 from tactophone.pages.dashboard import RecordRequest, parse_request
 from tactophone.telemetry import State

@@ -8,8 +8,7 @@ from uuid import uuid4
 import numpy as np
 import pytest
 
-from tactophone.cli import send
-from tactophone.cli._support import flags
+from tactophone.cli import add_verb, options
 from tactophone.errors import ConfigError
 from tactophone.runtime import Operator, ProcessInfo, with_operator
 from tactophone.runtime.wiring import open_send_group, operators_of
@@ -50,9 +49,9 @@ def test_two_names_of_one_operator_are_refused(tmp_path: Path) -> None:
 
 def test_the_flag_may_be_given_for_each_operator() -> None:
     parser = argparse.ArgumentParser()
-    send.add_arguments(parser)
-    args = parser.parse_args(["--peer", "trainer", "--peer", "trainee:48471", "--port", "5000"])
-    assert operators_of(flags.settings_of(args).link) == [("trainer", 5000), ("trainee", 48471)]
+    add_verb(parser, "send")
+    args = parser.parse_args(["--peer", "trainer", "--peer", "trainee:48471", "--set", "link.port=5000"])
+    assert operators_of(options.settings_of(args).link) == [("trainer", 5000), ("trainee", 48471)]
 
 
 @pytest.mark.realtime

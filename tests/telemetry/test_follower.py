@@ -187,7 +187,7 @@ def test_a_full_disk_ends_the_log_with_one_line_and_not_the_run(name: str, monke
 
 
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> None:
-    with Telemetry(name), pytest.raises(ConfigError, match="--log"), PredictionLog(name, tmp_path / "no" / "a.csv"):
+    with Telemetry(name), pytest.raises(ConfigError, match="--record"), PredictionLog(name, tmp_path / "no" / "a.csv"):
         pass
 
 
@@ -195,8 +195,8 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path, name: str) -> No
 def test_a_killed_loopback_leaves_a_log_that_lacks_at_most_a_second(tmp_path: Path, name: str) -> None:
     noise = np.random.default_rng(0).normal(0, 0.05, (48_000 * 20, 2))
     soundfile.write(tmp_path / "noise.wav", noise, 48_000)
-    command = [sys.executable, "-m", "tactophone", "loopback", "--source", "file", "--actuator", "none", "--name", name]
-    command += ["--device", str(tmp_path / "noise.wav"), "--log", str(tmp_path / "log.csv")]
+    command = [sys.executable, "-m", "tactophone", "loopback", "--actuator", "none", "--name", name]
+    command += ["--source", f"file:{tmp_path / 'noise.wav'}", "--record", str(tmp_path / "log.csv")]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as loopback:
         watcher = _wait_for(name, predictions=150)
         os.kill(watcher.pid, signal.SIGKILL)  # the process with the audio callback

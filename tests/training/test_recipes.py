@@ -20,9 +20,9 @@ from tactophone.training.recipes import (
     FEATURE_RECIPES,
     RECIPES,
     VARIANTS,
+    RecipeFile,
     TrainingOptions,
     Variant,
-    load_recipe,
     network_settings,
 )
 from tactophone.training.sets import FeatureRecipe, build_training_set
@@ -125,7 +125,7 @@ def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -
     (tmp_path / "mine.toml").write_text(
         'recipe = "paper"\nvariant = "one-channel"\nepochs = 2\nlearning_rate = 0.001\ncontact_threshold = "off"\n'
     )
-    recipe = load_recipe(tmp_path / "mine.toml", start=tmp_path / "a.onnx")
+    recipe = RecipeFile.read(tmp_path / "mine.toml").configured(start=tmp_path / "a.onnx")
     options = TrainingOptions(variant="one-channel", contact_threshold="off", epochs=2, learning_rate=0.001)
     assert recipe == RECIPES["paper"].with_options(options, start=tmp_path / "a.onnx")
 
@@ -142,7 +142,7 @@ def test_a_recipe_file_names_a_recipe_and_what_differs_from_it(tmp_path: Path) -
 def test_a_recipe_file_that_cannot_be_followed_says_why(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ConfigError, match=message):
-        load_recipe(tmp_path / "mine.toml")
+        RecipeFile.read(tmp_path / "mine.toml")
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -228,8 +228,8 @@ def _channel(number: int, topic: Topic) -> dict[str, Any]:
 def _listen(address: str) -> socket.socket:
     host, _, port = address.rpartition(":")
     if not host or not port.isdecimal():
-        raise ConfigError(f"--foxglove {address}: wanted HOST:PORT, such as {ADDRESS}")
+        raise ConfigError(f"--bridge foxglove={address}: wanted HOST:PORT, such as {ADDRESS}")
     try:
         return socket.create_server((host.strip("[]"), int(port)))
     except (OSError, OverflowError) as error:
-        raise ConfigError(f"--foxglove cannot listen at {address} ({error}): choose another address") from None
+        raise ConfigError(f"--bridge foxglove cannot listen at {address} ({error}): choose another address") from None

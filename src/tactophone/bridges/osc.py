@@ -52,9 +52,9 @@ class OscBridge:
     def __init__(self, name: str, target: str, *, finger: str = "index", listen: int = 0, avatar: bool = False) -> None:
         host, _, port = target.rpartition(":")
         if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-            raise ConfigError(f"--osc {target}: wanted HOST:PORT, such as 127.0.0.1:9000")
+            raise ConfigError(f"--bridge osc={target}: wanted HOST:PORT, such as osc=127.0.0.1:9000")
         if not 0 <= listen < 1 << 16:
-            raise ConfigError(f"--osc-listen {listen}: wanted a port from 1 to 65535; 0: none")
+            raise ConfigError(f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none")
         self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
         self._reader = NewestReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
@@ -70,7 +70,7 @@ class OscBridge:
                 self._inbound.setblocking(False)
                 self._inbound.bind(("127.0.0.1", self._listen))
         except OSError as error:
-            raise ConfigError(f"--osc: {error}; choose another address or port") from error
+            raise ConfigError(f"--bridge osc: {error}; choose another address or port") from error
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -259,14 +259,14 @@ def open_sinks(text: str, *, fingers: Sequence[str]) -> list[Sink]:
     """
     kind, _, topic = text.partition(":")
     if kind not in _SINKS:
-        raise ConfigError(f"--ros-sink {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
+        raise ConfigError(f"bridges.ros_sinks {text}: there are {', '.join(_SINKS)}; write KIND or KIND:/topic")
     strange = [finger for finger in fingers if finger not in FINGER_NAMES]
     if kind not in ("joy", "float32") and strange:
-        raise ConfigError(f"--ros-sink {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
+        raise ConfigError(f"bridges.ros_sinks {text}: a glove has {', '.join(FINGER_NAMES)}, and no {strange[0]!r}")
     sinks = [_SINKS[kind](own) for own in ([[finger] for finger in fingers] if kind == "float32" else [fingers])]
     if topic and len(sinks) > 1:
         raise ConfigError(
-            f"--ros-sink {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
+            f"bridges.ros_sinks {text}: {len(sinks)} fingers cannot share a topic of one number; leave :TOPIC out"
         )
     return [Sink((topic or sink.topic).lstrip("/"), sink.kind, sink.make) for sink in sinks]
 

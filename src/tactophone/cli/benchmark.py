@@ -2,24 +2,26 @@
 
 import argparse
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE
 from rich.table import Table
 
-from tactophone.cli._support import fold_options, terminal
-from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
-from tactophone.cli._support.folders import make_folder
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import options, output
+from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
+from tactophone.cli.options import Within
 from tactophone.dataset import Dataset
 from tactophone.json_numbers import finite
 
 if TYPE_CHECKING:
     from tactophone.benchmark import Cache
+    from tactophone.benchmark.paper_tables import TableRow, TaskOutcome
     from tactophone.benchmark.results import Cost, DatasetResults
+    from tactophone.evaluation import Estimate, TakePredictions
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Of the simulated takes that are rendered where no data is given."""
@@ -37,8 +39,14 @@ NOTES = (
 )
 
 
+EXAMPLES = (
+    "tactophone benchmark --fast",
+    "tactophone benchmark --data recordings --methods texture,level --splits 4-fold",
+    "tactophone benchmark --table3 --rounds 100",
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
     parser.add_argument(
         "--data", type=Path, action="append", default=[], metavar="DIR",
         help="a data set, repeatable; each is scored by itself, so that real and simulated sound never mix (default: a "
@@ -60,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.md and its figures"
     )
-    fold_options.add_arguments(parser)
+    add_folds(parser)
     parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
     parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
     parser.add_argument(
@@ -72,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--retrieval", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
         help="time to fetch the stone, added to the decision time in Table III, %(type)s; the paper states none",
     )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    options.add_json(parser, "print JSON instead of tables")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -80,12 +88,10 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.benchmark.plan import measure_costs
     from tactophone.benchmark.report import steps_by_profile, write_report
 
-    cache = fold_options.cache_of(args)
+    cache = cache_of(args)
     if args.table1 or args.table2 or args.table3:
-        from tactophone.cli._support.paper_tables import print_tables
-
         return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)
-    make_folder(args.out)  # now, not after hours
+    output.make_folder(args.out)  # now, not after hours
     results: list[DatasetResults] = []
     costs: dict[str, dict[str, Cost]] = {}
     for dataset in _datasets(args, cache):
@@ -99,11 +105,10 @@ def run(args: argparse.Namespace) -> int:
     }
     (args.out / "results.json").write_text(json.dumps(finite(summary), indent=1))
     report = write_report(args.out, results, costs=costs, notes=NOTES)
+    output.show(Benchmark(results, costs, summary), as_json=args.json)
     if args.json:
-        terminal.print_json(summary)
         return 0
-    _show(results, costs)
-    terminal.log().print(f"{report}, {args.out / 'results.json'}")
+    output.log().print(f"{report}, {args.out / 'results.json'}")
     return 0
 
 
@@ -121,7 +126,7 @@ def _simulated(folder: Path, workers: int) -> Path:
     takes = [take for take in TAKES if take.name in ("long_medium", "short_light", "wiggle")]
     objects = [obj for obj in catalogue() if obj.number >= 0]
     jobs = plan_dataset(objects, RenderOptions(duration=FAST_SECONDS, seed=FAST_SEED), takes=takes)
-    with terminal.tracked(render_dataset(folder, jobs, processes=workers), "simulating", len(jobs)) as rendered:
+    with output.tracked(render_dataset(folder, jobs, processes=workers), "simulating", len(jobs)) as rendered:
         for _ in rendered:
             pass
     write_manifest(folder, jobs)
@@ -133,26 +138,35 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
 
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
     plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits, fast=args.fast)
-    with terminal.progress(dataset.name) as update:
+    with output.progress(dataset.name) as update:
         return run_plan(
             plan, cache, workers=args.workers, ray=args.ray,
             report=lambda done, of, name: update(completed=done, total=of, note=name),
         )  # fmt: skip
 
 
-def _show(results: Sequence["DatasetResults"], costs: dict[str, dict[str, "Cost"]]) -> None:
-    from tactophone.benchmark.report import notes_of, steps_by_profile
+@dataclass(frozen=True, slots=True)
+class Benchmark:
+    """The scores and costs of every data set, and what `results.json` holds of them."""
 
-    out = terminal.out()
-    for of_dataset in results:
-        for split in dict.fromkeys(result.split for result in of_dataset.results):
-            table = _table_of(of_dataset, split, costs.get(of_dataset.dataset, {}))
-            out.print(f"{of_dataset.dataset} ({of_dataset.origin}), {split}", table)
-            for note in notes_of(of_dataset, split):
-                out.print(note)
-            out.print()
-    steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
-    out.print(f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}")
+    results: "Sequence[DatasetResults]"
+    costs: "dict[str, dict[str, Cost]]"
+    summary: dict[str, Any]
+
+    def as_json(self) -> dict[str, Any]:
+        return self.summary
+
+    def parts(self) -> Iterator[output.Part]:
+        from tactophone.benchmark.report import notes_of, steps_by_profile
+
+        for of_dataset in self.results:
+            for split in dict.fromkeys(result.split for result in of_dataset.results):
+                yield f"{of_dataset.dataset} ({of_dataset.origin}), {split}"
+                yield _table_of(of_dataset, split, self.costs.get(of_dataset.dataset, {}))
+                yield from notes_of(of_dataset, split)
+                yield ""
+        steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
+        yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"
 
 
 def _table_of(of_dataset: "DatasetResults", split: str, costs: dict[str, "Cost"]) -> Table:
@@ -169,4 +183,116 @@ def _table_of(of_dataset: "DatasetResults", split: str, costs: dict[str, "Cost"]
             f"{rendered.smooth_as_rough.value:.2f}", f"{rendered.gaps.value:.2f}", f"{result.bumps_per_minute:.0f}",
             format_delay(result.edge_ms), f"{cost.update_us:.0f}" if cost else "",
         )  # fmt: skip
+    return table
+
+
+def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "Cache") -> int:
+    """Print the tables that ``args`` names; I and II of each data set."""
+    from tactophone.benchmark.paper_tables import by_gate, table_one, table_two
+    from tactophone.benchmark.plan import origin_of
+
+    for dataset in datasets:
+        predictions = _predict(dataset, args.methods.split(",") if args.methods else (), cache)
+        for gate, gated in by_gate(predictions, dataset.recordings).items():
+            for chosen, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
+                if chosen:
+                    heading = f"{title}, {dataset.name} ({origin_of(dataset)}), {gate}"
+                    print_rows(heading, make(gated), as_json=args.json)
+    if args.table3:
+        _print_task(args)
+    return 0
+
+
+def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[str, list[TakePredictions]]":
+    from tactophone.benchmark.paper_tables import predict_held_out
+
+    with output.progress("Tables I and II") as update:
+        return predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
+
+
+def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
+    """Print one of Tables I and II."""
+    output.show(PaperTable(title, rows), as_json=as_json)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperTable:
+    """One of the paper's Tables I and II."""
+
+    title: str
+    lines: "Sequence[TableRow]"
+
+    def parts(self) -> Iterator[output.Part]:
+        yield _paper_table(self.title, self.lines)
+
+
+def _paper_table(title: str, rows: "Sequence[TableRow]") -> Table:
+    caption = (
+        "Below a score, its 90 % interval over takes of the test objects and 5 s pieces of the competition's runs: one "
+        "object a class says nothing of other objects."
+    )
+    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=0)
+    table.caption, table.caption_justify = caption, "left"
+    table.add_column("")
+    for name in rows[0].values:
+        # In 80 characters the headings wrap, the figures and the names' words do not.
+        lines = [line for row in rows for line in _cell(row.values[name]).splitlines()]
+        table.add_column(name.replace("_", " "), justify="right", width=max(map(len, ("contact", *lines))))
+    for row in rows:
+        table.add_row(row.name, *map(_cell, row.values.values()))
+    return table
+
+
+def _cell(score: "Estimate") -> str:
+    if math.isnan(score.low):
+        return "-" if math.isnan(score.value) else f"{score.value:.3f}"
+    # Two lines, and no leading zeros, so that eight columns fit.
+    low, high = (f"{end:.2f}".removeprefix("0") for end in (score.low, score.high))
+    return f"{score.value:.3f}\n{low}-{high}"
+
+
+def _print_task(args: argparse.Namespace) -> None:
+    from tactophone.benchmark.paper_tables import PAPER_THREE, play_task, task_methods
+
+    names = args.methods.split(",") if args.methods else task_methods()
+    with output.progress("simulated operator", len(names) + 1) as update:
+        outcomes = play_task(names, rounds=args.rounds, report=lambda name: update(advance=1, note=name))
+    output.show(OperatorTask(PAPER_THREE, outcomes, args.rounds, args.retrieval), as_json=args.json)
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorTask:
+    """The paper's task: its own times by method, and how the simulated operator fared in so many rounds."""
+
+    paper: "Mapping[str, str]"
+    outcomes: "Sequence[TaskOutcome]"
+    rounds: int
+    retrieval: float
+
+    def as_json(self) -> list[dict[str, Any]]:
+        own: list[dict[str, Any]] = [
+            {"name": f"paper's own: {name}", "task": task} for name, task in self.paper.items()
+        ]
+        played = [{**asdict(each), "task": each.median_duration + self.retrieval} for each in self.outcomes]
+        return [*own, *played]
+
+    def parts(self) -> Iterator[output.Part]:
+        yield _task_table(self)
+
+
+def _task_table(task: OperatorTask) -> Table:
+    title = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {task.rounds} rounds a method"
+    caption = (
+        "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
+        "objects, on which the shipped models are trained, and plays with stones new to both. Task time: the median "
+        f"decision and {task.retrieval:g} s of retrieval (--retrieval). The paper's rows are people with a robot, who "
+        "also moved an arm."
+    )
+    heading = ("method", "rough one found", "both found", "decision time (s)", "task (s)")
+    table = Table(*heading, title=title, title_justify="left", caption=caption, caption_justify="left")
+    for name, time in task.paper.items():
+        table.add_row(f"paper's own: {name}", "yes", "", "", time)
+    for outcome in task.outcomes:
+        task_time = f"{outcome.median_duration + task.retrieval:.1f}"
+        table.add_row(outcome.name, outcome.found, outcome.both, outcome.duration, task_time)
     return table

@@ -3,17 +3,17 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import soundfile
-from rich.table import Table
+from rich.markup import escape
 
 from tactophone.bridges import is_mcap
-from tactophone.cli._support import terminal
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
 from tactophone.dataset import (
     DEFAULT_CONTACT_DBFS,
     FILE_NAME,
@@ -21,6 +21,7 @@ from tactophone.dataset import (
     LABEL_NAMES,
     SPLITS,
     Dataset,
+    Fold,
     Problem,
     Recording,
     check,
@@ -40,8 +41,14 @@ MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""
 
 
+EXAMPLES = (
+    "tactophone dataset show recordings --plot recordings.png",
+    "tactophone dataset check recordings --calibration calibration.toml",
+    "tactophone dataset import downloads recordings",
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
 
     def add(name: str, run: Callable[[argparse.Namespace], int], words: str) -> argparse.ArgumentParser:
@@ -57,17 +64,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)",
     )
-    _add_json(sub)
+    options.add_json(sub, "print JSON instead of a table")
     sub = add("show", _show, "list surfaces, labels and recordings; with --plot, draw levels and spectrograms")
     sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
-    _add_json(sub)
+    options.add_json(sub, "print JSON instead of a table")
     sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
     sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
     sub.add_argument(
         "--fold", type=Within(int, 1), default=1, metavar="N", help="the fold whose test set --write takes, %(type)s"
     )
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
-    _add_json(sub)
+    options.add_json(sub, "print JSON instead of a table")
     sub = add(
         "import", _import,
         "convert another layout to this one, as FLAC: the paper's authors', manifest.csv, folders rough/ and smooth/, "
@@ -85,56 +92,62 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
 
 
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-
-
 def _check(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     threshold_dbfs = Calibration.read(args.calibration).window_dbfs if args.calibration else DEFAULT_CONTACT_DBFS
-    with terminal.progress("checking", 2 * len(dataset.recordings)) as update:
+    with output.progress("checking", 2 * len(dataset.recordings)) as update:
         single = check(dataset, progress=lambda done: update(completed=done))
         across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: update(advance=1))
     problems = (*single, *across)
-    bad = {problem.path for problem in problems if problem.fatal}
-    if args.json:
-        entries = [{**asdict(problem), "path": str(problem.path)} for problem in problems]
-        terminal.print_json({"recordings": len(dataset.recordings), "problems": entries})
-    else:
-        for line in _lines(problems):
-            print(line)
-        found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
-        print(f"{len(dataset.recordings)} recordings, {len(bad)} unusable, {found}")
-    return 1 if bad else 0
+    output.show(Checked(len(dataset.recordings), problems), as_json=args.json)
+    return 1 if any(problem.fatal for problem in problems) else 0
 
 
-def _lines(problems: Sequence[Problem]) -> Iterator[str]:
-    """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
-    counts = Counter(problem.kind for problem in problems if not problem.fatal)
-    for problem in problems:
-        if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
-            yield f"{'error' if problem.fatal else 'warning'}: {problem}"
-    for kind, count in counts.items():
-        if count > MOST_ALIKE:
-            first = next(problem for problem in problems if problem.kind == kind and not problem.fatal)
-            yield f"warning: {count} times {kind!r}, such as {first}; --json lists all"
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """How many recordings were read, and what is wrong with them."""
+
+    recordings: int
+    problems: Sequence[Problem]
+
+    def parts(self) -> Iterator[output.Part]:
+        """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
+        counts = Counter(problem.kind for problem in self.problems if not problem.fatal)
+        for problem in self.problems:
+            if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
+                yield escape(f"{'error' if problem.fatal else 'warning'}: {problem}")
+        for kind, count in counts.items():
+            if count > MOST_ALIKE:
+                first = next(problem for problem in self.problems if problem.kind == kind and not problem.fatal)
+                yield escape(f"warning: {count} times {kind!r}, such as {first}; --json lists all")
+        bad = {problem.path for problem in self.problems if problem.fatal}
+        found = f"{len(self.problems)} problem{'s' * (len(self.problems) != 1)}"
+        yield f"{self.recordings} recordings, {len(bad)} unusable, {found}"
 
 
 def _show(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     if args.plot:
         draw_dataset(args.plot, dataset)
-    surfaces = _surfaces(dataset)
-    if args.json:
-        terminal.print_json({"name": dataset.name, "recordings": len(dataset.recordings), "surfaces": surfaces})
-        return 0
-    table = Table("surface", "label", "tier", "scenarios", "recordings", title=dataset.name, title_justify="left")
-    for surface in surfaces:
-        table.add_row(*(str(cell) for cell in surface.values()))
-    terminal.out().print(table)
-    if args.plot:
-        terminal.out().print(args.plot, soft_wrap=True)
+    shown = Surfaces(dataset.name, len(dataset.recordings), _surfaces(dataset), args.plot)
+    output.show(shown, as_json=args.json)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Surfaces:
+    """A data set's surfaces, and the figure that was drawn of it."""
+
+    name: str
+    recordings: int
+    surfaces: list[dict[str, Any]]
+    _figure: Path | None
+
+    def parts(self) -> Iterator[output.Part]:
+        yield self.name
+        yield self.surfaces
+        if self._figure:
+            yield str(self._figure)
 
 
 def _split(args: argparse.Namespace) -> int:
@@ -149,19 +162,33 @@ def _split(args: argparse.Namespace) -> int:
             for side, recordings in (("train", fold.train), ("test", fold.test))
             for recording in recordings
         }
-        terminal.log().print(set_split(dataset, sides), soft_wrap=True)
-    rows: list[dict[str, Any]] = [
-        {"fold": fold.name, "train": len(fold.train), "test": sorted({recording.surface for recording in fold.test})}
-        for fold in folds
-    ]
-    if args.json:
-        terminal.print_json(rows)
-        return 0
-    table = Table("fold", "recordings to train on", "surfaces to test on", box=None)
-    for row in rows:
-        table.add_row(row["fold"], str(row["train"]), ", ".join(row["test"]))
-    terminal.out().print(table)
+        output.log().print(set_split(dataset, sides), soft_wrap=True)
+    output.show(Folds(folds), as_json=args.json)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Folds:
+    """The folds of a split."""
+
+    folds: Sequence[Fold]
+
+    def as_json(self) -> list[dict[str, Any]]:
+        return [{"fold": fold.name, "train": len(fold.train), "test": _tested(fold)} for fold in self.folds]
+
+    def parts(self) -> Iterator[output.Part]:
+        yield [
+            {
+                "fold": fold.name,
+                "recordings to train on": len(fold.train),
+                "surfaces to test on": ", ".join(_tested(fold)),
+            }
+            for fold in self.folds
+        ]
+
+
+def _tested(fold: Fold) -> list[str]:
+    return sorted({recording.surface for recording in fold.test})
 
 
 def _import_log(args: argparse.Namespace, log: Path) -> int:
@@ -191,8 +218,8 @@ def _import(args: argparse.Namespace) -> int:
         return _import_published(args)
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
-        terminal.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
-    with terminal.progress("converting", len(found.dataset.recordings)) as update:
+        output.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
+    with output.progress("converting", len(found.dataset.recordings)) as update:
         converted = convert(
             found.dataset, args.out, air_of=found.air_of, targets=found.targets,
             progress=lambda done: update(completed=done),
@@ -202,7 +229,7 @@ def _import(args: argparse.Namespace) -> int:
     if found.guessed:
         surfaces = converted.surfaces
         shown = ", ".join(surfaces[:6]) + (", ..." if len(surfaces) > 6 else "")
-        terminal.note(
+        output.note(
             f"beware: {len(surfaces)} surfaces were taken from file names: {shown}; correct the column surface of "
             f"{args.out / FILE_NAME} where two names are one surface, as splits keep a surface on one side"
         )
@@ -210,13 +237,13 @@ def _import(args: argparse.Namespace) -> int:
 
 
 def _import_published(args: argparse.Namespace) -> int:
-    with terminal.progress("converting") as update:
+    with output.progress("converting") as update:
         made, problems = FORMATS[args.format](Path(args.folder), args.out, progress=lambda done: update(completed=done))
     for problem in problems:
-        terminal.note(f"left out: {problem}")
+        output.note(f"left out: {problem}")
     _print_count(len(made.recordings), args.out)
     if not any(recording.label is not None for recording in made.recordings):
-        terminal.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")
+        output.log().print("beware: no labels; add labels.csv with the columns surface and label to the folder")
     return 0
 
 

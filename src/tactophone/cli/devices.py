@@ -1,65 +1,182 @@
-"""``tactophone devices``: the sound devices of this machine, which suit, why others do not, and `measure`."""
+"""``tactophone devices`` and ``settings``: the sound devices of this machine, what they play, and what can be set."""
 
 import argparse
-from dataclasses import asdict
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.cli._support import flags, measure_actuator, terminal
-from tactophone.devices import SurveyedDevice, survey
-from tactophone.settings import change
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
+from tactophone.devices import (
+    Device,
+    JackClient,
+    PortAudioStream,
+    Process,
+    SurveyedDevice,
+    survey,
+)
+from tactophone.errors import ConfigError
+from tactophone.haptics import Limits
+from tactophone.settings import SETTINGS, Settings
+from tactophone.types import FloatArray
+
+if TYPE_CHECKING:
+    from tactophone.measurement.sweep import MeasuredResponse
+
+EXAMPLES = {
+    "devices": (
+        "tactophone devices",
+        "tactophone devices --json",
+        "tactophone devices measure --actuator portaudio:DualSense --source portaudio:2",
+    ),
+    "settings": (
+        "tactophone settings > robot.toml",
+        "tactophone send --settings robot.toml --set link.port=48471",
+    ),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    if parser.get_default("verb") == "settings":
+        return
     parser.add_argument(
-        "step",
-        nargs="?",
-        choices=("measure",),
+        "step", nargs="?", choices=("measure",),
         help="measure: play a sweep on the actuator, record it with the contact microphone, write actuator.toml",
-    )
+    )  # fmt: skip
     parser.add_argument(
-        "--jack-server", default="", metavar="NAME", help="JACK server to list; default: the default server"
+        "--amplitude", type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"), default=0.2,
+        metavar="SHARE", help="measure: of the sweep, %(type)s",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, default=Path("actuator.toml"), metavar="FILE", help="measure: settings file to write"
     )
-    parser.add_argument("--json", action="store_true", help="print a list that a program can read")
-    measure_actuator.add_arguments(parser)
-    flags.add_settings(parser, measure_actuator.FLAGS)
-    flags.add_finger(parser)
+    options.add_json(parser, "print a list that a program can read")
+    options.add_settings(parser, "devices")
+    options.add_finger(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the list, or measure the actuator."""
-    if args.step == "measure":
-        server = [f"process.jack_server={args.jack_server}"] if args.jack_server else []
-        return measure_actuator.measure(args, change(flags.settings_of(args), server))
-    found = survey(jack_server=args.jack_server)
-    if args.json:
-        terminal.print_json([asdict(device) for device in found])
+    """Print the devices, or the settings; or measure the actuator."""
+    if args.verb == "settings":
+        _print_settings()
         return 0
-    for device in found:
-        terminal.out().print(_card(device))
-    if all(device.microphones and device.actuator for device in found):
-        terminal.log().print(
+    settings = options.settings_of(args)
+    if args.step == "measure":
+        return _measure(args, settings)
+    found = survey(jack_server=settings.process.jack_server)
+    output.show(Survey(found), as_json=args.json)
+    if not args.json and all(device.microphones and device.actuator for device in found):
+        output.log().print(
             "No device here is suitable. `tactophone loopback --source finger --actuator none` needs no device."
         )
     return 0
 
 
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """The sound devices of this machine."""
+
+    devices: Sequence[SurveyedDevice]
+
+    def as_json(self) -> Sequence[SurveyedDevice]:
+        return self.devices
+
+    def parts(self) -> Iterator[output.Part]:
+        return map(_card, self.devices)
+
+
 def _card(device: SurveyedDevice) -> Table:
-    table = Table.grid(padding=(0, 2))
-    table.add_column(justify="right", style="dim", min_width=12)
-    table.add_column(overflow="fold")
     rate = f", {device.inputs} in, {device.outputs} out, {device.sample_rate} Hz" if device.sample_rate else ""
     name = f": {device.name}" if device.name else ""
-    table.add_row("device", f"[bold]{device.system}[/]{name}{rate}")
+    rows = [("device", f"[bold]{device.system}[/]{name}{rate}")]
     if device.microphones == device.actuator and device.microphones:
-        table.add_row("not suitable", device.microphones)
+        rows.append(("not suitable", device.microphones))
     else:
-        table.add_row("microphones", device.microphones or "[green]yes[/]")
-        table.add_row("actuator", device.actuator or "[green]yes[/]")
+        rows.append(("microphones", device.microphones or "[green]yes[/]"))
+        rows.append(("actuator", device.actuator or "[green]yes[/]"))
     if device.note:
-        table.add_row("note", device.note)
+        rows.append(("note", device.note))
     if device.settings:
-        table.add_row("use with", " ".join(f"--set {setting}" for setting in device.settings))
-    table.add_row("", "")
-    return table
+        rows.append(("use with", " ".join(f"--set {setting}" for setting in device.settings)))
+    return output.listing([*rows, ("", "")], justify="right", min_width=12)
+
+
+def _measure(args: argparse.Namespace, settings: Settings) -> int:
+    from tactophone.measurement.sweep import fit
+
+    if settings.output.actuator not in ("jack", "portaudio"):
+        raise ConfigError("devices measure needs an actuator that plays any waveform: --actuator jack or portaudio")
+    output.log().print(
+        "Hold the contact microphone against the actuator; take the finger away. A sweep of 8 s follows."
+    )
+    found = fit(_record(args.amplitude, settings))
+    args.out.write_text(as_toml(found), encoding="utf-8")
+    print(f"resonance:  {found.resonance:.0f} Hz")
+    print(f"band:       {found.lowest:.0f} to {found.highest:.0f} Hz, within 10 dB of it")
+    print(f"over noise: {found.snr_db:.0f} dB")
+    print(f"written:    {args.out}; use it with `tactophone receive --settings {args.out}`")
+    return 0
+
+
+def as_toml(found: "MeasuredResponse") -> str:
+    """Return a settings file with the figures; the settings check them when they are read."""
+    # The microphone's own response is in these levels; where they fall deep, full drive could not make up for it.
+    pairs = zip(found.frequencies, found.levels_db, strict=True)
+    levels = ",".join(f"{frequency:.1f}:{level:.1f}" for frequency, level in pairs if level > -40)
+    lines = (
+        "# Written by `tactophone devices measure`.",
+        "[actuator]",
+        f"resonance = {found.resonance:.1f}",
+        f"lowest = {found.lowest:.1f}",
+        f"highest = {found.highest:.1f}",
+        f'response = "{levels}"',
+    )
+    return "\n".join(lines) + "\n"
+
+
+def _record(amplitude: float, settings: Settings) -> FloatArray:
+    from tactophone.measurement.sweep import SweepRecorder, sweep
+    from tactophone.runtime import open_actuator
+
+    recorder = SweepRecorder(sweep(amplitude))
+
+    def open_input(process: Process) -> Device:
+        return _input(process, settings)
+
+    def open_output() -> Device:
+        return open_actuator(settings, lambda outs: recorder.play(outs[0])).device
+
+    return recorder.run(open_input, open_output)
+
+
+def _input(process: Process, settings: Settings) -> Device:
+    capture = settings.capture
+    if capture.source == "jack":
+        server = settings.process.jack_server
+        return JackClient("tactophone-measure", process, inputs={"contact": capture.contact}, outputs={}, server=server)
+    if capture.source in ("portaudio", "microphone"):
+        return PortAudioStream(process, "input", device=capture.device)
+    raise ConfigError(f"capture.source = {capture.source!r} is no input of this machine: --source jack or portaudio")
+
+
+def _print_settings() -> None:
+    for section, entries in groupby(SETTINGS.values(), key=lambda entry: entry.name.partition(".")[0]):
+        print(f"[{section}]")
+        for entry in entries:
+            print(f"# {entry.help}")
+            print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, float) and math.isnan(value):
+        return "nan"
+    return str(value)

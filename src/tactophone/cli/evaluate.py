@@ -1,24 +1,33 @@
-"""``tactophone evaluate``: scores of a model, or of a recipe by cross-validation."""
+"""``tactophone evaluate``: scores of a model, or of recipes by cross-validation."""
 
 import argparse
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 
-from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, add_kin, open_filtered
-from tactophone.cli._support.ranges import Within
-from tactophone.cli._support.training_options import add_training_options, recipe_of
+from tactophone.cli import options, output
+from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
+from tactophone.cli.options import Within
+from tactophone.cli.train import add_recipe, recipe_of
 from tactophone.dataset import KIN_SPLIT, SPLITS, Dataset, Fold, split
 from tactophone.errors import ConfigError
 from tactophone.perception import model_path, read_model
 
 if TYPE_CHECKING:
     from tactophone.benchmark import Cache, Method
-    from tactophone.evaluation import Report, Rule, TakePredictions
+    from tactophone.evaluation import Report, TakePredictions
+    from tactophone.training import RecipeFile
+
+EXAMPLES = (
+    "tactophone evaluate texture --data recordings",
+    "tactophone evaluate --data recordings --recipe texture --baselines",
+    "tactophone evaluate --data recordings --recipe paper-fast --vary epochs=1,5 --vary seed=0,1",
+)
 
 _MEASURES = {
     "balanced_accuracy": "balanced accuracy",
@@ -37,7 +46,6 @@ _HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     parser.add_argument(
         "model", nargs="?", metavar="MODEL",
         help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
@@ -45,35 +53,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
     add_filter(parser)
     add_kin(parser)
-    parser.add_argument(
-        "--split", metavar="NAME", default=KIN_SPLIT,
-        help=f"how to cross-validate a recipe: {', '.join(SPLITS)}",
+    parser.add_argument("--by-recording", action="store_true", help="list every recording instead of surfaces")
+    parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
+    options.add_json(parser, "print JSON instead of tables")
+    group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
+    group.add_argument(
+        "--split", metavar="NAME",
+        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)",
     )  # fmt: skip
-    parser.add_argument(
+    group.add_argument(
         "--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
         "(without N: 1)",
     )  # fmt: skip
-    parser.add_argument("--by-recording", action="store_true", help="list every recording instead of surfaces")
-    parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
-    parser.add_argument("--no-cache", action="store_true", help="train folds anew even if their results are cached")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    add_training_options(parser.add_argument_group("the recipe that is cross-validated, without MODEL"))
+    group.add_argument(
+        "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...",
+        help="an entry of a recipe file and its values, repeatable: every combination is tried, best first",
+    )  # fmt: skip
+    add_folds(group)
+    add_recipe(group)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Score a model, or cross-validate a recipe with its baselines."""
+    """Score a model, or cross-validate a recipe with its baselines, or under every combination of settings."""
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
-    channels = read_model(model_path(args.model)).card.channels if args.model else recipe_of(args).channels
+    if args.vary:
+        if args.model:
+            raise ConfigError("--vary tries recipes: leave out the MODEL")
+        return _vary(args)
+    channels = read_model(model_path(args.model)).card.channels if args.model else recipe_of(args).configured().channels
     dataset = open_filtered(args.data, args.filter, channels=channels, kin=args.kin)
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
         _note(args, next(iter(reports.values())), dataset)
-    if args.json:
-        terminal.print_json({name: report.as_json() for name, report in reports.items()})
-        return 0
-    _print(reports, by_recording=args.by_recording)
+    output.show(Scores(reports, args.by_recording), as_json=args.json)
     return 0
 
 
@@ -82,37 +96,36 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
 
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
-        terminal.log().print("beware: the model was trained on these very recordings")
+        output.log().print("beware: the model was trained on these very recordings")
     predict = model_predictor(model, own_floor=True)
-    with terminal.tracked(dataset.recordings, "predicting") as takes:
+    with output.tracked(dataset.recordings, "predicting") as takes:
         return make_report([predict(take) for take in takes], decision=model.card.decision)
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
-    from tactophone.benchmark import default_cache, permute_labels
+    from tactophone.benchmark import permute_labels
     from tactophone.benchmark.methods import method_of, recipe_method
     from tactophone.evaluation import make_report
     from tactophone.training import RECIPES, tip_of
 
-    recipe = recipe_of(args)
-    method, cache = method_of(recipe), None if args.no_cache else default_cache()
-    rule = RECIPES[args.recipe].response_for(args.tip or tip_of(dataset.recordings)).decision
-    reports = {method.name: make_report(_predict_folds(method, split(dataset, args.split), cache), decision=rule)}
+    recipe, how = recipe_of(args), args.split or KIN_SPLIT
+    configured = recipe.configured()
+    method, cache = method_of(configured), cache_of(args)
+    rule = RECIPES[recipe.recipe].response_for(recipe.tip or tip_of(dataset.recordings)).decision
+    reports = {method.name: make_report(_predict_folds(method, split(dataset, how), cache), decision=rule)}
     if args.baselines is not None:
-        level = recipe_method("level", channels=recipe.channels)
-        reports[level.name] = make_report(_predict_folds(level, split(dataset, args.split), cache))
+        level = recipe_method("level", channels=configured.channels)
+        reports[level.name] = make_report(_predict_folds(level, split(dataset, how), cache))
     for seed in range(args.baselines or 0):
-        permuted = permute_labels(dataset, seed=seed)
-        reports[f"permuted {seed + 1}"] = make_report(
-            _predict_folds(method, split(permuted, args.split), cache), decision=rule
-        )
+        permuted = split(permute_labels(dataset, seed=seed), how)
+        reports[f"permuted {seed + 1}"] = make_report(_predict_folds(method, permuted, cache), decision=rule)
     return reports
 
 
 def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
     from tactophone.benchmark import cross_validate
 
-    with terminal.progress(method.name, len(folds)) as update:
+    with output.progress(method.name, len(folds)) as update:
         return cross_validate(method, folds, cache=cache, report=lambda done, name: update(completed=done, note=name))
 
 
@@ -136,53 +149,109 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
     add_scores(model_path(args.model), args.note, scores)
 
 
-def _print(reports: "dict[str, Report]", *, by_recording: bool) -> None:
-    from tactophone.evaluation import RULES
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Reports by the name of what was scored; the first is the model or the recipe, the others baselines."""
 
-    first = next(iter(reports.values()))
-    terminal.out().print(
-        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, {first.contact:.0%} of "
-        "them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
+    reports: "Mapping[str, Report]"
+    by_recording: bool
+
+    def as_json(self) -> "Mapping[str, Report]":
+        return self.reports
+
+    def parts(self) -> Iterator[output.Part]:
+        from tactophone.evaluation import RULES
+
+        first = next(iter(self.reports.values()))
+        yield (
+            f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
+            f"{first.contact:.0%} of them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
+        )
+        yield from self._table("as rendered", {
+            name: {
+                "balanced accuracy": report.rendered.balanced_accuracy,
+                "smooth as rough": report.rendered.smooth_as_rough,
+                "gaps": report.rendered.gaps,
+            }
+            for name, report in self.reports.items()
+        })  # fmt: skip
+        # Three columns of a score and its interval are what 80 characters hold.
+        headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
+        for rule in RULES if len(self.reports) > 1 else ():
+            yield from self._table(f"{rule} rule", {
+                name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
+                for name, report in self.reports.items()
+            })  # fmt: skip
+        yield from self._table(
+            "",
+            {words: {f"{rule} rule": first.rules[rule][name] for rule in RULES} for name, words in _MEASURES.items()},
+        )
+        rows = first.by_recording if self.by_recording else first.by_surface
+        table = Table("recording" if self.by_recording else "surface", "label", "updates", "contact", "authors",
+                      "two-class", show_edge=False)  # fmt: skip
+        for row in rows:
+            shares = (row.contact, row.authors, row.two_class)
+            cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
+            table.add_row(row.name, row.label, str(row.updates), *cells)
+        yield table
+
+    def _table(self, corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:
+        yield output.table([{corner: name, **cells} for name, cells in rows.items()], **output.RULED)
+        yield ""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A combination of settings, and the scores of its cross-validation with 90 % intervals."""
+
+    settings: str
+    balanced_accuracy: str
+    auc: str
+    recall_at_1: str
+    score: float
+
+
+def _vary(args: argparse.Namespace) -> int:
+    from tactophone.benchmark import cross_validate
+    from tactophone.benchmark.methods import method_of
+    from tactophone.evaluation import estimate, scores_of
+
+    recipes = [(name, recipe.configured()) for name, recipe in _combinations(args.vary, recipe_of(args))]
+    dataset = open_filtered(
+        args.data, args.filter, channels=max(recipe.channels for _, recipe in recipes), kin=args.kin
     )
-    terminal.out().print(_rendered(reports), "")
-    if len(reports) > 1:
-        for rule in RULES:
-            terminal.out().print(_comparison(reports, rule), "")
-    terminal.out().print(_measures(first), "")
-    terminal.out().print(_rows(first, by_recording=by_recording))
+    methods = [(name, method_of(recipe)) for name, recipe in recipes]
+    folds, cache = split(dataset, args.split or "5-fold"), cache_of(args)
+    _run_trials([method for _, method in methods], folds, cache, args)
+    trials = []
+    for name, method in methods:
+        found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
+        accuracy, auc, recall = (found[measure] for measure in _HEADLINE[:3])
+        trials.append(Trial(name, str(accuracy), str(auc), str(recall), accuracy.value))
+    output.show(sorted(trials, key=lambda trial: -trial.score), as_json=args.json)
+    output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
+    return 0
 
 
-def _rendered(reports: "dict[str, Report]") -> Table:
-    table = Table("as rendered", "balanced accuracy", "smooth as rough", "gaps", show_edge=False)
-    for name, report in reports.items():
-        rendered = report.rendered
-        table.add_row(name, *map(str, (rendered.balanced_accuracy, rendered.smooth_as_rough, rendered.gaps)))
-    return table
+def _combinations(vary: Sequence[str], recipe: "RecipeFile") -> "Iterator[tuple[str, RecipeFile]]":
+    choices: dict[str, list[str]] = {}
+    for text in vary:
+        name, equals, values = text.partition("=")
+        if not equals:
+            raise ConfigError(f"--vary {text}: write NAME=VALUE,VALUE, such as epochs=1,5")
+        choices[name.replace("-", "_")] = values.split(",")
+    for combination in itertools.product(*choices.values()):
+        changes = dict(zip(choices, combination, strict=True))
+        label = ", ".join(f"{name} {value}" for name, value in changes.items())
+        yield label, recipe.changed(changes, where=f"--vary, {label}")
 
 
-def _comparison(reports: "dict[str, Report]", rule: "Rule") -> Table:
-    # Three columns of a score and its interval are what 80 characters hold.
-    table = Table(f"{rule} rule", "balanced accuracy", "area under ROC", "recall at 1 %", show_edge=False)
-    for name, report in reports.items():
-        table.add_row(name, *(str(report.rules[rule][measure]) for measure in _HEADLINE[:3]))
-    return table
+def _run_trials(methods: "Sequence[Method]", folds: Sequence[Fold], cache: "Cache", args: argparse.Namespace) -> None:
+    from tactophone.benchmark import run_folds
 
-
-def _measures(report: "Report") -> Table:
-    from tactophone.evaluation import RULES
-
-    table = Table("", *(f"{rule} rule" for rule in RULES), show_edge=False)
-    for name, line in _MEASURES.items():
-        table.add_row(line, *(str(report.rules[rule][name]) for rule in RULES))
-    return table
-
-
-def _rows(report: "Report", *, by_recording: bool) -> Table:
-    rows = report.by_recording if by_recording else report.by_surface
-    name = "recording" if by_recording else "surface"
-    table = Table(name, "label", "updates", "contact", "authors", "two-class", show_edge=False)
-    for row in rows:
-        shares = (row.contact, row.authors, row.two_class)
-        cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
-        table.add_row(row.name, row.label, str(row.updates), *cells)
-    return table
+    todo = [(method, fold) for method in methods for fold in folds]
+    with output.progress("varying", len(todo)) as update:
+        run_folds(
+            todo, cache, workers=args.workers, ray=args.ray,
+            report=lambda done, name: update(completed=done, note=name),
+        )  # fmt: skip

@@ -1,22 +1,24 @@
 """``tactophone feel``: recordings in; the vibration that a finger would feel, and a timeline of predictions, out."""
 
 import argparse
+import shlex
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rich.markup import escape
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import dashboard_options, haptic_file_option, terminal
-from tactophone.cli._support.feel_result import Result, as_json, print_result
-from tactophone.cli._support.folders import make_folder
-from tactophone.cli._support.ranges import CEILING, Within
-from tactophone.dataset import ground_truth
+from tactophone.cli import options, output, page
+from tactophone.cli.options import CEILING, Within
+from tactophone.dataset import Segment, ground_truth
 from tactophone.errors import ConfigError, TactophoneError
 from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
-from tactophone.offline import OutputFiles, Preparation, PreparedSource, draw_recording, process_recording
+from tactophone.offline import OutputFiles, Preparation, PreparedSource, RunSummary, draw_recording, process_recording
 from tactophone.perception import (
+    SILENT_DBFS,
     ModelCard,
     RecordingFloor,
     default_model,
@@ -29,9 +31,105 @@ from tactophone.perception import (
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.types import DEFAULT_TIP, TIP_NAMES, PipelineStep, TouchEvent
 
+EXAMPLES = (
+    "tactophone feel stroke.wav --plot",
+    "tactophone feel recordings/*.flac --out felt --profile lra --to .haptic",
+    "tactophone feel run.mcap --finger index --dashboard",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A recording that was processed, with the files written.
+
+    ``notes`` state what was corrected or is missing; ``events`` counts touch events by kind; ``floor`` is ``None``
+    where a threshold was given.
+    """
+
+    path: Path
+    pipeline: Pipeline
+    profile: str
+    chosen_for_mono: bool
+    label: str
+    truth: tuple[Segment, ...]
+    summary: RunSummary
+    files: dict[str, Path]
+    floor: RecordingFloor | None
+    notes: list[str]
+    events: Counter[str] = field(default_factory=Counter)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "recording": str(self.path),
+            "model": self.pipeline.detector.name,
+            "profile": self.profile,
+            "label": self.label or None,
+            **asdict(self.summary),
+            "threshold_dbfs": self.pipeline.detector.threshold.dbfs,
+            "noise_floor_dbfs": self.floor.floor_dbfs if self.floor and self.floor.known else None,
+            "notes": self.notes,
+            "events": dict(self.events),
+            "speed": self.summary.speed,
+            "files": {kind: str(path) for kind, path in self.files.items()},
+        }
+
+    def parts(self) -> Iterator[output.Part]:
+        """Print the summary; where there was no contact, the likely cause and the next command."""
+        summary = self.summary
+        label = f"; labelled {self.label}" if self.label else ""
+        yield f"[bold]{escape(str(self.path))}[/]: {summary.duration:.1f} s{label}"
+        yield f"  model      {escape(self.pipeline.detector.name)}{', for one channel' if self.chosen_for_mono else ''}"
+        if self.chosen_for_mono:
+            yield "  (taken as the contact microphone; of a rod with its microphone on it, give --tip stylus)"
+        contact, rough = (output.percent(share, unknown="none") for share in (summary.contact, summary.rough))
+        yield f"  contact    {contact} of the time, of which rough {rough}"
+        yield f"  threshold  {_threshold(self)}"
+        for note in self.notes:
+            yield f"  [yellow]note[/]       {note}"
+        if self.events:
+            yield "  events     " + ", ".join(f"{count} x {kind}" for kind, count in sorted(self.events.items()))
+        if summary.faults:
+            yield "  silenced   " + ", ".join(f"{count} x {cause}" for cause, count in summary.faults.items())
+        for kind, path in self.files.items():
+            yield f"  {kind:10} {escape(str(path))}"
+        yield f"  took       {summary.elapsed:.2f} s, {summary.speed:.0f} times faster than the sound"
+        if not summary.contact:
+            cause, command = _no_contact(self)
+            yield "[bold red]NO CONTACT was found: nothing vibrates.[/]"
+            yield f"  cause      {cause}"
+            yield f"  try        {escape(command)}"
+
+
+def _threshold(result: Result) -> str:
+    floor, threshold = result.floor, f"{result.pipeline.detector.threshold.dbfs:.1f} dBFS"
+    if floor is None:
+        return f"{threshold}, as given"
+    if floor.known:
+        return f"{threshold}; the recording's noise floor is {floor.floor_dbfs:.1f} dBFS"
+    if floor.loudest_dbfs < SILENT_DBFS:
+        return "none: the recording is digital silence"
+    return "none: the recording holds no steady silence, so all of it is taken as touch; --threshold DBFS if it is not"
+
+
+def _no_contact(result: Result) -> tuple[str, str]:
+    """Return the likely cause of a recording without contact, and the next command."""
+    floor, loudest = result.floor, result.summary.loudest_dbfs
+    again = f"tactophone feel {shlex.quote(str(result.path))} --threshold"
+    if "sound" in result.summary.faults:
+        return "the samples are no sound: see the note", "write the file again: 16 or 24 bits, or floats from -1 to 1"
+    if result.summary.faults:
+        return "the model's output is invalid", f"tactophone model show {shlex.quote(result.pipeline.detector.name)}"
+    if loudest < SILENT_DBFS:
+        return "the recording is digital silence: no microphone was connected", "tactophone setup --check"
+    if floor is None:
+        return f"loudest window: {loudest:.1f} dBFS, under the threshold that was given", f"{again} {loudest - 10:.0f}"
+    if floor.known:
+        found = f"nothing is louder than its steady noise of {floor.floor_dbfs:.1f} dBFS; if all of it is touch:"
+        return found, f"{again} {floor.floor_dbfs - 6:.0f}"
+    return f"loudest window: {loudest:.1f} dBFS; the microphone or its gain is off", "tactophone setup --check"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     add = parser.add_argument
     add(
         "recordings", nargs="+", type=Path, metavar="RECORDING",
@@ -75,14 +173,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--events", action="store_true", help="detect taps, strokes and slips, and write them as STEM.events.csv")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
-    haptic_file_option.add_arguments(parser)
+    add(
+        "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
+        help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); repeatable",
+    )  # fmt: skip
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
-    dashboard_options.add_arguments(parser)
+    page.add_dashboard(parser, "feel")
 
 
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
-    make_folder(args.out)
+    output.make_folder(args.out)
     results = []
     recordings, failed = _with_sound_of_logs(args)
     for path, stem in _unique_stems(recordings):
@@ -90,20 +191,18 @@ def run(args: argparse.Namespace) -> int:
             results.append(_process(path, stem, args))
         except (TactophoneError, OSError) as error:
             message = str(error)
-            terminal.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
+            output.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
             continue
         if not args.json:
-            print_result(results[-1])
+            output.show(results[-1], as_json=False)
     if args.json:
-        terminal.print_json([as_json(result) for result in results])
-    if dashboard_options.wanted(args):
-        from tactophone.cli._support import recording_playback
+        output.show(results, as_json=True)
+    settings = options.settings_of(args)
+    if page.wanted(args, settings) and results:
+        from tactophone.cli import playback
 
-        takes = [
-            recording_playback.Take(result.path.name, [result.path], [result.pipeline], result.truth)
-            for result in results
-        ]
-        recording_playback.play_on_page(args, takes, name="feel")
+        takes = [playback.Take(each.path.name, [each.path], [each.pipeline], each.truth) for each in results]
+        playback.play_on_page(settings, takes, name="feel")
     return 0 if len(results) == len(recordings) and not failed else 1
 
 
@@ -123,7 +222,7 @@ def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
         try:
             recordings += [sound.path for sound in write_sound(path, args.out, finger=args.finger)]
         except TactophoneError as error:
-            terminal.print_error(str(error))
+            output.print_error(str(error))
             failed = True
     return recordings, failed
 
@@ -149,7 +248,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
     sound = PreparedSource(source, preparation)
     pipeline = _open_pipeline(sound, model, floor, args)
     if warning := tip_mismatch(card, args.tip):
-        terminal.note(f"{path}: {warning}")
+        output.note(f"{path}: {warning}")
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
     events: list[TouchEvent] = []
@@ -158,14 +257,14 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
         events.extend(event for prediction in step.predictions for event in prediction.events)
         update(completed=step.block.end)
 
-    with terminal.progress("processing", source.size, note=escape(path.name)) as update:
+    with output.progress("processing", source.size, note=escape(path.name)) as update:
         summary, renderer = process_recording(sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if args.events or args.profile == "events":
         files["events"] = _write_events(args.out / f"{stem}.events.csv", events)
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
-    files |= haptic_file_option.write(args, args.out / stem, outputs.timeline, duration=source.duration)
+    files |= output.write_haptic_files(args.to, args.out / stem, outputs.timeline, duration=source.duration)
     truth = ground_truth(path, duration=source.duration)
     labels = {segment.label_name for segment in truth}
     label = labels.pop() if len(labels) == 1 else "mixed" * bool(labels)

@@ -4,15 +4,14 @@ import argparse
 import math
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
-from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, open_filtered
-from tactophone.cli._support.ranges import SEED
+from tactophone.cli import options, output
+from tactophone.cli.data import add_filter, open_filtered
+from tactophone.cli.options import SEED
 from tactophone.dataset import Dataset, Recording, split
 from tactophone.errors import DatasetError
 from tactophone.perception import Calibration, WindowDetector, model_path, read_model
@@ -33,8 +32,49 @@ MOST_LOST = 0.005
 HEADINGS = {"balanced_accuracy": "balanced accuracy", "false_positive_rate": "smooth as rough"}
 
 
+EXAMPLES = (
+    "tactophone finetune general.onnx recordings --general simulated",
+    "tactophone finetune paper recordings --general simulated --strategy fine-tuned --out mine.onnx",
+)
+
+NEW, GENERAL = "new objects, held-out takes", "general test set"
+
+
+@dataclass(frozen=True, slots=True)
+class Finetuned:
+    """Scores before and after by the set that was scored, the share of new parameters, the time in s, and the file."""
+
+    changes: "dict[str, dict[str, Change]]"
+    share: float
+    seconds: float
+    file: Path
+
+    def as_json(self) -> dict[str, Any]:
+        return {**self.changes, "share": self.share, "seconds": self.seconds, "file": self.file}
+
+    def parts(self) -> Iterator[output.Part]:
+        rows = []
+        for name, part in self.changes.items():
+            rows.append((f"[bold]{name}[/]", "", "", ""))
+            for key, change in part.items():
+                if math.isnan(change.before.value):
+                    rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
+                    continue
+                points = (100 * change.difference.value, 100 * change.difference.low, 100 * change.difference.high)
+                text = "{:+.1f} ({:+.1f} to {:+.1f})".format(*points)
+                rows.append((f"  {HEADINGS[key]}", str(change.before), str(change.after), text))
+        headings = ("", "before", "after", "change, points")
+        yield [dict(zip(headings, row, strict=True)) for row in rows]
+        yield f"share of the new parameters: {self.share:.0%}; {self.seconds:.0f} s; intervals: 90 %"
+        new, elsewhere = (self.changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
+        if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
+            output.log().print(
+                "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
+            )
+        yield str(self.file)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     parser.add_argument("model", metavar="MODEL", help="model to start from: a file, or the name of a shipped one")
     parser.add_argument(
         "new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more"
@@ -49,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
     parser.add_argument("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    options.add_json(parser, "print JSON instead of a table")
     add_filter(parser)
 
 
@@ -61,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
     data = _data(args)
     calibration = Calibration.read(args.calibration) if args.calibration else None
     recipe = finetune.finetuning_recipe(model_path(args.model), args.strategy, seed=args.seed, calibration=calibration)
-    with terminal.progress("training") as update:
+    with output.progress("training") as update:
         trained = finetune.train_on_both(
             recipe, data,
             reading=lambda done, count: update(completed=done, total=count, note="reading"),
@@ -69,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     share = _choose(args, recipe, trained, data)
     changes = _measure(args, data, calibration)
-    _print(args, changes, share=share, seconds=time.monotonic() - began)
+    output.show(Finetuned(changes, share, time.monotonic() - began, args.out), as_json=args.json)
     return 0
 
 
@@ -133,8 +173,8 @@ def _measure(
     start = model_path(args.model)
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     parts = {
-        "new objects, held-out takes": (data.held_out, by_take, calibration.window_dbfs if calibration else gate_dbfs),
-        "general test set": (data.test, by_surface, gate_dbfs),
+        NEW: (data.held_out, by_take, calibration.window_dbfs if calibration else gate_dbfs),
+        GENERAL: (data.test, by_surface, gate_dbfs),
     }
     return {
         name: compare_models(
@@ -159,32 +199,5 @@ def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_d
         return detector
 
     predict = streaming_predictor(open_detector, channels=model.card.channels)
-    with terminal.tracked(recordings, note) as takes:
+    with output.tracked(recordings, note) as takes:
         return [predict(take) for take in takes]
-
-
-def _print(args: argparse.Namespace, changes: dict[str, dict[str, "Change"]], *, share: float, seconds: float) -> None:
-    if args.json:
-        scores = {name: {key: change.as_json() for key, change in part.items()} for name, part in changes.items()}
-        terminal.print_json({**scores, "share": share, "seconds": seconds, "file": str(args.out)})
-        return
-    table = Table("", "before", "after", "change, points", box=None)
-    for name, part in changes.items():
-        table.add_row(f"[bold]{name}[/]")
-        for key, change in part.items():
-            if math.isnan(change.before.value):
-                table.add_row(f"  {HEADINGS[key]}", "none smooth", "", "")
-                continue
-            points = [100 * value for value in (change.difference.value, change.difference.low, change.difference.high)]
-            text = f"{points[0]:+.1f} ({points[1]:+.1f} to {points[2]:+.1f})"
-            table.add_row(f"  {HEADINGS[key]}", str(change.before), str(change.after), text)
-    terminal.out().print(table)
-    terminal.out().print(f"share of the new parameters: {share:.0%}; {seconds:.0f} s; intervals: 90 %")
-    new, elsewhere = (
-        changes[name]["balanced_accuracy"] for name in ("new objects, held-out takes", "general test set")
-    )
-    if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
-        terminal.log().print(
-            "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
-        )
-    terminal.out().print(args.out, soft_wrap=True)

@@ -1,15 +1,17 @@
 """``tactophone latency``: impulses through the running system, and the latency budget stage by stage."""
 
 import argparse
+from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from tactophone.cli._support import flags, terminal
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
 from tactophone.settings import Settings
 from tactophone.telemetry import STAGES
 from tactophone.types import LIVE_SAMPLE_RATE
@@ -17,20 +19,17 @@ from tactophone.types import LIVE_SAMPLE_RATE
 if TYPE_CHECKING:  # their imports take a second, which would slow down --help
     from tactophone.measurement import DecisionDelays, ImpulseLatency
 
-FLAGS = {
-    "--codec": "link.codec",
-    "--packet-duration": "link.packet_duration",
-    "--send-predictions": "link.send_predictions",
-    "--model": "detector.model",
-    "--name": "process.name",
-}
+EXAMPLES = (
+    "tactophone latency --dummy",
+    "tactophone latency --dummy --codec pcm16 --packet-duration 0.0025 --impulses 400",
+    "tactophone latency --impulse-port system:playback_2 --vibration-port system:capture_3 --json",
+)
 
 PERCENTILES = (50, 95, 99)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
-    flags.add_settings(parser, FLAGS)
+    options.add_settings(parser, "latency")
     add = parser.add_argument
     add(
         "--impulses", type=Within(int, 10, 2000), default=100, metavar="N",
@@ -44,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--impulse-port", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
     add("--vibration-port", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
     add("--no-decisions", action="store_true", help="do not measure the decision delay (simulated, 10 s)")
-    add("--json", action="store_true", help="print all figures for a program")
+    options.add_json(parser, "print all figures for a program")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,22 +52,37 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.measurement import Graph, measure, measure_decisions
     from tactophone.runtime import open_pipeline_for
 
-    settings = flags.settings_of(args)
+    settings = options.settings_of(args)
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(args.period)).name if args.dummy else settings.process.jack_server
         graph = Graph(server, args.impulse_port, args.vibration_port)
-        update = stack.enter_context(terminal.progress("impulses", 1.0))
+        update = stack.enter_context(output.progress("impulses", 1.0))
         measured = measure(settings, graph, impulses=args.impulses, progress=lambda share: update(completed=share))
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
-    if args.json:
-        terminal.print_json({**as_figures(measured, delays), "detector": decider.detector.name if decider else None})
-        return 0
-    terminal.out().print(_table(measured, delays))
-    terminal.out().print(_notes(measured, settings, dummy=args.dummy), soft_wrap=True)
-    if decider and delays is not None:
-        terminal.out().print(_decision_notes(delays, decider.detector.name), soft_wrap=True)
+    result = Latency(measured, delays, decider.detector.name if decider else None, settings, args.dummy)
+    output.show(result, as_json=args.json)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """What was measured with these settings; ``delays`` are those of the decision, by the ``detector`` of that name."""
+
+    measured: "ImpulseLatency"
+    delays: "DecisionDelays | None"
+    detector: str | None
+    settings: Settings
+    dummy: bool
+
+    def as_json(self) -> dict[str, object]:
+        return {**as_figures(self.measured, self.delays), "detector": self.detector}
+
+    def parts(self) -> Iterator[output.Part]:
+        yield _table(self.measured, self.delays)
+        yield _notes(self.measured, self.settings, dummy=self.dummy)
+        if self.delays is not None and self.detector:
+            yield _decision_notes(self.delays, self.detector)
 
 
 def as_figures(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> dict[str, object]:

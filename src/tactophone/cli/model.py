@@ -1,20 +1,37 @@
-"""``tactophone model``: show a model file's card, or convert one of the authors' published models."""
+"""``tactophone model`` and ``set-threshold``: a model file's card, the authors' models, and the decision rule."""
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
-from rich.table import Table
 
-from tactophone.cli._support import terminal
-from tactophone.perception import ModelCard, model_path, read_model, shipped_models
+from tactophone.cli import options, output
+from tactophone.cli.data import add_filter, open_filtered
+from tactophone.cli.options import Within, per_minute
+from tactophone.dataset import Dataset
+from tactophone.perception import Model, ModelCard, model_path, read_model, shipped_models
+
+if TYPE_CHECKING:
+    from tactophone.evaluation import Estimate, Goal, OperatingPoint, TakePredictions
+
+
+EXAMPLES = {
+    "model": ("tactophone model show texture", "tactophone model import general.pt --out general.onnx"),
+    "set-threshold": (
+        "tactophone set-threshold texture --data recordings --false-bumps 2/min",
+        "tactophone set-threshold finger.onnx --data recordings --false-positives 0.05 --dry-run",
+    ),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's actions and their arguments."""
+    if parser.get_default("verb") == "set-threshold":
+        _add_set_threshold(parser)
+        return
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     words = "show a model's card: input, decision rule, training data, scores"
     show = actions.add_parser("show", help=words, description=words)
@@ -22,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     show.add_argument(
         "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
     )
-    show.add_argument("--json", action="store_true", help="print the card as JSON")
+    options.add_json(show, "print the card as JSON")
     words = (
         "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
         "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
@@ -48,17 +65,24 @@ def _import(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     path = model_path(args.model)
     card = read_model(path).card
-    if args.json:
-        terminal.print_json({"file": str(path), "bytes": path.stat().st_size, **json.loads(card.to_json())})
-        return 0
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim", max_width=36, overflow="fold")
-    table.add_column(overflow="fold")
-    table.add_row("file", escape(f"{path} ({path.stat().st_size / 1e3:,.0f} kB)"))
-    for name, words in _lines(card):
-        table.add_row(name, escape(words))
-    terminal.out().print(table)
+    output.show(ModelFile(path, path.stat().st_size, card), as_json=args.json)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class ModelFile:
+    """A model file, its size, and what its card says."""
+
+    path: Path
+    bytes: int
+    card: ModelCard
+
+    def as_json(self) -> dict[str, Any]:
+        return {"file": str(self.path), "bytes": self.bytes, **json.loads(self.card.to_json())}
+
+    def parts(self) -> Iterator[output.Part]:
+        rows = [("file", f"{self.path} ({self.bytes / 1e3:,.0f} kB)"), *_lines(self.card)]
+        yield output.listing(((name, escape(words)) for name, words in rows), max_width=36)
 
 
 def _lines(card: ModelCard) -> list[tuple[str, str]]:
@@ -109,3 +133,106 @@ def _words(value: Any) -> str:
 def _shape(value: Any) -> list[int]:
     """Count the entries of nested lists, level by level."""
     return [len(value), *_shape(value[0])] if isinstance(value, list) else []
+
+
+def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", metavar="MODEL", help="a model file, or the name of a shipped one")
+    parser.add_argument(
+        "--data", type=Path, required=True, metavar="DIR", help="validation recordings, none of them trained on"
+    )
+    add_filter(parser)
+    parser.set_defaults(run=_set_threshold)
+    goal = parser.add_mutually_exclusive_group(required=True)
+    goal.add_argument(
+        "--false-bumps", metavar="N/min", help="rough predicted on smooth, over 0 to 600 times a minute of contact"
+    )
+    goal.add_argument(
+        "--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
+        help="share of smooth contact predicted rough, %(type)s",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)",
+    )
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
+    parser.add_argument("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
+    options.add_json(parser, "print JSON instead of a table")
+
+
+def _set_threshold(args: argparse.Namespace) -> int:
+    """Choose the rule, draw the trade-off, write the model file."""
+    goal, limit = _goal(args)
+    from tactophone.evaluation import candidate_rules, choose_rule, draw_trade_off, measure_rule, try_rules
+
+    path = model_path(args.model)
+    # The package's own files stay as they are: other programs of this installation use them.
+    out = args.out or (Path(path.name) if args.model in shipped_models() else path)
+    model = read_model(path)
+    dataset = open_filtered(args.data, args.filter, channels=model.card.channels)
+    rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
+    outcomes = try_rules(_predict(model, dataset), rules)
+    place = choose_rule(outcomes, rules, goal=goal, limit=limit)
+    # The first candidate is the plain threshold of 0.5.
+    before, chosen = (measure_rule(outcomes, at, rules[at]) for at in (0, place))
+    picture = args.plot or out.with_suffix(".trade-off.png")
+    draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
+    if not args.dry_run:
+        from tactophone.training import set_decision
+
+        scores = {"dataset": dataset.name, "sha256": dataset.fingerprint, **chosen.as_json()}
+        set_decision(path, chosen.rule, scores, out=out)
+    output.show(Rules(before, chosen, [picture] if args.dry_run else [out, picture]), as_json=args.json)
+    return 0
+
+
+def _goal(args: argparse.Namespace) -> "tuple[Goal, float]":
+    if args.false_bumps is not None:
+        return "false_bumps_per_minute", per_minute(args.false_bumps)
+    return "false_positive_rate", args.false_positives
+
+
+def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
+    from tactophone.evaluation import model_predictor
+
+    if model.card.training.get("sha256") == dataset.fingerprint:
+        output.log().print("beware: the model was trained on these recordings, so the rates are too good")
+    predict = model_predictor(model)
+    with output.tracked(dataset.recordings, "predicting") as takes:
+        return [predict(take) for take in takes]
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What the decision rules before and after give on the data, and the files that were written."""
+
+    before: "OperatingPoint"
+    chosen: "OperatingPoint"
+    files: list[Path]
+
+    def as_json(self) -> dict[str, Any]:
+        points = {"before": self.before, "chosen": self.chosen}
+        rules = {name: {key: getattr(point.rule, key) for key in _RULE} for name, point in points.items()}
+        return {**{name: rules[name] | point.as_json() for name, point in points.items()}, "files": self.files}
+
+    def parts(self) -> Iterator[output.Part]:
+        def row(name: str, words: Callable[["OperatingPoint"], str]) -> dict[str, str]:
+            return {"": name, "before": words(self.before), "chosen": words(self.chosen)}
+
+        yield [
+            row("rough from, until", lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}"),
+            row("updates in a row", lambda point: str(point.rule.confirm)),
+            row("false bumps a minute", lambda point: _brief(point.false_bumps_per_minute)),
+            row("smooth as rough", lambda point: _brief(point.false_positive_rate)),
+            row("rough as rough", lambda point: _brief(point.rough_recall)),
+            row("touch to rough, p50", lambda point: f"{1000 * point.delay:.0f} ms"),
+        ]
+        yield from map(str, self.files)
+
+
+_RULE = ("rough_on", "rough_off", "confirm")
+
+
+def _brief(estimate: "Estimate") -> str:
+    return f"{estimate.value:.3g} ({estimate.low:.2g}-{estimate.high:.2g})"

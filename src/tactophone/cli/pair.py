@@ -2,22 +2,45 @@
 
 import argparse
 import socket
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tactophone.cli._support import terminal
+from tactophone.cli import options, output
 
 if TYPE_CHECKING:
-    from tactophone.link import Identity
+    pass
+
+
+EXAMPLES = (
+    "tactophone pair init",
+    "tactophone pair show",
+    "tactophone pair trust robot 0123:4567:89ab:cdef",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """This machine, and those it trusts: fingerprints by name. A fingerprint is no secret, but its channel must be."""
+
+    name: str
+    fingerprint: str
+    trusted: dict[str, str]
+    _trust_command: str
+
+    def parts(self) -> Iterator[output.Part]:
+        yield self._trust_command
+        for name, fingerprint in self.trusted.items():
+            yield f"trusted: {name} {fingerprint}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     steps = parser.add_subparsers(title="steps", metavar="STEP", required=True)
     init = steps.add_parser("init", help="create a key and a certificate, once for each machine")
     init.add_argument("--name", default=socket.gethostname(), help="what other machines call this one")
     show = steps.add_parser("show", help="print this machine's fingerprint and those it trusts")
-    show.add_argument("--json", action="store_true", help="print an object that a program can read")
+    options.add_json(show, "print an object that a program can read")
     trust = steps.add_parser("trust", help="accept the machine that has this fingerprint")
     trust.add_argument("name", help="what to call it here")
     trust.add_argument("fingerprint", help="as `tactophone pair show` prints it there")
@@ -43,38 +66,30 @@ def _init(args: argparse.Namespace) -> None:
     from tactophone.link import Identity
 
     Identity.create(args.name).save(args.identity)
-    terminal.log().print(f"Created a key in {args.identity}. Only you can read it; keep it so.")
-    _print_trust_command(Identity.load(args.identity))
+    output.log().print(f"Created a key in {args.identity}. Only you can read it; keep it so.")
+    output.log().print("On the other machine, run:")
+    print(Identity.load(args.identity).trust_command)
 
 
 def _show(args: argparse.Namespace) -> None:
     from tactophone.link import Identity, Peers
 
     identity, peers = Identity.load(args.identity), Peers.load(args.identity)
-    if args.json:
-        trusted = dict(peers.items())
-        terminal.print_json({"name": identity.name, "fingerprint": identity.fingerprint, "trusted": trusted})
-        return
-    _print_trust_command(identity)
-    for name, fingerprint in peers.items():
-        print(f"trusted: {name} {fingerprint}")
+    if not args.json:
+        output.log().print("On the other machine, run:")
+    shown = Machine(identity.name, identity.fingerprint, dict(peers.items()), identity.trust_command)
+    output.show(shown, as_json=args.json)
 
 
 def _trust(args: argparse.Namespace) -> None:
     from tactophone.link import Peers
 
     Peers.load(args.identity).trusting(args.name, args.fingerprint).save(args.identity)
-    terminal.log().print(f"{args.name} is trusted from the next start on.")
+    output.log().print(f"{args.name} is trusted from the next start on.")
 
 
 def _forget(args: argparse.Namespace) -> None:
     from tactophone.link import Peers
 
     Peers.load(args.identity).without(args.name).save(args.identity)
-    terminal.log().print(f"{args.name} is not trusted from the next start on.")
-
-
-def _print_trust_command(identity: "Identity") -> None:
-    """Print the line to run on the other machine: a fingerprint is no secret, but its channel must be trusted."""
-    terminal.log().print("On the other machine, run:")
-    print(identity.trust_command)
+    output.log().print(f"{args.name} is not trusted from the next start on.")

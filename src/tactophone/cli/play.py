@@ -1,4 +1,4 @@
-"""``tactophone play``: the stone box, in a browser: find the two rough stones of five by touch alone."""
+"""``tactophone play`` and ``try``: feel something on a page, with no hardware but this machine or a phone."""
 
 import argparse
 import secrets
@@ -6,58 +6,83 @@ from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 
-from tactophone.cli._support import dashboard_options, flags
-from tactophone.cli._support.folders import make_folder
-from tactophone.cli._support.ranges import SEED
+from tactophone.cli import audio, options, page
+from tactophone.cli.options import SEED, Within
+from tactophone.cli.output import make_folder
 from tactophone.errors import ConfigError
 from tactophone.settings import change
+
+EXAMPLES = {
+    "play": (
+        "tactophone play",
+        "tactophone play --seed 3 --results rounds.jsonl",
+        "tactophone play --lan --https",
+    ),
+    "try": (
+        "tactophone try",
+        "tactophone try --lan --https",
+        "tactophone try --source microphone --threshold -40 --record try.csv",
+    ),
+}
 
 ROUNDS = 1000
 """Number of prepared rounds; they repeat after that."""
 
-FLAGS = {
-    "--tip": "capture.tip",
-    "--model": "detector.model",
-    "--profile": "rendering.profile",
-    "--codec": "link.codec",
-    "--packet-duration": "link.packet_duration",
-    "--name": "process.name",
-}
+NEAR = ["link.codec=pcm16", "link.packet_duration=0.0025"]
+"""Unless options say otherwise: both sides run on this machine, where a codec and long packets only delay the sound."""
 
 SIMULATED = ["capture.source=finger", "output.actuator=none", "process.watchdog=false"]
-"""Settings of both ends without devices: the browser plays the vibration.
+"""Settings of both ends of `play`, without devices: the browser plays the vibration.
 
 The watchdog protects from an actuator that a stalled process would keep driving; here there is none."""
 
-NEAR = ["link.codec=pcm16", "link.packet_duration=0.0025"]
-"""Unless flags say otherwise: on one machine, a codec and long packets only delay the press's sound."""
+SOURCES = {
+    "browser": "the microphone of a page, on this machine or on a phone",
+    "microphone": "this machine's own, by PortAudio",
+    "finger": "the simulated finger",
+}
+"""What `try` listens to."""
+
+USUAL_OF_TRY = [*NEAR, "output.actuator=none"]
+"""Nothing drives an actuator unless it is named."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
+    verb = parser.get_default("verb")
+    if verb == "play":
+        parser.add_argument(
+            "--seed", type=SEED, metavar="N",
+            help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
+        )  # fmt: skip
+        parser.add_argument(
+            "--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
+            help="file to which each round's result is appended as one line of JSON",
+        )  # fmt: skip
+        options.add_settings(parser, verb, NEAR)
+        return
+    from tactophone.cli import live
+
+    words = "; ".join(f"{name}: {what}" for name, what in SOURCES.items())
+    parser.add_argument("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
+    live.add_record(parser)
     parser.add_argument(
-        "--seed",
-        type=SEED,
-        metavar="N",
-        help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
-    )
-    parser.add_argument(
-        "--results",
-        type=Path,
-        default=Path("stone-box.jsonl"),
-        metavar="FILE",
-        help="file to which each round's result is appended as one line of JSON",
-    )
-    dashboard_options.add_address(parser)
-    flags.add_settings(parser, FLAGS, NEAR)
+        "--duration", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted",
+    )  # fmt: skip
+    options.add_json(parser, "at the end, print all counters as JSON")
+    options.add_settings(parser, verb, USUAL_OF_TRY)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve the game until interrupted."""
+    """Serve the page, and run both sides, until interrupted."""
+    return _play(args) if args.verb == "play" else _try(args)
+
+
+def _play(args: argparse.Namespace) -> int:
     from tactophone.pages import GameSettings, open_finger, serve_game
     from tactophone.simulation.takes import shuffled  # not by the door, which loads numba
 
-    settings = change(flags.settings_of(args, NEAR), SIMULATED)
+    settings = change(options.settings_of(args, NEAR), SIMULATED)
     if args.results.is_dir():
         raise ConfigError(f"--results {args.results}: a folder; name a file")
     make_folder(args.results.parent, "--results")
@@ -66,12 +91,33 @@ def run(args: argparse.Namespace) -> int:
     inbox, finger = Pipe(duplex=False)
     game = GameSettings(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results)
     # The page comes first: both sides take seconds to start, and it shows their progress.
-    with serve_game(game, **dashboard_options.place(args)) as page:
-        dashboard_options.announce(page)
+    with serve_game(game, **page.place(settings)) as served:
+        page.announce(served)
 
-        from tactophone.cli._support import console
-        from tactophone.cli.loopback import both_sides
+        from tactophone.cli import console
+        from tactophone.cli.send_receive import both_sides
 
-        with both_sides(settings, "clean", name=name, seed=0, open_source=partial(open_finger, inbox)) as sides:
+        with both_sides(settings, name=name, open_source=partial(open_finger, inbox)) as sides:
             outcome = console.follow(sides, name)
     return outcome.exit_code
+
+
+def _try(args: argparse.Namespace) -> int:
+    from tactophone.cli import console, live
+    from tactophone.cli.send_receive import both_sides
+    from tactophone.pages import watch
+
+    usual = [*USUAL_OF_TRY, f"capture.source={args.source}"]
+    settings = audio.for_one_microphone(options.settings_of(args, usual))
+    if settings.output.actuator == "none":  # a stalled process then harms nobody
+        settings = change(settings, ["process.watchdog=false"])
+    name = settings.process.name or "try"
+    source = audio.source_of(settings)
+    with watch(name, microphone=source.microphone, **page.place(settings)) as served:
+        page.announce(served, "try")
+        with (
+            both_sides(settings, name=name, open_source=source.open) as sides,
+            live.recorded(args, settings, name),
+        ):
+            outcome = console.follow(sides, name, duration=args.duration)
+    return live.print_outcome(args, outcome)

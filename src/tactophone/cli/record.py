@@ -2,18 +2,19 @@
 
 import argparse
 import datetime
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Group
-from rich.table import Table
 from rich.text import Text
 
-from tactophone.cli._support import audio_input, keyboard, terminal
-from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
-from tactophone.cli._support.meters import Meters
-from tactophone.cli._support.ranges import Within
-from tactophone.dataset import Recording, holds_metadata, open_dataset
+from tactophone.cli import console, options, output
+from tactophone.cli.audio import AudioInput, SimulatedAct
+from tactophone.cli.guide import Meters
+from tactophone.cli.options import Within
+from tactophone.dataset import holds_metadata, open_dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception import Calibration, Reference
 from tactophone.recording import (
@@ -34,8 +35,46 @@ KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT,
 STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cyan", Stage.COUNTDOWN: "bold yellow"}
 
 
+EXAMPLES = (
+    "tactophone record slate --label rough --calibration calibration.toml",
+    "tactophone record 'polished marble' --label smooth --source finger --seconds 2 --takes static,long_light",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Take:
+    """A take that was recorded: its file, its name, and its other columns of the data set."""
+
+    file: Path
+    take: str
+    properties: Mapping[str, str]
+
+    def as_json(self) -> dict[str, Any]:
+        return {"file": self.file, "take": self.take, **self.properties}
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """What was recorded of an object."""
+
+    object: str
+    takes: list[Take]
+    _folder: Path
+
+    def parts(self) -> Iterator[output.Part]:
+        yield [
+            {
+                "take": take.take,
+                "level": f"{float(take.properties['level_dbfs']):.0f} dBFS",
+                "quality": take.properties["quality"],
+            }
+            for take in self.takes
+        ]
+        folder = self._folder
+        yield f"{len(self.takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     parser.add_argument(
         "object", metavar="OBJECT", help="the object's name; with --source finger, a name from the catalogue"
     )
@@ -61,8 +100,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"comma-separated takes, of {', '.join(take.name for take in PROTOCOL)}; or 'all'",
     )  # fmt: skip
     parser.add_argument("--yes", action="store_true", help="start and keep each take without a key press")
-    parser.add_argument("--json", action="store_true", help="at the end, print the takes as JSON")
-    audio_input.add_arguments(parser)
+    options.add_json(parser, "at the end, print the takes as JSON")
+    options.add_settings(parser, "record")
+    options.add_finger(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -70,16 +110,17 @@ def run(args: argparse.Namespace) -> int:
     plan, target = _plan(args), _recorded_object(args)
     with recording_in(plan.root):
         recorder = _session(args, plan, target)
-    _print(args, recorder.recordings)
+    takes = [Take(each.path, each.take, each.properties) for each in recorder.recordings]
+    output.show(Session(args.object, takes, args.out), as_json=args.json)
     return 0
 
 
 def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject) -> Recorder:
     """Finish what was cut off before, then record."""
     for recovered in recover(plan.root):
-        terminal.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
+        output.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
     known = open_dataset(plan.root) if holds_metadata(plan.root) else None
-    with AudioInput(args, args.object) as audio, keyboard.single_keys() as has_keyboard:
+    with AudioInput(args, args.object) as audio, console.single_keys() as has_keyboard:
         rate, channels = audio.source.sample_rate, audio.source.channels
         recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)
         _record(recorder, audio, plan, unattended=args.yes or audio.simulated or not has_keyboard)
@@ -112,19 +153,19 @@ def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unatten
     """Pass sound and keys to the recorder, and show its state, until it is done."""
     meters = Meters(audio.source.channels, plan.reference.threshold_dbfs)
     count = len(recorder.protocol.takes)
-    terminal.log().print(f"{count} takes to record" if count else "all takes are recorded already")
+    output.log().print(f"{count} takes to record" if count else "all takes are recorded already")
     try:
-        with terminal.live_display() as live:
+        with output.live_display() as live:
             for block in audio:
                 if unattended:
                     _press_go(recorder, audio, plan)
-                elif key := KEYS.get(keyboard.read_key(0)):
+                elif key := KEYS.get(console.read_key(0)):
                     recorder.press(key)
                 before = recorder.protocol.stage
                 recorder.push(block)
                 meters.push(block)
                 if recorder.protocol.stage is Stage.REVIEW and before is not Stage.REVIEW:
-                    terminal.log().print(_quality(recorder), soft_wrap=True)
+                    output.log().print(_quality(recorder), soft_wrap=True)
                 if recorder.protocol.stage is Stage.DONE:
                     return
                 if live is not None and meters.due():
@@ -176,20 +217,3 @@ def _hint(stage: Stage) -> str:
     hint = keep.get(stage, "space: pause" if stage is Stage.RECORDING else "")
     again = "" if stage in (Stage.READY, Stage.COUNTDOWN) else "r: retake"
     return "   ".join(filter(None, (hint, again, "q: quit and keep all takes")))
-
-
-def _print(args: argparse.Namespace, recordings: Sequence[Recording]) -> None:
-    if args.json:
-        takes = [
-            {"file": str(recording.path), "take": recording.take, **recording.properties} for recording in recordings
-        ]
-        terminal.print_json({"object": args.object, "takes": takes})
-        return
-    table = Table("take", "level", "quality", box=None)
-    for recording in recordings:
-        level_dbfs = float(recording.known("level_dbfs"))
-        table.add_row(recording.take, f"{level_dbfs:.0f} dBFS", recording.known("quality"))
-    if recordings:
-        terminal.out().print(table)
-    last = f"{len(recordings)} takes in {args.out}: check them with `tactophone dataset check {args.out}`"
-    terminal.out().print(last, soft_wrap=True)

@@ -1,13 +1,13 @@
 """``tactophone replay``: a recorded run, computed again from its packets in virtual time."""
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone.cli._support import dashboard_options, extras, haptic_file_option, terminal
-from tactophone.cli._support.ranges import CEILING
+from tactophone.cli import extras, options, output, page
+from tactophone.cli.options import CEILING
 from tactophone.errors import ConfigError
 from tactophone.settings import Finger, Settings, change
 
@@ -18,8 +18,14 @@ if TYPE_CHECKING:
 CHANGES = {"model": "detector.model", "profile": "rendering.profile", "ceiling": "rendering.ceiling"}
 
 
+EXAMPLES = (
+    "tactophone replay run.mcap",
+    "tactophone replay run.mcap --out again --profile lra --plot",
+    "tactophone replay run.mcap --to-rosbag bag",
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     add = parser.add_argument
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
     add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
@@ -27,11 +33,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--profile", metavar="NAME", help="compute with another rendering profile")
     add("--ceiling", type=CEILING, metavar="LEVEL", help="compute with another ceiling, %(type)s")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
-    haptic_file_option.add_arguments(parser)
+    add(
+        "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
+        help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); repeatable",
+    )  # fmt: skip
     add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")
     add("--audio", type=Path, metavar="FILE.mcap", help="copy the log and add its sound, for Foxglove to play")
-    add("--json", action="store_true", help="print the comparison as JSON")
-    dashboard_options.add_arguments(parser)
+    options.add_json(parser, "print the comparison as JSON")
+    page.add_dashboard(parser, "replay")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -69,14 +78,15 @@ def run(args: argparse.Namespace) -> int:
         from tactophone.offline.replay import add_sound
 
         files["audio"] = add_sound(args.log, args.audio)
-    _print(args, replay, rendered, files, changed=bool(changes))
-    if dashboard_options.wanted(args):
-        _show(args, changed)
+    output.show(Replayed(args.log, replay, rendered, files, bool(changes)), as_json=args.json)
+    own = options.settings_of(args)
+    if page.wanted(args, own):
+        _play(args.log, own, changed)
     return 1 if replay.comparison.different and not changes else 0
 
 
 def _with_progress(path: Path, entries: "Iterator[LogEntry]") -> "Iterator[LogEntry]":
-    with terminal.progress("replaying", note=path.name):
+    with output.progress("replaying", note=path.name):
         yield from entries
 
 
@@ -87,7 +97,7 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
     for finger in rendered:
         written, of = finger.files, f"{finger.name} " * bool(finger.name)
         stem = args.out / "-".join(filter(None, (args.log.stem, finger.name)))
-        written |= haptic_file_option.write(args, stem, written["timeline"], duration=finger.summary.duration)
+        written |= output.write_haptic_files(args.to, stem, written["timeline"], duration=finger.summary.duration)
         files.update({f"{of}{kind}": path for kind, path in written.items()})
     return rendered
 
@@ -112,72 +122,70 @@ def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path
     files["bag"] = args.to_rosbag
 
 
-def _show(args: argparse.Namespace, change: Any) -> None:
+def _play(log: Path, own: Settings, change: Callable[[Settings], Settings]) -> None:
     """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
     from tactophone.bridges import read_log
     from tactophone.capture import FileSource
-    from tactophone.cli._support import recording_playback
+    from tactophone.cli import playback
     from tactophone.hand import names_of
     from tactophone.offline.replay import LoggedEndpoint, write_sound
     from tactophone.telemetry import RunStart
 
-    run = next(entry for entry in read_log(args.log) if isinstance(entry, RunStart))
+    run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:
         endpoint = LoggedEndpoint(run, change)
-        sounds, takes = write_sound(args.log, Path(folder)), []
+        sounds, takes = write_sound(log, Path(folder)), []
         for number in dict.fromkeys(sound.session for sound in sounds):
             paths = [sound.path for sound in sounds if sound.session == number]
             pipelines = [endpoint.open(FileSource(path).channels, finger=finger) for finger, path in enumerate(paths)]
             names = names_of(endpoint.settings)
-            takes.append(recording_playback.Take(args.log.name, paths, pipelines, fingers=names))
-        recording_playback.play_on_page(args, takes, name="replay")
+            takes.append(playback.Take(log.name, paths, pipelines, fingers=names))
+        playback.play_on_page(own, takes, name="replay")
 
 
-def _print(
-    args: argparse.Namespace,
-    replay: "Replay",
-    rendered: "list[RenderedFinger]",
-    files: dict[str, Path],
-    *,
-    changed: bool,
-) -> None:
-    comparison = replay.comparison
-    if args.json:
-        entries = {
-            "log": str(args.log), "role": replay.role, "processes": replay.processes, "complete": replay.complete,
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """How a log compares with what was computed again, and what was written."""
+
+    log: Path
+    replay: "Replay"
+    rendered: "list[RenderedFinger]"
+    files: dict[str, Path]
+    changed: bool
+
+    def as_json(self) -> dict[str, Any]:
+        replay, comparison = self.replay, self.replay.comparison
+        # The summary of the only finger, or of each by its name.
+        of = {finger.name: asdict(finger.summary) for finger in self.rendered}
+        return {
+            "log": self.log, "role": replay.role, "processes": replay.processes, "complete": replay.complete,
             "missed": replay.missed, "equal": comparison.equal, "different": comparison.different,
-            "uncertain": comparison.uncertain, "notes": replay.notes,
-            "files": {kind: str(path) for kind, path in files.items()},
-            **_summaries(rendered),
+            "uncertain": comparison.uncertain, "notes": replay.notes, "files": self.files,
+            **({"summary": of.get("", of)} if of else {}),
         }  # fmt: skip
-        terminal.print_json(entries)
-        return
-    total = comparison.equal + comparison.different
-    if replay.role == "robot":
-        print("the robot's side: its packets computed as an operator without losses would; nothing to compare with")
-    elif changed:
-        print(f"{comparison.different} of {total} predictions or commands differ from those logged")
-    elif comparison.different:
-        print(f"{comparison.different} of {total} predictions or commands differ from those logged; the first:")
-        for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
-            print(f"  {name:9}{entry.prediction} {entry.command}")
-    else:
-        print(f"{comparison.equal} predictions and commands, equal to the bit to those logged")
-    if comparison.uncertain:
-        print(f"{comparison.uncertain} were made while a control changed, and are not compared")
-    if not replay.complete:
-        print("the log has no end: its writer was killed or its disk was full; read to its last part")
-    if replay.missed:
-        print(f"the recorder missed {replay.missed} bytes or predictions on a busy machine")
-    for note in replay.notes:
-        print(f"! {note}")
-    for kind, path in files.items():
-        print(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")
 
-
-def _summaries(rendered: "list[RenderedFinger]") -> dict[str, Any]:
-    """Return the summary of the only finger, or of each by its name."""
-    of = {finger.name: asdict(finger.summary) for finger in rendered}
-    return {"summary": of.get("", of)} if of else {}
+    def parts(self) -> Iterator[output.Part]:
+        comparison = self.replay.comparison
+        total = comparison.equal + comparison.different
+        if self.replay.role == "robot":
+            yield "the robot's side: its packets computed as an operator without losses would; nothing to compare with"
+        elif self.changed:
+            yield f"{comparison.different} of {total} predictions or commands differ from those logged"
+        elif comparison.different:
+            yield f"{comparison.different} of {total} predictions or commands differ from those logged; the first:"
+            for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
+                yield f"  {name:9}{entry.prediction} {entry.command}"
+        else:
+            yield f"{comparison.equal} predictions and commands, equal to the bit to those logged"
+        if comparison.uncertain:
+            yield f"{comparison.uncertain} were made while a control changed, and are not compared"
+        if not self.replay.complete:
+            yield "the log has no end: its writer was killed or its disk was full; read to its last part"
+        if self.replay.missed:
+            yield f"the recorder missed {self.replay.missed} bytes or predictions on a busy machine"
+        for note in self.replay.notes:
+            yield f"! {note}"
+        for kind, path in self.files.items():
+            yield f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}"

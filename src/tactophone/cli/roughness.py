@@ -2,22 +2,50 @@
 
 import argparse
 import math
-from dataclasses import asdict
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-
-from tactophone.cli._support import terminal
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import options, output
+from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
 
 if TYPE_CHECKING:
     from tactophone.dataset import HeightReport
 
 
+EXAMPLES = (
+    "tactophone roughness profile.csv --unit um",
+    "tactophone roughness slate.png --pixel 29.4e-6 --height-range 120 --plot slate-heights.png",
+    "tactophone roughness slate.npz --write-metadata recordings --surface slate",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Heights:
+    """The roughness parameters of a profile or height map."""
+
+    file: Path
+    report: "HeightReport"
+
+    def as_json(self) -> dict[str, Any]:
+        return {"file": self.file, **asdict(self.report)}
+
+    def parts(self) -> Iterator[output.Part]:
+        found, area = self.report.profile, self.report.area
+        rows = [("Ra", found.ra), ("Rq", found.rq), ("Rz", found.rz)]
+        rows += [("Sa", area.sa), ("Sq", area.sq), ("Sz", area.sz)] if area else []
+        shown = [(name, f"{1e6 * value:.4g} um") for name, value in rows]
+        shown.append(("RSm", "-" if math.isnan(found.rsm) else f"{1e3 * found.rsm:.4g} mm"))
+        shown.append(("Rdq", f"{found.rdq:.4g}"))
+        lines, columns = self.report.shape
+        size = f"{columns} heights" if lines == 1 else f"{lines} rows of {columns} heights"
+        step, cutoff = 1e6 * self.report.step, 1e3 * self.report.cutoff
+        yield output.listing([*shown, ("of", f"{size}, {step:.4g} um apart; Gaussian cut-off {cutoff:g} mm")])
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the verb's arguments."""
     parser.add_argument(
         "file", type=Path, metavar="FILE",
         help="profile or height map: .npy, .npz (heights, step), .csv (a column, place and height, or a map), .png",
@@ -46,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--write-metadata", type=Path, metavar="DIR", help="data set to write the columns ra_um, rz_um, rsm_um into"
     )
     parser.add_argument("--surface", metavar="NAME", help="surface of that data set which was measured")
-    parser.add_argument("--json", action="store_true", help="print JSON, lengths in m, instead of a table")
+    options.add_json(parser, "print JSON, lengths in m, instead of a table")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -68,9 +96,11 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         draw_heights(args.plot, heights, report, title=args.file.stem)
     written = _write(args, report) if args.write_metadata else None
-    _print(args, report)
+    output.show(Heights(args.file, report), as_json=args.json)
+    for note in () if args.json else report.notes:
+        output.note(f"beware: {note}")
     for path in filter(None, (args.plot, written)):
-        terminal.log().print(path, soft_wrap=True)
+        output.log().print(path, soft_wrap=True)
     return 0
 
 
@@ -92,23 +122,3 @@ def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
         for recording in dataset.recordings
     ]
     return write_metadata(dataset.root, recordings)
-
-
-def _print(args: argparse.Namespace, report: "HeightReport") -> None:
-    if args.json:
-        terminal.print_json({"file": str(args.file), **asdict(report)})
-        return
-    found, area = report.profile, report.area
-    table = Table.grid(padding=(0, 2))
-    rows = [("Ra", found.ra), ("Rq", found.rq), ("Rz", found.rz)]
-    rows += [("Sa", area.sa), ("Sq", area.sq), ("Sz", area.sz)] if area else []
-    for name, value in rows:
-        table.add_row(name, f"{1e6 * value:.4g} um")
-    table.add_row("RSm", "-" if math.isnan(found.rsm) else f"{1e3 * found.rsm:.4g} mm")
-    table.add_row("Rdq", f"{found.rdq:.4g}")
-    lines, columns = report.shape
-    size = f"{columns} heights" if lines == 1 else f"{lines} rows of {columns} heights"
-    table.add_row("of", f"{size}, {1e6 * report.step:.4g} um apart; Gaussian cut-off {1e3 * report.cutoff:g} mm")
-    terminal.out().print(table)
-    for note in report.notes:
-        terminal.note(f"beware: {note}")

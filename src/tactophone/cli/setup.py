@@ -1,26 +1,25 @@
-"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes."""
+"""``tactophone setup``: fit a detector to a new finger, guided, in two minutes; or check its microphones."""
 
 import argparse
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
-from tactophone.cli._support import audio_input, flags, keyboard, terminal
-from tactophone.cli._support.audio_input import AudioInput, SimulatedAct
-from tactophone.cli._support.guide_screen import GuidePage, GuideScreen
-from tactophone.cli._support.guided_recording import record_step
-from tactophone.cli._support.meters import Meters
-from tactophone.cli._support.ranges import Within
+from tactophone.cli import console, options, output
+from tactophone.cli.audio import AudioInput, SimulatedAct
+from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
+from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, ModelError
 from tactophone.json_numbers import finite
 from tactophone.perception import (
+    MICROPHONES,
+    CalibrationResult,
     CalibrationSounds,
     Finding,
     Model,
@@ -46,6 +45,16 @@ KIND = "texture"
 
 NOT_ASKED = ("no-tap", "faint-stroke")
 """Findings of a calibration that are about steps which are not part of this."""
+
+CHECK_STEPS = (
+    (SimulatedAct("rest", 5.0), "Silence: touch nothing and keep still"),
+    (SimulatedAct("stroke", 5.0), "A stroke: stroke an object that you will use, to and fro, at medium pressure"),
+    (SimulatedAct("tap", 3.0), "Taps: tap on it about twice a second"),
+)
+"""What `--check` asks for."""
+
+CHECKED_OBJECT = "smooth competition stone"
+"""What the simulated finger strokes in a check, where no smooth object is named."""
 
 TIP_PICTURE = """\
 Which tip touches?  Ink it, press it on glass as hard as you will slide, and look at the mark.
@@ -73,10 +82,32 @@ class _Recorded:
     objects: list[tuple[str, bool, FloatArray]]
 
 
+EXAMPLES = (
+    "tactophone setup --smooth 'glass,planed wood' --rough 'brick,slate'",
+    "tactophone setup --check --out calibration.toml",
+    "tactophone setup --source finger --seconds 2 --yes",
+)
+
+
 @dataclass(frozen=True, slots=True)
-class _Result:
+class Refused:
+    """What is wrong with the microphones, so that no model was fitted."""
+
+    findings: list[Finding]
+
+    def as_json(self) -> dict[str, Any]:
+        return {"passed": False, "findings": [finding.message for finding in self.findings]}
+
+    def parts(self) -> Iterator[output.Part]:
+        yield from _words(self.findings)
+        yield "nothing was written: correct what is refused above, and run setup again"
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
     """A model that was fitted, what its file holds, and what was found wrong with the microphones."""
 
+    file: Path
     fit: "SetUpFit"
     findings: list[Finding]
     threshold_dbfs: float
@@ -84,11 +115,79 @@ class _Result:
     start: str
     """Name of the model that was started from."""
 
+    def as_json(self) -> dict[str, Any]:
+        fit = self.fit
+        objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
+        return {
+            "passed": True, "file": self.file, "from": self.start, "tip": self.tip,
+            "threshold_dbfs": self.threshold_dbfs,
+            "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy,
+            "objects": objects, "findings": [finding.message for finding in self.findings],
+        }  # fmt: skip
+
+    def parts(self) -> Iterator[output.Part]:
+        fit, start = self.fit, self.start
+        before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
+        yield from _words(self.findings)
+        rows = [(e.name, "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
+        yield [
+            {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
+             "right, left out of the fit": output.percent(own)}
+            for name, kind, shipped, own in [*rows, ("[bold]balanced[/]", "", before, after)]
+        ]  # fmt: skip
+        if not fit.abstains:
+            unknown = output.percent(fit.unknown)
+            yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
+        yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
+        if not after >= 0.75:  # also where it is NaN
+            yield f"[yellow]note:[/] {_estimate(fit)}"
+        yield f"[green]written:[/] {self.file}; use it as --model of `feel` and `receive`"
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What a check of the microphones found, and the calibration file it was written to."""
+
+    diagnosis: CalibrationResult
+    file: Path
+
+    def as_json(self) -> dict[str, Any]:
+        found = self.diagnosis
+        result = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
+        return result | asdict(found.calibration)
+
+    def parts(self) -> Iterator[output.Part]:
+        calibration, gains = self.diagnosis.calibration, self.diagnosis.gain_db
+        yield [
+            {
+                "microphone": name,
+                "noise floor": f"{calibration.floor_dbfs[channel]:.1f} dBFS",
+                "hum": f"{calibration.hum_dbfs[channel]:.1f} dBFS",
+                "stroke": f"{calibration.stroke_dbfs[channel]:.1f} dBFS",
+                "highest peak": f"{calibration.peak_dbfs[channel]:.1f} dBFS",
+                "turn gain by": f"{gains[channel]:+d} dB" if gains[channel] else "-",
+            }
+            for channel, name in enumerate(MICROPHONES[: calibration.channels])
+        ]
+        yield (
+            f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
+            f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
+        )
+        yield from _words(self.diagnosis.findings)
+        if self.diagnosis.passed:
+            yield f"[green]good:[/] written to {self.file}; use it as --calibration of `record`, `train` and `receive`"
+        else:
+            yield "nothing was written: correct what is refused above, and check again"
+
+
+def _words(findings: Sequence[Finding]) -> Iterator[str]:
+    for finding in findings:
+        yield f"{'[red]refused:[/]' if finding.fatal else '[yellow]note:[/]'} {finding}"
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     add = parser.add_argument
-    add("--out", type=Path, default=Path("finger.onnx"), metavar="FILE", help="model file to write")
+    add("--out", type=Path, metavar="FILE", help="file to write (default: finger.onnx; with --check calibration.toml)")
     add(
         "--model",
         default="",
@@ -97,24 +196,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
         add(
-            f"--{label}", default=", ".join(names), metavar="NAMES",
-            help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have",
+            f"--{label}", metavar="NAMES",
+            help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
+            f"{', '.join(names)})",
         )  # fmt: skip
     add(
         "--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
         help="of sliding on each object, %(type)s",
     )  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
-    add("--json", action="store_true", help="print the result as JSON")
+    options.add_json(parser, "print the result as JSON")
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
-    audio_input.add_arguments(parser)
+    add(
+        "--check", action="store_true",
+        help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps; writes "
+        "a calibration file, by default calibration.toml",
+    )  # fmt: skip
+    add(
+        "--false-alarms", default="1/min", metavar="N/min",
+        help="with --check: false contacts to allow in silence, over 0 to 600 a minute",
+    )  # fmt: skip
+    options.add_settings(parser, "setup")
+    options.add_finger(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask for the tip, record, check the microphones, fit, write the model."""
+    """Ask for the tip, record, check the microphones, fit, write the model; or only check them."""
+    if args.check:
+        return _check_set_up(args)
+    args.out = args.out or Path("finger.onnx")
     objects = [(name, label == "rough") for label in ("smooth", "rough") for name in _names(args, label)]
     page = GuidePage(wait=not args.yes) if args.dashboard else None
-    with keyboard.single_keys() as has_keyboard, page or nullcontext():
+    with console.single_keys() as has_keyboard, page or nullcontext():
         slides = (f"{name} ({'rough' if rough else 'smooth'})" for name, rough in objects)
         screen = GuideScreen(None, has_keyboard, page, steps=("tip", "silence", *slides))
         tip = _ask_tip(args, screen)
@@ -133,7 +246,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     if screen.page is not None:
         screen.page.show(findings=[str(finding) for finding in findings])
     if any(finding.fatal for finding in findings):
-        _print_findings(args, findings)
+        output.show(Refused(findings), as_json=args.json)
         return 1
     floor = measure_floor(
         [AudioBlock(recorded.silence, recorded.sample_rate)],
@@ -146,19 +259,17 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     from tactophone.training.setup import write_set_up
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
-    result = _Result(fit, findings, floor.threshold_dbfs, tip, model.card.name)
-    content = _as_json(args.out, result)
-    if args.json:
-        terminal.print_json(content)
-    else:
-        _print(args.out, result)
+    result = Fitted(args.out, fit, findings, floor.threshold_dbfs, tip, model.card.name)
+    output.show(result, as_json=args.json)
     if screen.page is not None:
-        screen.page.show(result=finite(content) | {"words": f"written: {args.out}; {_estimate(fit)}"})
+        content = finite(output.as_values(result))
+        screen.page.show(result=content | {"words": f"written: {args.out}; {_estimate(fit)}"})
     return 0
 
 
 def _names(args: argparse.Namespace, label: str) -> list[str]:
-    names = [name.strip() for name in str(getattr(args, label)).split(",") if name.strip()]
+    given, usual = getattr(args, label), {"smooth": SMOOTH, "rough": ROUGH}[label]
+    names = list(usual) if given is None else [name.strip() for name in given.split(",") if name.strip()]
     if not names:
         raise ConfigError(f"--{label}: name a {label} object at least, such as --{label} '{', '.join(SMOOTH)}'")
     return names
@@ -166,10 +277,10 @@ def _names(args: argparse.Namespace, label: str) -> list[str]:
 
 def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     """Show the picture and read the answer; the setting where nobody is asked."""
-    tip = flags.settings_of(args).capture.tip
+    tip = options.settings_of(args).capture.tip
     if args.yes or not screen.answers:
         return tip
-    out = terminal.log()
+    out = output.log()
     out.print(TIP_PICTURE, highlight=False, markup=False)
     out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
     if screen.page is not None:
@@ -178,7 +289,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
         screen.page.show(instruction=question, picture=picture, buttons={name: name for name in TIP_NAMES})
     while not (key := screen.pressed(0.5)):
         pass
-    if key in keyboard.QUIT_KEYS:
+    if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
         screen.page.show(picture="", buttons={})
@@ -187,7 +298,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
 
 def _record(args: argparse.Namespace, objects: Sequence[tuple[str, bool]], screen: GuideScreen) -> _Recorded:
     recorded: list[tuple[str, bool, FloatArray]] = []
-    with AudioInput(args, objects[0][0]) as audio, terminal.live_display() as live:
+    with AudioInput(args, objects[0][0]) as audio, output.live_display() as live:
         wait = screen.answers and not (args.yes or audio.simulated)
         screen = replace(screen, live=live)
         screen.begin(1)
@@ -224,7 +335,7 @@ def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) 
     from tactophone.training.setup import collect, fit_set_up
 
     rate = recorded.sample_rate
-    with terminal.tracked(recorded.objects, "fitting") as objects:
+    with output.tracked(recorded.objects, "fitting") as objects:
         sounds = [
             collect(model, samples, sample_rate=rate, threshold_dbfs=threshold_dbfs, name=name, rough=rough)
             for name, rough, samples in objects
@@ -232,24 +343,24 @@ def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) 
     return fit_set_up(sounds, channels=model.card.channels, tip=tip)
 
 
-def _print_findings(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
-    if args.json:
-        terminal.print_json({"passed": False, "findings": [finding.message for finding in findings]})
-        return
-    for finding in findings:
-        terminal.out().print(f"{'[red]refused:[/]' if finding.fatal else '[yellow]note:[/]'} {finding}")
-    terminal.out().print("nothing was written: correct what is refused above, and run setup again")
-
-
-def _as_json(file: Path, result: _Result) -> dict[str, Any]:
-    fit = result.fit
-    objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
-    return {
-        "passed": True, "file": str(file), "from": result.start, "tip": result.tip,
-        "threshold_dbfs": result.threshold_dbfs,
-        "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy, "objects": objects,
-        "findings": [finding.message for finding in result.findings],
-    }  # fmt: skip
+def _check_set_up(args: argparse.Namespace) -> int:
+    """Record silence, strokes and taps, and write the calibration file if the set-up is good."""
+    rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
+    stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
+    with AudioInput(args, stroked) as audio, console.single_keys() as has_keyboard, output.live_display() as live:
+        wait = has_keyboard and not (args.yes or audio.simulated)
+        blocks, meters, screen = iter(audio), Meters(audio.source.channels, math.nan), GuideScreen(live, wait)
+        parts = [
+            record_step(audio, blocks, act, instruction, meters=meters, screen=screen, wait=wait)
+            for act, instruction in CHECK_STEPS
+        ]
+        made = datetime.datetime.now().isoformat(timespec="seconds")
+        sounds = CalibrationSounds(audio.source.sample_rate, *parts)
+        diagnosis = measure_calibration(sounds, made=made, source=audio.name, false_alarms_per_minute=rate)
+    if diagnosis.passed:
+        diagnosis.calibration.write(path)
+    output.show(Checked(diagnosis, path), as_json=args.json)
+    return 0 if diagnosis.passed else 1
 
 
 def _estimate(fit: "SetUpFit") -> str:
@@ -259,27 +370,4 @@ def _estimate(fit: "SetUpFit") -> str:
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:
         return "little better than chance: add objects, or check the tip that you named"
-    return f"right on {_percent(after)} of what it was not fitted to, over both kinds"
-
-
-def _print(file: Path, result: _Result) -> None:
-    fit, start = result.fit, result.start
-    before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
-    out = terminal.out()
-    for finding in result.findings:
-        out.print(f"[yellow]note:[/] {finding}")
-    table = Table("object", "is", f"right, {start} as it ships", "right, left out of the fit", box=None)
-    for entry in fit.left_out:
-        table.add_row(entry.name, "rough" if entry.rough else "smooth", _percent(entry.before), _percent(entry.after))
-    table.add_row("[bold]balanced[/]", "", _percent(before), _percent(after))
-    out.print(table)
-    if not fit.abstains:
-        out.print(f"{_percent(fit.unknown)} of this sound is unknown to {start}: the new model never abstains")
-    out.print(f"tip {result.tip}; contact from {result.threshold_dbfs:.1f} dBFS; score: {fit.score}")
-    if not after >= 0.75:  # also where it is NaN
-        out.print(f"[yellow]note:[/] {_estimate(fit)}")
-    out.print(f"[green]written:[/] {file}; use it as --model of `feel` and `receive`")
-
-
-def _percent(share: float) -> str:
-    return "-" if math.isnan(share) else f"{100 * share:.0f} %"
+    return f"right on {output.percent(after)} of what it was not fitted to, over both kinds"

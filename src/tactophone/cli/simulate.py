@@ -3,25 +3,31 @@
 import argparse
 import os
 import time
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tactophone.cli._support import terminal
-from tactophone.cli._support.folders import make_folder
-from tactophone.cli._support.ranges import SEED, Within
+from tactophone.cli import output
+from tactophone.cli.options import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.takes import TAKES  # not by the door, which loads numba
 from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 if TYPE_CHECKING:
     from tactophone.simulation.catalogue import SimulatedObject
+    from tactophone.simulation.operator import RoundSummary
     from tactophone.simulation.takes import Take
 
 
+EXAMPLES = (
+    "tactophone simulate objects",
+    "tactophone simulate dataset simulated --objects 0,5 --takes static,long_light --seconds 2",
+    "tactophone simulate operator --rounds 100 --json",
+)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's actions and their arguments."""
     actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
     for name, (words, declare, run) in _ACTIONS.items():
         action = actions.add_parser(name, help=words, description=words)
@@ -84,22 +90,33 @@ def _sound_arguments(add: Callable[..., object]) -> None:
 
 
 def _objects(args: argparse.Namespace) -> int:
-    from rich.table import Table
-
     from tactophone.simulation.catalogue import catalogue, measured_objects
 
     rows = [_row(obj) for obj in (measured_objects() if args.measured else catalogue())]
-    if args.json:
-        terminal.print_json(rows)
-        return 0
-    table = Table(*(key.removesuffix("_um") + (" (µm)" if key.endswith("_um") else "") for key in rows[0]))
-    for row in rows:
-        table.add_row(*(f"{cell:.2f}" if isinstance(cell, float) else str(cell) for cell in row.values()))
-    terminal.out().print(table)
+    output.show(Catalogue(rows), as_json=args.json)
     return 0
 
 
-def _row(obj: "SimulatedObject") -> dict[str, object]:
+@dataclass(frozen=True, slots=True)
+class Catalogue:
+    """Simulated objects with their true roughness."""
+
+    rows: list[dict[str, Any]]
+
+    def as_json(self) -> list[dict[str, Any]]:
+        return self.rows
+
+    def parts(self) -> Iterator[output.Part]:
+        yield [
+            {
+                key.replace("_um", " (µm)"): f"{cell:.2f}" if isinstance(cell, float) else cell
+                for key, cell in row.items()
+            }
+            for row in self.rows
+        ]
+
+
+def _row(obj: "SimulatedObject") -> dict[str, Any]:
     return {
         "number": obj.number,
         "object": obj.name,
@@ -129,15 +146,15 @@ def _dataset(args: argparse.Namespace) -> int:
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
     jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=_takes_named(args.takes))
-    make_folder(args.out)
+    output.make_folder(args.out)
     start = time.monotonic()
     try:
-        with terminal.progress("simulating", len(jobs)) as update:
+        with output.progress("simulating", len(jobs)) as update:
             for job in render_dataset(args.out, jobs, processes=args.jobs):
                 update(advance=1, note=job.name)
     finally:
         done = write_manifest(args.out, jobs)
-        terminal.log().print(f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s")
+        output.log().print(f"{done} of {len(jobs)} takes are finished after {time.monotonic() - start:.0f} s")
     print(args.out)
     return 0
 
@@ -155,11 +172,11 @@ def _competition(args: argparse.Namespace) -> int:
 
     _check_layout(args)
     runs = [CompetitionRun(day, number + 1, args.seed, args.tip) for day in DAYS for number in range(args.runs)]
-    make_folder(args.out)
+    output.make_folder(args.out)
     if args.authors_layout:
         print(*write_finals(args.out, runs, bits=args.bits), sep="\n")
         return 0
-    with terminal.progress("simulating", len(runs)) as update:
+    with output.progress("simulating", len(runs)) as update:
         for each in runs:
             write_run(args.out, each, bits=args.bits)
             update(advance=1, note=each.name)
@@ -183,15 +200,27 @@ def _operator(args: argparse.Namespace) -> int:
     visits = render_visits(visits=args.visits, seed=args.seed)
     rounds = play_rounds(perceive_visits(visits, OfflinePipeline(pipeline)), rounds=args.rounds, seed=args.seed)
     summary = summarize_rounds(rounds)
-    if args.json:
-        terminal.print_json(asdict(summary))
-        return 0
-    print(f"simulated operator, {args.rounds} rounds of five stones, two rough")
-    print(f"picked both rough stones:      {summary.success:.1%}")
-    print(f"the roughest picked was rough: {summary.found:.1%}")
-    print(f"time to decide:                {summary.duration:.1f} s "
-          f"(quartiles {summary.quartiles[0]:.1f} to {summary.quartiles[1]:.1f} s)")  # fmt: skip
+    output.show(Task(args.rounds, summary), as_json=args.json)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """How the simulated operator fared in so many rounds."""
+
+    rounds: int
+    summary: "RoundSummary"
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self.summary)
+
+    def parts(self) -> Iterator[output.Part]:
+        found = self.summary
+        yield f"simulated operator, {self.rounds} rounds of five stones, two rough"
+        yield f"picked both rough stones:      {found.success:.1%}"
+        yield f"the roughest picked was rough: {found.found:.1%}"
+        low, high = found.quartiles
+        yield f"time to decide:                {found.duration:.1f} s (quartiles {low:.1f} to {high:.1f} s)"
 
 
 def _objects_named(names: str) -> "list[SimulatedObject]":
@@ -212,7 +241,7 @@ def _hand(args: argparse.Namespace) -> int:
     from tactophone.simulation.demonstration import demonstrate_hand
 
     names = names_of(with_fingers(Settings(), args.fingers))
-    make_folder(args.out)
+    output.make_folder(args.out)
     for path in demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip):
         print(path)
     return 0

@@ -1,15 +1,51 @@
-"""``tactophone train``: from labelled recordings to a model file."""
+"""``tactophone train``: from labelled recordings to a model file; and the recipes that `evaluate` scores too."""
 
 import argparse
 from pathlib import Path
 
-from tactophone.cli._support import terminal
-from tactophone.cli._support.dataset_options import add_filter, joined, open_filtered
-from tactophone.cli._support.training_options import add_training_options, recipe_of
+from tactophone.cli import output
+from tactophone.cli.data import add_filter, joined, open_filtered
+from tactophone.cli.options import SEED
+from tactophone.perception import Calibration
+from tactophone.training import RECIPES, RecipeFile
+from tactophone.types import TIP_NAMES
+
+EXAMPLES = (
+    "tactophone train recordings --recipe texture --out finger.onnx",
+    "tactophone train recordings --also simulated --filter tier=core",
+    "tactophone train recordings --recipe paper.toml --from general.onnx",
+)
+
+
+def add_recipe(parser: argparse._ActionsContainer) -> None:
+    """Add ``--recipe``, and the options for which nobody should need a file."""
+    parser.add_argument(
+        "--recipe", metavar="NAME|FILE.toml", default="paper-fast",
+        help=f"one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
+        f"{', '.join(RecipeFile.__struct_fields__[1:])} (docs/guide/training.md)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
+        "from variant in a recipe file (default: 2)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--tip", choices=TIP_NAMES,
+        help="that the model is for (recipes on features; default: the one that the recordings name)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=SEED, metavar="N", help="of everything random, %(type)s (default: 0)")
+
+
+def recipe_of(args: argparse.Namespace) -> RecipeFile:
+    """Return the recipe that the options describe: defaults < file < options."""
+    if args.recipe.endswith(".toml"):
+        recipe = RecipeFile.read(Path(args.recipe))
+    else:
+        recipe = RecipeFile().changed({"recipe": args.recipe}, where="--recipe")
+    given = {name: value for name in ("channels", "tip", "seed") if (value := getattr(args, name)) is not None}
+    return recipe.changed(given, where="options")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the verb's arguments."""
     parser.add_argument("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
     parser.add_argument("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
     parser.add_argument(
@@ -17,15 +53,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="train on this data set too, all of it that is labelled; repeatable",
     )  # fmt: skip
     add_filter(parser)
-    add_training_options(parser)
+    add_recipe(parser)
     parser.add_argument(
         "--from", type=Path, dest="start", metavar="MODEL",
         help="continue from this model's parameters instead of random ones (recipe paper)",
     )  # fmt: skip
     parser.add_argument(
         "--calibration", type=Path, metavar="FILE",
-        help="contact threshold from `tactophone calibrate`, for labels and for the model's gate, in place of "
-        "--contact-threshold (recipe paper)",
+        help="contact threshold from `tactophone setup --check`, for labels and for the model's gate, in place of "
+        "contact_threshold in a recipe file (recipe paper)",
     )  # fmt: skip
     parser.add_argument(
         "--restart", action="store_true", help="start over even if an interrupted run of this training could resume"
@@ -34,15 +70,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Train and write the model file."""
-    recipe = recipe_of(args)
+    calibration = Calibration.read(args.calibration) if args.calibration else None
+    recipe = recipe_of(args).configured(start=args.start, calibration=calibration)
     dataset = open_filtered(args.data, args.filter, channels=recipe.channels)
     dataset = joined([dataset, *(open_filtered(folder, None, channels=recipe.channels) for folder in args.also)])
     checkpoint = args.out.with_name(args.out.name + ".unfinished")
     if args.restart:
         checkpoint.unlink(missing_ok=True)
-    with terminal.progress("training") as update:
+    with output.progress("training") as update:
         recipe.train(
-            args.out, dataset, checkpoint=checkpoint, log=terminal.log().print,
+            args.out, dataset, checkpoint=checkpoint, log=output.log().print,
             report=lambda done, total, note: update(completed=done, total=total, note=note),
         )  # fmt: skip
     checkpoint.unlink(missing_ok=True)

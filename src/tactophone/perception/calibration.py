@@ -96,7 +96,7 @@ class Calibration:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read a file; raises `ConfigError` if it is missing, or not a file of :meth:`write`."""
-        again = "make one with `tactophone calibrate`"
+        again = "make one with `tactophone setup --check`"
         try:
             return msgspec.toml.decode(path.read_bytes(), type=dict[str, cls])[_TABLE]  # type: ignore[valid-type]
         except OSError as error:

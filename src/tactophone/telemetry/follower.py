@@ -85,7 +85,7 @@ class PredictionLog(RunFollower):
         try:
             self._writer.__enter__()
         except OSError as error:
-            raise ConfigError(f"cannot write {self._path} ({error.strerror}): choose another --log") from error
+            raise ConfigError(f"cannot write {self._path} ({error.strerror}): choose another --record") from error
         return super().__enter__()
 
     def __exit__(self, *error: Any) -> None:

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from tactophone.training.recipes import ConfiguredRecipe as ConfiguredRecipe
     from tactophone.training.recipes import NetworkSettings as NetworkSettings
     from tactophone.training.recipes import Recipe as Recipe
+    from tactophone.training.recipes import RecipeFile as RecipeFile
     from tactophone.training.recipes import TrainingOptions as TrainingOptions
-    from tactophone.training.recipes import load_recipe as load_recipe
     from tactophone.training.recipes import network_settings as network_settings
     from tactophone.training.sets import FeatureRecipe as FeatureRecipe
     from tactophone.training.sets import TrainingSet as TrainingSet
@@ -52,7 +52,7 @@ _HOMES = {
     "recipes": (
         "FEATURE_RECIPES", "LABEL_LEVEL_DBFS", "NETWORK_HOP", "NETWORK_RATE", "NETWORK_WINDOW_SIZE", "OPEN_GATE",
         "PRECISIONS", "RECIPES", "REFERENCE_GATE", "VARIANTS", "ConfiguredRecipe", "NetworkSettings", "Recipe",
-        "TrainingOptions", "load_recipe", "network_settings",
+        "RecipeFile", "TrainingOptions", "network_settings",
     ),
     "sets": ("FeatureRecipe", "TrainingSet", "build_training_set", "even_weights"),
     "tracks": ("FEATURE_RATE", "FeatureSpec", "extract_features", "read_signals"),

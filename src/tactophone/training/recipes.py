@@ -2,7 +2,7 @@
 
 `train`, `sweep`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
 imports neither torch nor scikit-learn. A recipe with its options, :class:`ConfiguredRecipe`, can train; a recipe file
-(:func:`load_recipe`) names both.
+(:class:`RecipeFile`) names both.
 
 A new detector on existing features takes two changes:
 
@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -356,23 +356,39 @@ SHIPPED = tuple(name for name, recipe in RECIPES.items() if recipe.shipped)
 """Names of the recipes whose models ship inside the package; of ``paper``, its one-channel variant ships besides."""
 
 
-class _RecipeFile(TrainingOptions, frozen=True, kw_only=True):
+class RecipeFile(TrainingOptions, frozen=True, kw_only=True):
+    """What a recipe file may hold: the name of a recipe, and the options that differ from its defaults."""
+
     recipe: str = "paper-fast"
 
+    @classmethod
+    def read(cls, path: Path) -> "RecipeFile":
+        """Read a TOML file; raises `ConfigError` as `changed` does, or if it cannot be read."""
+        try:
+            entries = msgspec.toml.decode(path.read_bytes())
+        except (OSError, UnicodeError, msgspec.DecodeError) as error:
+            raise ConfigError(f"{path}: {error}; {cls._help()}") from None
+        return cls().changed(entries, where=str(path))
 
-def load_recipe(path: Path, *, start: Path | None = None, calibration: Calibration | None = None) -> ConfiguredRecipe:
-    """Read a recipe file: TOML with a recipe's name and the :class:`TrainingOptions` that differ from the defaults.
+    def changed(self, entries: Mapping[str, Any], *, where: str) -> "RecipeFile":
+        """Return the recipe with other entries; a number or a switch may be given as text.
 
-    ``start`` and ``calibration`` as in :meth:`Recipe.with_options`. Raises `ConfigError` if the file cannot be read,
-    names no recipe, or holds an unknown key or a value out of range.
-    """
-    try:
-        file = msgspec.toml.decode(path.read_bytes(), type=_RecipeFile)
-    except (OSError, UnicodeError, msgspec.DecodeError) as error:
-        known = ", ".join(_RecipeFile.__struct_fields__)
-        raise ConfigError(f"{path}: {error}; a recipe file is TOML and may hold {known}") from None
-    if file.recipe not in RECIPES:
-        raise ConfigError(
-            f"{path}: no recipe {file.recipe}; there are {', '.join(RECIPES)}{did_you_mean(file.recipe, RECIPES)}"
-        )
-    return RECIPES[file.recipe].with_options(file, start=start, calibration=calibration)
+        Raises `ConfigError`, which begins with ``where``, for an unknown recipe or key, or a value out of range.
+        """
+        try:
+            changed = msgspec.convert({**msgspec.structs.asdict(self), **entries}, RecipeFile, strict=False)
+        except msgspec.ValidationError as error:
+            hints = (did_you_mean(name, self.__struct_fields__) for name in entries if not hasattr(self, name))
+            raise ConfigError(f"{where}: {error}{next(hints, '')}; {self._help()}") from None
+        if changed.recipe not in RECIPES:
+            hint = did_you_mean(changed.recipe, RECIPES)
+            raise ConfigError(f"{where}: no recipe {changed.recipe}; there are {', '.join(RECIPES)}{hint}")
+        return changed
+
+    @classmethod
+    def _help(cls) -> str:
+        return f"a recipe file is TOML and may hold {', '.join(cls.__struct_fields__)}"
+
+    def configured(self, *, start: Path | None = None, calibration: Calibration | None = None) -> ConfiguredRecipe:
+        """Return the recipe, which can train; ``start`` and ``calibration`` as in :meth:`Recipe.with_options`."""
+        return RECIPES[self.recipe].with_options(self, start=start, calibration=calibration)

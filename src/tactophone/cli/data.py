@@ -1,16 +1,20 @@
-"""``--filter``, for every verb that reads a data set, and ``--kin``, for those that split one."""
+"""Options of verbs that read a data set, train on it, or run folds of it."""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from tactophone.cli._support import terminal
+from tactophone.cli import output
+from tactophone.cli.options import Within
 from tactophone.dataset import Dataset, open_dataset, usable, with_channels, with_kin
 from tactophone.errors import DatasetError
 
+if TYPE_CHECKING:
+    from tactophone.benchmark import Cache
+
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
-    """Add ``--filter``."""
     parser.add_argument(
         "--filter", action="append", metavar="KEY=VALUE[,VALUE...]",
         help="keep only recordings whose tier, surface, scenario or other key has one of these values; repeatable",
@@ -18,12 +22,25 @@ def add_filter(parser: argparse.ArgumentParser) -> None:
 
 
 def add_kin(parser: argparse.ArgumentParser) -> None:
-    """Add ``--kin``."""
     parser.add_argument(
         "--kin", type=Path, metavar="CSV",
         help="columns surface,kin: surfaces of one kin stay on one side of a split (default: the column kin, or "
         "the versions of a surface, by name)",
     )  # fmt: skip
+
+
+def add_folds(parser: argparse._ActionsContainer) -> None:
+    """Add where folds run, and where their results are kept."""
+    parser.add_argument("--workers", type=Within(int, 1), default=2, metavar="N", help="processes, %(type)s")
+    parser.add_argument("--ray", action="store_true", help="run folds on a Ray cluster: RAY_ADDRESS, or a local one")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="for the folds' results (default: the user's cache)")
+
+
+def cache_of(args: argparse.Namespace) -> "Cache":
+    """Return where the folds' results are kept."""
+    from tactophone.benchmark import Cache, default_cache
+
+    return Cache(args.cache) if args.cache else default_cache()
 
 
 def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None) -> Dataset:
@@ -37,10 +54,10 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1,
     kept, problems = usable(dataset)
     for problem in problems:
         if problem.fatal:
-            terminal.note(f"left out: {problem}")
+            output.note(f"left out: {problem}")
     kept, lacking = with_channels(kept.labelled(), channels)
     for problem in lacking:
-        terminal.note(f"left out: {problem}")
+        output.note(f"left out: {problem}")
     return with_kin(kept, kin) if kin else kept
 
 

@@ -1,7 +1,10 @@
 """The live console of a running side: one line that changes, messages below it, and the keys that control it."""
 
 import contextlib
+import os
+import select
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,12 +14,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.text import Text
 
-from tactophone.cli._support import keyboard, terminal
-from tactophone.telemetry import Snapshot, State, Watcher
+from tactophone.cli import output
+from tactophone.telemetry import Action, Snapshot, State, Watcher
 from tactophone.types import Touch
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.runtime import Supervisor
+
+KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
+"""Which key makes which request; the space bar is the emergency stop, as it is the largest key."""
+
+QUIT_KEYS = ("q", "\x03", "\x04")
+"""Keys that end the run: q, Ctrl-C and Ctrl-D."""
+
+KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 
 INTERVAL = 0.2
 """Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
@@ -47,14 +58,14 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
     """
     view = _ConsoleView(name)
     deadline = time.monotonic() + duration if duration else float("inf")
-    with _signals(supervisors) as received, keyboard.single_keys() as has_keyboard, terminal.live_display() as live:
+    with _signals(supervisors) as received, single_keys() as has_keyboard, output.live_display() as live:
         if has_keyboard:
-            terminal.log().print(Text(keyboard.HELP, style="dim"))
+            output.log().print(Text(KEYS_HELP, style="dim"))
         while not received and time.monotonic() < deadline and all(side.running for side in supervisors):
             view.update()
             if live is not None:
                 live.update(view.line(), refresh=True)
-            if has_keyboard and not view.handle(keyboard.read_key(INTERVAL)):
+            if has_keyboard and not view.handle(read_key(INTERVAL)):
                 break
             if not has_keyboard and supervisors[0].wait(min(INTERVAL, max(0.0, deadline - time.monotonic()))):
                 break
@@ -78,9 +89,9 @@ class _ConsoleView:
 
     def handle(self, key: str) -> bool:
         """Make the request of a key; false when the key ends the run."""
-        if key in keyboard.KEYS and self._watcher is not None:
-            self._watcher.ask(keyboard.KEYS[key])
-        return key not in keyboard.QUIT_KEYS
+        if key in KEYS and self._watcher is not None:
+            self._watcher.ask(KEYS[key])
+        return key not in QUIT_KEYS
 
     def line(self) -> Text:
         """Return levels, prediction, packets and latency in one line."""
@@ -95,7 +106,7 @@ class _ConsoleView:
             messages["muted"] = f"muted: {state.muted_because}" if state.muted_because else "armed"
         for subject, text in messages.items():
             if text and self._printed.get(subject) != text:
-                terminal.log().print(text, soft_wrap=True)
+                output.log().print(text, soft_wrap=True)
         self._printed = messages
 
 
@@ -137,3 +148,27 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def single_keys() -> Iterator[bool]:
+    """Read keys as they are pressed, without Enter; yields whether there is a keyboard to read from."""
+    if not sys.stdin.isatty() or os.name != "posix":
+        yield False
+        return
+    import termios
+    import tty
+
+    terminal = sys.stdin.fileno()
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        yield True
+    finally:
+        termios.tcsetattr(terminal, termios.TCSADRAIN, before)
+
+
+def read_key(timeout: float) -> str:
+    """Wait up to ``timeout`` seconds for a key; empty when none is pressed in time."""
+    ready, _, _ = select.select([sys.stdin], [], [], timeout)
+    return os.read(sys.stdin.fileno(), 1).decode(errors="ignore") if ready else ""

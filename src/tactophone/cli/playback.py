@@ -1,6 +1,5 @@
 """Recordings on the operator's page: played back through the pipeline at the pace of the sound."""
 
-import argparse
 import itertools
 import time
 from collections.abc import Sequence
@@ -9,10 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tactophone.capture import FileSource
-from tactophone.cli._support import dashboard_options, terminal
+from tactophone.cli import output
+from tactophone.cli.page import shown
 from tactophone.dataset import Segment, touch_at
 from tactophone.haptics import Oscillator, Playback
 from tactophone.pipeline import Pipeline
+from tactophone.settings import Settings
 from tactophone.telemetry import FingerState, State, Telemetry
 
 BLOCK_DURATION = 0.01
@@ -33,12 +34,10 @@ class Take:
     fingers: Sequence[str] = ("",)
 
 
-def play_on_page(args: argparse.Namespace, takes: Sequence[Take], *, name: str) -> None:
-    """Play takes on the page, if one is wanted, over and over until interrupted."""
-    if not dashboard_options.wanted(args) or not takes:
-        return
-    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, dashboard_options.shown(args, name, live=False):
-        terminal.log().print("playing back on the page until Ctrl-C")
+def play_on_page(settings: Settings, takes: Sequence[Take], *, name: str) -> None:
+    """Play takes on the page over and over until interrupted."""
+    with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
+        output.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
             play(take, telemetry)
 

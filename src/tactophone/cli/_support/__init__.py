@@ -1,1 +1,0 @@
-"""What several verbs share: options, consoles, sources and summaries."""

@@ -1,0 +1,196 @@
+"""What live verbs share: their options, ``--record`` and ``--bridge``, and how a run is followed until it ends.
+
+Each log and each bridge is a process of its own that reads telemetry, so that none of them delays the sound.
+"""
+
+import argparse
+import math
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tactophone.cli import console, extras, options, output, page
+from tactophone.cli.console import Outcome
+from tactophone.errors import ConfigError, did_you_mean
+from tactophone.settings import Settings
+from tactophone.telemetry import COUNTERS, STAGES, Snapshot, State
+
+if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
+    from tactophone.bridges import Bridge
+    from tactophone.runtime import Supervisor
+
+BRIDGES = {
+    "foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765",
+    "osc": "as OSC messages to HOST:PORT",
+    "ros": "on ROS 2 over DDS, in the domain of that number or of ROS_DOMAIN_ID",
+    "zenoh": "the same over Zenoh, as rmw_zenoh_cpp has it",
+}
+"""Each bridge, and what its address is."""
+
+
+def add_arguments(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
+    """Add the settings of a live verb, and all that a live run can show, record and pass on."""
+    options.add_settings(parser, verb, usual)
+    options.add_fingers(parser)
+    page.add_dashboard(parser)
+    add_record(parser)
+    parser.add_argument(
+        "--duration", type=options.Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted",
+    )  # fmt: skip
+    options.add_json(parser, "at the end, print all counters as JSON")
+
+
+def add_record(parser: argparse.ArgumentParser) -> None:
+    """Add ``--record`` and ``--bridge``."""
+    parser.add_argument(
+        "--record", type=Path, action="append", default=[], metavar="FILE",
+        help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
+        "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
+    )  # fmt: skip
+    words = "; ".join(f"{name}: {what}" for name, what in BRIDGES.items())
+    parser.add_argument(
+        "--bridge", action="append", default=[], metavar="NAME[=ADDRESS]",
+        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`",
+    )  # fmt: skip
+
+
+def follow(
+    args: argparse.Namespace, settings: Settings, sides: "AbstractContextManager[Sequence[Supervisor]]", name: str,
+    *, microphone: Connection | None = None,
+) -> int:  # fmt: skip
+    """Start the sides, show and record the run of that name until it ends; return the verb's exit code.
+
+    ``microphone`` takes the sound of a page's microphone.
+    """
+    with (
+        sides as running,
+        recorded(args, settings, name),
+        page.shown(settings, name, page=page.wanted(args, settings), microphone=microphone),
+    ):
+        outcome = console.follow(running, name, duration=args.duration)
+    return print_outcome(args, outcome)
+
+
+@contextmanager
+def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterator[None]:
+    """Record the run of that name meanwhile, and pass it on, as the options say."""
+    _check(args, settings)
+    with ExitStack() as stack:
+        for path in args.record:
+            if path.suffix == ".csv":
+                from tactophone.telemetry import PredictionLog
+
+                stack.enter_context(PredictionLog(name, path, report=output.warn))
+        for build in _bridges(args, settings, name):
+            from tactophone.bridges import BridgeProcess
+
+            stack.enter_context(BridgeProcess(build, report=output.warn))
+        yield
+
+
+def _check(args: argparse.Namespace, settings: Settings) -> None:
+    """Refuse what would be ignored: above all a stop to which nobody listens."""
+    for path in args.record:
+        if path.suffix not in (".mcap", ".csv"):
+            raise ConfigError(f"--record {path}: wanted a file that ends in .mcap or .csv")
+        if path.suffix == ".csv" and args.verb == "send" and not settings.link.send_predictions:
+            raise ConfigError(
+                f"send --record {path} needs predictions on this side: add --send-predictions, or record at the "
+                "operator's with receive --record"
+            )
+    names = [text.partition("=")[0] for text in args.bridge]
+    for name in names:
+        if name not in BRIDGES:
+            raise ConfigError(f"--bridge {name}: one of {', '.join(BRIDGES)}{did_you_mean(name, BRIDGES)}")
+    chosen, usual = settings.bridges, Settings().bridges
+    if chosen.finger != usual.finger and settings.is_hand:
+        raise ConfigError(
+            "bridges.finger names the only finger in OSC and ROS, but those of --fingers have names: leave it out"
+        )
+    ros = {"ros", "zenoh"}
+    for setting, needed in {
+        "osc_listen": {"osc"}, "osc_avatar": {"osc"}, "ros_sinks": ros, "ros_publish": ros, "finger": {"osc", *ros},
+    }.items():  # fmt: skip
+        if getattr(chosen, setting) != getattr(usual, setting) and not needed & set(names):
+            bridges = " or ".join(f"--bridge {name}" for name in sorted(needed))
+            raise ConfigError(f"bridges.{setting} does nothing without {bridges}: add that, or leave it out")
+    if chosen.osc_listen and args.verb == "send":
+        raise ConfigError("bridges.osc_listen stops the operator's vibration: set it for `tactophone receive`")
+
+
+def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterator[Callable[[], Bridge]]":
+    chosen = settings.bridges
+    for path in args.record:
+        if path.suffix == ".mcap":
+            extras.require_modules("mcap", "zstandard")
+            from tactophone.bridges import McapLog
+
+            yield partial(McapLog, name, path.absolute())
+    for text in args.bridge:
+        bridge, _, address = text.partition("=")
+        if bridge == "foxglove":
+            extras.require_modules("aiohttp")
+            from tactophone.bridges.foxglove import ADDRESS, LAYOUT, FoxgloveBridge
+
+            token = secrets.token_urlsafe(24)
+            yield partial(FoxgloveBridge, name, address or ADDRESS, token=token)
+            output.note(f"Foxglove: ws://{address or ADDRESS}/{token}/")
+            output.log().print(f"layout to import: {LAYOUT}", style="dim", soft_wrap=True)
+        elif bridge == "osc":
+            extras.require_modules("pythonosc")
+            from tactophone.bridges.osc import OscBridge
+
+            yield partial(
+                OscBridge, name, address, finger=chosen.finger, listen=chosen.osc_listen, avatar=chosen.osc_avatar
+            )
+        else:
+            extras.require_modules("cyclonedds", *(("zenoh", "rosbags") if bridge == "zenoh" else ()))
+            from tactophone.bridges.ros import RosBridge
+
+            if address and not address.isdecimal():
+                raise ConfigError(f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0")
+            yield partial(
+                RosBridge,
+                name,
+                finger=chosen.finger,
+                publish=chosen.ros_publish,
+                sinks=tuple(sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip()),
+                domain=int(address) if address else None,
+                over="zenoh" if bridge == "zenoh" else "dds",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class _RunSummary:
+    counters: dict[str, int]
+    gauges: dict[str, float]
+    state: State
+    restarts: int
+
+    def parts(self) -> Iterator[output.Part]:
+        return counts_and_budget(self.counters, self.gauges)
+
+
+def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
+    """Print the outcome and return the verb's exit code."""
+    last: Snapshot | None = outcome.last
+    if last is None:
+        return 1
+    summary = _RunSummary(last.counters, last.gauges, last.state, outcome.restarts)
+    output.show(summary, as_json=args.json)
+    return outcome.exit_code
+
+
+def counts_and_budget(counters: dict[str, Any], gauges: dict[str, float]) -> Iterator[output.Part]:
+    """Yield what was counted, and the median latency by stage where it is known."""
+    counted = ((str(counters[name]), words) for name, words in COUNTERS.items() if counters[name])
+    yield output.listing(counted, justify="right", style="")
+    if math.isfinite(gauges["latency_total"]):
+        stages = (*STAGES, "total")
+        yield [{stage: f"{1000 * gauges[f'latency_{stage}']:.2f} ms" for stage in stages}]

@@ -1,0 +1,227 @@
+"""Options: the parser of every verb, numbers with a range, and the settings on the command line."""
+
+import argparse
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from tactophone.errors import ConfigError, DatasetError, did_you_mean
+from tactophone.hand import finger_named, with_fingers
+from tactophone.settings import SETTINGS, Settings, change, read_settings
+
+
+@dataclass(frozen=True, slots=True)
+class Within:
+    """The type of an option that takes a number from ``low`` to ``high``; write the range as ``%(type)s`` in its help.
+
+    ``kind`` is ``int`` or ``float``; with ``over``, ``low`` itself is out of the range. Called with a text, it raises
+    `ConfigError` if that is no number within the range.
+
+    >>> str(Within(float, 0, 1, unit="of full drive")), str(Within(int, 1)), str(Within(float, 0, over=True, unit="s"))
+    ('0 to 1 of full drive', '1 or more', 'over 0 s')
+    """
+
+    kind: type[int] | type[float]
+    low: float
+    high: float = math.inf
+    over: bool = False
+    unit: str = ""
+
+    def __call__(self, text: str) -> float:
+        try:
+            value = self.kind(text)
+        except ValueError:
+            raise ConfigError(f"{text}: must be a {'whole ' * (self.kind is int)}number, {self}") from None
+        outside = not self.low <= value <= self.high or (self.over and value == self.low) or value == math.inf
+        if outside:
+            raise ConfigError(f"{text}: must be {self}")
+        return value
+
+    def __str__(self) -> str:
+        low, unit = f"{'over ' * self.over}{self.low:g}", f" {self.unit}" * bool(self.unit)
+        if self.high < math.inf:
+            return f"{low} to {self.high:g}{unit}"
+        return f"{low}{unit}" if self.over else f"{low}{unit} or more"
+
+
+CEILING = Within(float, 0, 1, unit="of full drive")
+SEED = Within(int, 0)
+"""A random seed, of NumPy and of torch."""
+
+
+def per_minute(text: str) -> float:
+    """Parse a rate such as ``1/min``, over 0 to 600 a minute.
+
+    Raises
+    ------
+    DatasetError
+        If the text is not such a rate.
+
+    Examples
+    --------
+    >>> per_minute("0.5/min")
+    0.5
+    """
+    number, _, unit = text.partition("/")
+    try:
+        rate = float(number)
+    except ValueError:
+        rate = math.nan
+    if unit not in ("", "min") or not 0 < rate <= 600:
+        raise DatasetError(f"{text!r} is not a rate; write a number over 0 to 600 a minute, such as 1/min")
+    return rate
+
+
+class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the default of each option that has one, and examples line by line."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
+        default = action.default
+        if (
+            isinstance(default, bool)
+            or default is argparse.SUPPRESS
+            or not (default or isinstance(default, int | float))
+        ):
+            return action.help
+        return super()._get_help_string(action)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" in text:
+            return "\n".join(indent + line for line in text.splitlines())
+        return super()._fill_text(text, width, indent)
+
+
+class Parser(argparse.ArgumentParser):
+    """Shows defaults and examples, and names in errors the option or choice nearest to an unknown one.
+
+    An option is not found by its beginning: ``--finger`` must not become ``--fingers``.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(formatter_class=HelpFormatter, allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and refuse what is unknown at once: this parser knows which options are near."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            option = unknown[0].partition("=")[0]
+            near = did_you_mean(option, (name for action in self._actions for name in action.option_strings))
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{near if option.startswith('-') else ''}")
+        return found, unknown
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        try:
+            return super()._get_value(action, arg_string)
+        except ConfigError as error:  # of a `Within`
+            raise ConfigError(f"{action.option_strings[-1]} {error}") from None
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        try:
+            super()._check_value(action, value)
+        except argparse.ArgumentError as error:
+            error.message += did_you_mean(str(value), map(str, action.choices or ()))
+            raise
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message and how to get help, and exit with 2."""
+        self.exit(2, f"{self.prog}: {message}\n`{self.prog} --help` shows what there is\n")
+
+
+def flags_of(verb: str) -> list[str]:
+    """Return the names of the settings for which a verb has an option."""
+    return [name for name, setting in SETTINGS.items() if verb in setting.verbs]
+
+
+def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None) -> None:
+    """Add the option of a setting, with its words, range and default; ``default`` is the verb's own."""
+    setting = SETTINGS[name]
+    words = setting.help.replace("%", "%%")
+    if isinstance(setting.default, bool):
+        group.add_argument(setting.flag, dest=name, action="store_const", const="true", help=words)
+        return
+    value = setting.default if default is None else default
+    shown = "" if value == "" else f" (default: {value})"
+    group.add_argument(
+        setting.flag,
+        dest=name,
+        action="append" if name == "link.peer" else "store",
+        metavar="NAME[:DEVICE]" if setting.device else "VALUE",
+        help=f"{words}{shown}",
+    )
+
+
+def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
+    """Add ``--settings``, ``--set`` and the options that `tactophone.settings` declares for a verb.
+
+    ``usual`` are the verb's own defaults, as in `settings_of`.
+    """
+    own = dict(setting.split("=", 1) for setting in usual)
+    group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
+    group.add_argument(
+        "--settings", type=Path, action="append", default=[], metavar="FILE",
+        help="TOML file of settings; options override it, and so does a later file",
+    )  # fmt: skip
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
+    )
+    for name in flags_of(verb):
+        add_flag(group, name, own.get(name))
+
+
+def add_fingers(parser: argparse.ArgumentParser) -> None:
+    """Add ``--fingers``."""
+    parser.add_argument(
+        "--fingers",
+        metavar="N|FILE",
+        help="a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)",
+    )
+
+
+def add_finger(parser: argparse.ArgumentParser) -> None:
+    """Add ``--fingers`` and ``--finger``, for verbs that work with one finger of a hand."""
+    add_fingers(parser)
+    parser.add_argument("--finger", metavar="NAME", help="the finger of --fingers to use, such as index")
+
+
+def add_json(parser: argparse.ArgumentParser, words: str = "print JSON, for a program") -> None:
+    """Add ``--json``."""
+    parser.add_argument("--json", action="store_true", help=words)
+
+
+def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings:
+    """Return the settings in force: defaults < ``--settings`` < options < ``--set``; ``--fingers`` adds to each finger.
+
+    ``usual`` are defaults of the verb, such as ``"output.actuator=none"``; they come before the options.
+    """
+    settings = Settings()
+    for path in getattr(args, "settings", ()):
+        settings = read_settings(path, settings)
+    settings = change(settings, usual)
+    for name, value in vars(args).items():
+        if name in SETTINGS and value is not None:
+            settings = change(settings, _assignments(name, value), where=SETTINGS[name].flag)
+    settings = change(settings, getattr(args, "set", ()))
+    if fingers := getattr(args, "fingers", None):
+        settings = with_fingers(settings, fingers)
+    # Only a verb that works with one finger has the option --finger beside --fingers.
+    if hasattr(args, "fingers") and hasattr(args, "finger") and (args.finger or fingers):
+        return finger_named(settings, args.finger or "")
+    return settings
+
+
+def _assignments(name: str, value: Any) -> Iterable[str]:
+    """Return the assignments of an option: two for ``--source file:take.wav``, one for ``--peer a --peer b``."""
+    text = value if isinstance(value, str) else ",".join(value)
+    setting = SETTINGS[name]
+    if not setting.device:
+        return [f"{name}={text}"]
+    kind, colon, device = text.partition(":")
+    if not colon:
+        return [f"{name}={text}"]
+    if kind == "jack" and name == "capture.source":
+        raise ConfigError(f"{setting.flag} {text}: JACK has ports: --set capture.contact=PORT --set capture.air=PORT")
+    return [f"{name}={kind}", f"{'output.port' if kind == 'jack' else setting.device}={device}"]

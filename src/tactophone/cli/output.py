@@ -1,0 +1,200 @@
+"""Output of every verb: results on stdout, as tables or as JSON; everything else on stderr."""
+
+import dataclasses
+import functools
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rich.box import HEAVY_HEAD
+from rich.console import Console, RenderableType
+from rich.live import Live
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tactophone.errors import ConfigError
+from tactophone.json_numbers import finite
+
+Entry = TypeVar("Entry")
+
+RULED: dict[str, Any] = {"box": HEAVY_HEAD, "pad_edge": True, "padding": (0, 1), "show_edge": False}
+"""Style of a table with lines."""
+
+Part = str | RenderableType | Sequence[Mapping[str, Any]]
+"""What a result prints: lines with rich's markup, anything that rich prints, or rows of a table by heading."""
+
+
+@functools.cache
+def out() -> Console:
+    """The console for results; plain text when stdout is not a terminal."""
+    return Console(highlight=False, emoji=False)
+
+
+@functools.cache
+def log() -> Console:
+    """The console for everything that is not a result."""
+    return Console(stderr=True, highlight=False, emoji=False)
+
+
+def show(result: Any, *, as_json: bool) -> None:
+    """Print a result, a dataclass, on stdout: as JSON of its fields, or as the ``parts()`` that it has for people.
+
+    A sequence of dataclasses without parts is a table with a column for each field.
+    """
+    if as_json:
+        # JSON has neither infinities nor NaN: they become null.
+        print(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False))
+        return
+    parts: Iterable[Part] = result.parts() if hasattr(result, "parts") else [[_fields(row) for row in result]]
+    for part in parts:
+        if isinstance(part, Sequence) and not isinstance(part, str):
+            if part:
+                out().print(table(part))
+        elif isinstance(part, str):
+            out().print(part, soft_wrap=True)
+        else:
+            out().print(part)
+
+
+def as_values(result: Any) -> Any:
+    """Return what JSON can hold: of a dataclass its fields, or its ``as_json()``; of a path its text.
+
+    A field whose name ends in ``_`` is called by the keyword before it, and one that begins with ``_`` is left out.
+    """
+    if hasattr(result, "as_json"):
+        return as_values(result.as_json())
+    if dataclasses.is_dataclass(result) and not isinstance(result, type):
+        return {name.rstrip("_"): as_values(value) for name, value in _fields(result).items()}
+    if isinstance(result, Mapping):
+        return {str(key): as_values(value) for key, value in result.items()}
+    if isinstance(result, list | tuple):
+        return [as_values(value) for value in result]
+    return str(result) if isinstance(result, Path) else result
+
+
+def _fields(result: Any) -> dict[str, Any]:
+    names = (each.name for each in dataclasses.fields(result))
+    return {name: getattr(result, name) for name in names if not name.startswith("_")}
+
+
+def table(rows: Sequence[Mapping[str, Any]], **style: Any) -> Table:
+    """Return a table of rows, whose keys are the headings; numbers stand to the right, and NaN is a dash."""
+    made = Table(**({"box": None, "pad_edge": False, "padding": (0, 2, 0, 0)} | style))
+    for heading, value in rows[0].items():
+        made.add_column(heading, justify="right" if isinstance(value, int | float) else "left", overflow="fold")
+    for row in rows:
+        made.add_row(*map(cell, row.values()))
+    return made
+
+
+def listing(entries: Iterable[tuple[str, Any]], **style: Any) -> Table:
+    """Return a table without a head: a name and what it stands for in each line."""
+    made = Table.grid(padding=(0, 2))
+    made.add_column(**({"style": "dim", "overflow": "fold"} | style))
+    made.add_column(overflow="fold")
+    for name, value in entries:
+        made.add_row(name, cell(value))
+    return made
+
+
+def cell(value: Any) -> str:
+    """Return a value as a table shows it."""
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else f"{value:.3g}"
+    return str(escape(str(value)) if isinstance(value, Path) else value)
+
+
+def percent(share: float, *, unknown: str = "-") -> str:
+    """Return a share as a percentage; ``unknown`` if it is NaN.
+
+    >>> percent(0.25), percent(float("nan"))
+    ('25 %', '-')
+    """
+    return unknown if math.isnan(share) else f"{100 * share:.0f} %"
+
+
+def live_display() -> AbstractContextManager[Live | None]:
+    """Return a display on stderr that is redrawn in place; ``None`` where stderr is not a terminal."""
+    console = log()
+    return Live(console=console, auto_refresh=False, transient=True) if console.is_terminal else nullcontext()
+
+
+def print_error(message: str) -> None:
+    """Print what went wrong, on stderr, in one line."""
+    print(f"tactophone: {message}", file=sys.stderr)
+
+
+def note(line: str) -> None:
+    """Print a line for people on stderr, as it is; may be called from another thread."""
+    log().print(line, soft_wrap=True, markup=False, highlight=False)
+
+
+def warn(line: str) -> None:
+    """Print what has gone wrong in a run that goes on, as `note` does."""
+    note(f"! {line}")
+
+
+@contextmanager
+def progress(description: str, total: float | None = None, *, note: str = "") -> Iterator[Callable[..., None]]:
+    """Show a progress bar on stderr, where that is a terminal.
+
+    Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
+    """
+    columns = (
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Progress(
+        TextColumn(description), *columns, console=log(), transient=True, disable=not log().is_terminal
+    ) as bar:
+        yield functools.partial(bar.update, bar.add_task("", total=total, note=note))
+
+
+@contextmanager
+def tracked(entries: Iterable[Entry], description: str, total: float | None = None) -> Iterator[Iterator[Entry]]:
+    """Yield an iterator over entries that a progress bar counts; ``total`` is by default their length."""
+
+    def counted() -> Iterator[Entry]:
+        for entry in entries:
+            yield entry
+            update(advance=1)
+
+    with progress(description, len(entries) if isinstance(entries, Sized) else total) as update:
+        yield counted()
+
+
+def make_folder(path: Path, option: str = "--out") -> None:
+    """Make a folder for results, unless it exists; raises `ConfigError` if nothing can be written there."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{option} {path}: cannot be made ({error.strerror}); name a folder of your own") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise ConfigError(f"{option} {path}: nothing can be written there; name a folder of your own")
+
+
+def write_haptic_files(formats: Iterable[str], stem: Path, timeline: Path, *, duration: float) -> dict[str, Path]:
+    """Write the commands of a timeline, of a length in s, in each of the formats; returns the files by format."""
+    if not formats:
+        return {}
+    from tactophone.bridges.haptic_files import write_haptic_file
+    from tactophone.telemetry import read_timeline
+    from tactophone.types import HapticCommand
+
+    columns = read_timeline(timeline)
+    commands = [
+        HapticCommand(float(amplitude), float(frequency), float(time))
+        for amplitude, frequency, time in zip(columns["amplitude"], columns["frequency"], columns["time"], strict=True)
+    ]
+    return {
+        ending: write_haptic_file(stem.with_name(f"{stem.name}{ending}"), commands, duration=duration)
+        for ending in formats
+    }

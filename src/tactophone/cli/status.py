@@ -1,0 +1,87 @@
+"""``tactophone status``, ``stop``, ``mute`` and ``arm``: the runs of this machine, from any of its terminals."""
+
+import argparse
+import contextlib
+import os
+import signal
+import time
+from dataclasses import dataclass
+
+from tactophone.cli import options, output
+from tactophone.errors import TactophoneError, did_you_mean
+from tactophone.telemetry import Action, State, Watcher, running
+
+EXAMPLES = {
+    "status": ("tactophone status", "tactophone status --json"),
+    "stop": ("tactophone stop", "tactophone stop receive"),
+    "mute": ("tactophone mute", "tactophone mute receive"),
+    "arm": ("tactophone arm", "tactophone arm receive"),
+}
+
+TIMEOUT = 1.0
+"""Seconds for a process to carry out a request; it looks for requests fifty times as often."""
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run of this machine."""
+
+    name: str
+    role: str
+    process: int
+    link: str
+    vibration: str
+    """``armed``, or why it is muted; empty where nothing vibrates."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    if parser.get_default("verb") == "status":
+        options.add_json(parser)
+        return
+    parser.add_argument("name", nargs="?", help="of the run, as `tactophone status` shows it; default: all operators'")
+
+
+def run(args: argparse.Namespace) -> int:
+    """List the runs; or send the request, wait until it is carried out, and return 1 if a process did not obey."""
+    if args.verb == "status":
+        runs = [_run(Watcher(name)) for name in running()]
+        if not runs:
+            output.note("no run on this machine: `tactophone demo` makes one")
+        output.show(runs, as_json=args.json)
+        return 0
+    names = running()
+    if args.name and args.name not in names:
+        there = f"there are {', '.join(names)}" if names else "there is none: start `tactophone receive` or loopback"
+        raise TactophoneError(f"no run called {args.name}; {there}{did_you_mean(args.name, names)}")
+    chosen = [args.name] if args.name else names
+    watchers = [watcher for name in chosen if (watcher := Watcher(name)).snapshot().state.role == "operator"]
+    if not watchers:
+        others = f"; running here: {', '.join(names)}, none of them an operator's" if names else ""
+        raise TactophoneError(f"no operator process here to ask: start `tactophone receive` or loopback{others}")
+    return max([_ask(watcher, args.verb) for watcher in watchers])
+
+
+def _run(watcher: Watcher) -> Run:
+    state = watcher.snapshot().state
+    vibration = (state.muted_because or "armed") if state.role == "operator" else ""
+    return Run(watcher.name, state.role, watcher.pid, state.link, vibration)
+
+
+def _ask(watcher: Watcher, action: Action) -> int:
+    watcher.ask(action)
+    if action == "stop":
+        # A signal besides the request: the process may look at its requests too late.
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(watcher.pid, signal.SIGUSR1)
+    deadline = time.monotonic() + TIMEOUT
+    while not _done(state := watcher.snapshot().state, action):
+        if time.monotonic() > deadline:
+            output.print_error(f"{watcher.name} did not {action} within {TIMEOUT:g} s: end process {watcher.pid}")
+            return 1
+        time.sleep(0.01)
+    output.out().print(f"{watcher.name}: {state.muted_because or 'armed'}")
+    return 0
+
+
+def _done(state: State, action: Action) -> bool:
+    return state.armed if action == "arm" else not state.armed
