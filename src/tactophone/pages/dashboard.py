@@ -17,15 +17,13 @@ from tactophone.pages.devices import Fingertips, PageMicrophone
 from tactophone.pages.feed import Feed, WatchedRun
 from tactophone.pages.views import (
     CREDIT,
-    FLOOD_RATE,
     STATIC,
     VIEWERS,
     Answers,
-    FloodGate,
     admit,
-    end_flood,
     finger_of,
     is_local,
+    messages_of,
     page,
 )
 from tactophone.telemetry import FingerState, Request, State
@@ -74,8 +72,10 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
         action, value, name = entries["action"], entries.get("value", 0.0), entries.get("text", "")
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return "not a request: write JSON with an action"
-    if not local and (reason := _refusal_of_remote(action, value, own)):
-        return reason
+    weaker = action == "output_level" and isinstance(value, int | float) and value <= own.output_level
+    if not local and not weaker and action not in ("stop", "mute", "ceiling"):
+        name = str(action)[:20]
+        return f"only a page on the run's own machine may do that ({name}): this one may stop, mute and weaken"
     if action in _WITHOUT_VALUE:
         return Request(action)
     if action == "record":
@@ -83,15 +83,10 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
     if action in (*_LEVELS, "threshold_dbfs"):
         return _number(action, value, own)
     if action == "profile":
-        return _profile(name, state)
+        if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
+            return f"profiles are {', '.join(state.profiles)}"
+        return Request("profile", text=name)
     return f"there is no action {str(action)[:20]!r}"
-
-
-def _refusal_of_remote(action: Any, value: Any, own: FingerState) -> str:
-    weaker = isinstance(value, int | float) and value <= own.output_level
-    if action in ("stop", "mute", "ceiling") or (action == "output_level" and weaker):
-        return ""
-    return f"only a page on the run's own machine may do that ({str(action)[:20]}): this one may stop, mute and weaken"
 
 
 def _number(action: Any, value: Any, own: FingerState) -> Request | str:
@@ -104,12 +99,6 @@ def _number(action: Any, value: Any, own: FingerState) -> Request | str:
     if action == "ceiling" and value > own.ceiling:
         return f"a page can lower the ceiling ({own.ceiling:g} now), never raise it: raise it at the machine"
     return Request(action, float(value))
-
-
-def _profile(name: Any, state: State) -> Request | str:
-    if name not in state.profiles or len(name.encode()) > MAX_NAME_BYTES:
-        return f"profiles are {', '.join(state.profiles)}"
-    return Request("profile", text=name)
 
 
 class Recorder(Answers):
@@ -194,11 +183,8 @@ async def _receive(
     view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool,
     finger: int,
 ) -> None:  # fmt: skip
-    gate, snapshot = FloodGate(FLOOD_RATE), None
-    async for message in view:
-        if gate.overflows():
-            await end_flood(view)
-            return
+    snapshot = None
+    async for message in messages_of(view):
         if message.type is not WSMsgType.TEXT:
             continue
         if message.data == "ok":

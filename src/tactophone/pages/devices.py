@@ -19,7 +19,7 @@ import numpy as np
 from aiohttp import WSMsgType, web
 
 from tactophone.pages.feed import WatchedRun, pack
-from tactophone.pages.views import FLOOD_RATE, TAKEN, FloodGate, admit, end_flood, finger_of
+from tactophone.pages.views import TAKEN, FloodGate, admit, end_flood, finger_of, messages_of
 from tactophone.telemetry import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -69,12 +69,9 @@ class Fingertips:
         finger = finger_of(request)
         pages = self._fingers.setdefault(finger, _FingerPages(self._run, finger, self._credit))
         pages.add(view)
-        gate = FloodGate(FLOOD_RATE)
         try:
-            async for message in view:
-                if gate.overflows():
-                    await end_flood(view)
-                elif message.type is WSMsgType.TEXT and message.data == "ok" and self._credit[view] < FINGERTIP_CREDIT:
+            async for message in messages_of(view):
+                if message.type is WSMsgType.TEXT and message.data == "ok" and self._credit[view] < FINGERTIP_CREDIT:
                     self._credit[view] += 1
         finally:
             pages.views.discard(view)
@@ -149,21 +146,17 @@ class PageMicrophone:
         self._view = view
         gate = FloodGate(SOUND_RATE)
         async for message in view:
-            if message.type is not WSMsgType.BINARY or not _is_sound(message.data):
+            data = message.data
+            whole = (
+                message.type is WSMsgType.BINARY and len(data) % 4 == 0 and 8 <= len(data) <= 4 + 4 * LONGEST_MESSAGE
+            )
+            if not whole:
                 await view.close(code=1003, message=b"not a message of sound: reload the page")
-            elif gate.overflows(len(message.data) // 4 - 1):
+            elif gate.overflows(len(data) // 4 - 1):
                 await end_flood(view)
+            # Unless the pipe to the robot's side is full: a page must never make the server wait.
+            elif select.select([], [self._sound], [], 0)[1]:
+                self._sound.send_bytes(data)
             else:
-                self._pass_on(message.data)
+                self.dropped += 1
         return view
-
-    def _pass_on(self, message: bytes) -> None:
-        """Write to the robot's side unless its pipe is full: a page must never make the server wait."""
-        if select.select([], [self._sound], [], 0)[1]:
-            self._sound.send_bytes(message)
-        else:
-            self.dropped += 1
-
-
-def _is_sound(message: bytes) -> bool:
-    return len(message) % 4 == 0 and 8 <= len(message) <= 4 + 4 * LONGEST_MESSAGE

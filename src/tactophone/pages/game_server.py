@@ -25,13 +25,11 @@ from tactophone.pages.feed import WatchedRun, pack, step_table
 from tactophone.pages.game import GameSettings, Point, Round, read_results, within_reach
 from tactophone.pages.views import (
     CREDIT,
-    FLOOD_RATE,
     STATIC,
     TAKEN,
-    FloodGate,
     admit,
-    end_flood,
     is_local,
+    messages_of,
     page,
 )
 from tactophone.telemetry import Request, Snapshot
@@ -107,11 +105,7 @@ class _Player:
             "choose": self._choose,
             "delay": self._delay,
         }
-        gate = FloodGate(FLOOD_RATE)
-        async for message in self._view:
-            if gate.overflows():
-                await end_flood(self._view)
-                return
+        async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
                 continue
             if message.data == "ok":

@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
-from tactophone.pages.views import FLOOD_RATE, STATIC, VIEWERS, Answers, FloodGate, admit, end_flood, is_local, page
+from tactophone.pages.views import STATIC, VIEWERS, Answers, admit, is_local, messages_of, page
 
 LONGEST_BUTTON = 16
 """Characters of a button's name."""
@@ -38,19 +38,12 @@ class Guide(Answers):
         self._views.add(view)
         try:
             await view.send_str(json.dumps(self.status))
-            await self._receive(view)
+            async for message in messages_of(view):
+                if message.type is WSMsgType.TEXT and len(message.data) <= LONGEST_BUTTON:
+                    self.send(message.data)
         finally:
             self._views.discard(view)
         return view
-
-    async def _receive(self, view: web.WebSocketResponse) -> None:
-        gate = FloodGate(FLOOD_RATE)
-        async for message in view:
-            if gate.overflows():
-                await end_flood(view)
-                return
-            if message.type is WSMsgType.TEXT and len(message.data) <= LONGEST_BUTTON:
-                self.send(message.data)
 
 
 def guide_page(orders: Connection) -> web.Application:

@@ -7,15 +7,14 @@ it is accepted and closed at once, with a reason that it shows.
 import asyncio
 import json
 import time
-from collections.abc import Awaitable, Callable, Sized
+from collections.abc import AsyncIterator, Awaitable, Callable, Sized
 from contextlib import suppress
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from multiprocessing.connection import Connection
 from typing import Any
 
-from aiohttp import web
-from aiohttp.typedefs import Middleware
+from aiohttp import WSMessage, web
 
 from tactophone.pages.security import HEADERS, AccessControl
 
@@ -50,10 +49,24 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 def protect(inner: web.Application, access: AccessControl) -> web.Application:
     """Serve a page, and the files that all pages load, under the token and behind access control."""
+
+    @web.middleware
+    async def check_access(request: web.Request, handler: Handler) -> web.StreamResponse:
+        reason = access.refusal(
+            token=request.path.partition("/")[2].partition("/")[0],
+            host=request.headers.get("Host"),
+            origin=request.headers.get("Origin"),
+            websocket="Upgrade" in request.headers,
+        )
+        return web.Response(status=403, text=f"Refused: {reason}.\n") if reason else await handler(request)
+
+    async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
+        response.headers.update(HEADERS)
+
     inner.router.add_static("/static", str(STATIC))
-    outer = web.Application(middlewares=[_check_access(access)], client_max_size=MAX_MESSAGE_BYTES)
+    outer = web.Application(middlewares=[check_access], client_max_size=MAX_MESSAGE_BYTES)
     outer.add_subapp(f"/{access.token}", inner)
-    outer.on_response_prepare.append(_add_headers)
+    outer.on_response_prepare.append(add_headers)
     return outer
 
 
@@ -83,24 +96,6 @@ async def close_idle_connections(runner: web.AppRunner, *, timeout: float = HEAD
                 if transport := idle[key].transport:
                     transport.abort()
         await asyncio.sleep(timeout / 5)
-
-
-def _check_access(access: AccessControl) -> Middleware:
-    @web.middleware
-    async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
-        reason = access.refusal(
-            token=request.path.partition("/")[2].partition("/")[0],
-            host=request.headers.get("Host"),
-            origin=request.headers.get("Origin"),
-            websocket="Upgrade" in request.headers,
-        )
-        return web.Response(status=403, text=f"Refused: {reason}.\n") if reason else await handler(request)
-
-    return middleware
-
-
-async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
 
 
 def is_local(request: web.Request) -> bool:
@@ -152,6 +147,16 @@ class FloodGate:
         self._level = max(0.0, self._level - self._rate * (now - self._time)) + amount
         self._time = now
         return self._level > self._rate
+
+
+async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
+    """Yield what a page sends until it leaves, or floods and is closed."""
+    gate = FloodGate(FLOOD_RATE)
+    async for message in view:
+        if gate.overflows():
+            await end_flood(view)
+            return
+        yield message
 
 
 async def end_flood(view: web.WebSocketResponse) -> None:

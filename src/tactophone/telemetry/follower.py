@@ -6,9 +6,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tactophone.errors import ConfigError
 from tactophone.telemetry.records import TimelineWriter
 from tactophone.telemetry.watcher import Watcher
@@ -107,14 +104,12 @@ class PredictionLog(RunFollower):
             self._counts = [0] * self.watcher.fingers
         for finger in range(self.watcher.fingers):
             rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
-            self._report_gap(count - self._counts[finger] - len(rows), rows)
+            missed = count - self._counts[finger] - len(rows)
+            if missed > 0:
+                self.missed += missed
+                until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
+                self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
             for entry in rows:
                 self._writer.write_row(*prediction_of(entry), finger=finger)
             self._counts[finger] = count
         self._writer.flush()
-
-    def _report_gap(self, missed: int, rows: NDArray[np.void]) -> None:
-        if missed > 0:
-            self.missed += missed
-            until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
-            self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")

@@ -129,16 +129,19 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
         if is_alive(pid):
             raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
         path.unlink()
+    size = layout_of(fingers).itemsize
     # Exclusive and for this user only: other users can neither place a link here nor read the sound.
     file = os.fdopen(os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600), "r+b")
     try:
-        _allocate(file, layout_of(fingers).itemsize)
+        # Its pages now: a page that is missing later would end the process by a signal.
+        file.truncate(size)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, size)
     except OSError as error:
         file.close()
         draft.unlink()
-        needed = layout_of(fingers).itemsize / 1e6
         raise TactophoneError(
-            f"no room for {needed:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
+            f"no room for {size / 1e6:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
         ) from None
     return file
 
@@ -153,13 +156,6 @@ def _publish(draft: Path, path: Path) -> None:
         ) from None
     finally:
         draft.unlink(missing_ok=True)
-
-
-def _allocate(file: BinaryIO, size: int) -> None:
-    """Give the file its size, and its pages now: a page that is missing later would end the process by a signal."""
-    file.truncate(size)
-    if hasattr(os, "posix_fallocate"):
-        os.posix_fallocate(file.fileno(), 0, size)
 
 
 def _left_by(path: Path) -> int:

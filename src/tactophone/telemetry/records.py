@@ -29,16 +29,14 @@ from tactophone.types import (
 )
 
 _HEAD = struct.Struct("<IB")  # size of what follows, kind
-_ARRIVAL = struct.Struct("<d?H")
-_SIZE = struct.Struct("<H")
-
-_RUN, _ARRIVED, _CONTROLS = range(3)
 
 ARRIVAL_DIGITS = 5
 """Digits of an arrival's time after the point, in s: 10 microseconds, a five-hundredth of a packet's duration.
 
 An end takes the time of an arrival from the clock with these, so that a log holds the same number in a byte or two.
 """
+
+_EVENT_OVERHEAD = 5  # bytes at most in MessagePack
 
 ARRIVAL_SIZE = 1 << 15
 """Bytes of events in one record; an arrival with more is split, the last part counting as its end."""
@@ -95,7 +93,7 @@ class Controls:
 
 Record: TypeAlias = RunStart | EventBatch | Controls
 
-_JSON_KINDS: dict[int, type[RunStart | Controls]] = {_RUN: RunStart, _CONTROLS: Controls}
+_KINDS: tuple[type[Record], ...] = (RunStart, EventBatch, Controls)
 
 
 def write_record(record: Record) -> list[bytes]:
@@ -107,10 +105,9 @@ def write_record(record: Record) -> list[bytes]:
     >>> list(read_records(b"".join(write_record(arrival)))) == [arrival]
     True
     """
-    if isinstance(record, EventBatch):
-        return [_framed(_ARRIVED, _write_arrival(part)) for part in _parts(record)]
-    kind = _RUN if isinstance(record, RunStart) else _CONTROLS
-    return [_framed(kind, msgspec.json.encode(record))]
+    parts = _parts(record) if isinstance(record, EventBatch) else (record,)
+    kind = _KINDS.index(type(record))
+    return [_HEAD.pack(len(body), kind) + body for body in map(msgspec.msgpack.encode, parts)]
 
 
 def read_records(log: bytes) -> Iterator[Record]:
@@ -123,19 +120,12 @@ def read_records(log: bytes) -> Iterator[Record]:
             body = log[position : position + size]
             if len(body) < size:
                 raise ValueError(f"{size} bytes announced, {len(body)} left")
-            if kind == _ARRIVED:
-                yield _read_arrival(body)
-            elif kind in _JSON_KINDS:
-                yield msgspec.json.decode(body, type=_JSON_KINDS[kind])
-            else:
+            if kind >= len(_KINDS):
                 raise ValueError(f"a record of kind {kind}, which this version does not know")
+            yield msgspec.msgpack.decode(body, type=_KINDS[kind])
             position += size
     except (struct.error, ValueError, msgspec.MsgspecError) as error:
         raise DatasetError(f"a session log with a broken record at byte {position}: {error}") from error
-
-
-def _framed(kind: int, body: bytes) -> bytes:
-    return _HEAD.pack(len(body), kind) + body
 
 
 def _parts(arrival: EventBatch) -> Iterator[EventBatch]:
@@ -149,25 +139,8 @@ def _parts(arrival: EventBatch) -> Iterator[EventBatch]:
             yield EventBatch(arrival.time, tuple(part), arrival.polled, more=True)
             part, size = [], 0
         part.append(event)
-        size += len(event) + _SIZE.size
+        size += len(event) + _EVENT_OVERHEAD
     yield EventBatch(arrival.time, tuple(part), arrival.polled)
-
-
-def _write_arrival(arrival: EventBatch) -> bytes:
-    # The flag `more` is the highest bit of the count: a record holds far fewer than 2**15 events.
-    head = _ARRIVAL.pack(arrival.time, arrival.polled, len(arrival.events) | arrival.more << 15)
-    return head + b"".join([_SIZE.pack(len(event)) + event for event in arrival.events])
-
-
-def _read_arrival(body: bytes) -> EventBatch:
-    time, polled, count = _ARRIVAL.unpack_from(body)
-    events, position = [], _ARRIVAL.size
-    for _ in range(count & 0x7FFF):
-        (size,) = _SIZE.unpack_from(body, position)
-        position += _SIZE.size
-        events.append(body[position : position + size])
-        position += size
-    return EventBatch(time, tuple(events), polled, more=bool(count >> 15))
 
 
 COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")

@@ -114,7 +114,10 @@ class Telemetry:
             Samples of vibration written when the step was computed; by default, until now.
         """
         finger, block = step.finger, step.block
-        self._append("sound", _stereo(block.samples), finger)
+        # One microphone fills both channels.
+        self._append(
+            "sound", block.samples if block.channels == 2 else np.repeat(block.samples[:, :1], 2, axis=1), finger
+        )
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
         vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
@@ -190,12 +193,12 @@ class Telemetry:
             return []
         slots = self._memory["requests"]
         counts = [np.frombuffer(each, np.uint64).reshape(slots.shape) for each in (before, self._seen)]
-        new = np.argwhere(counts[0] != counts[1])
-        found = [
-            request
-            for action, place in new.tolist()
-            if (request := _request(action, slots[action, place], finger=place - 1)) is not None
-        ]
+        found = []
+        for action, place in np.argwhere(counts[0] != counts[1]).tolist():
+            slot = slots[action, place]
+            with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text: no request then
+                text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
+                found.append(Request(ACTIONS[action], float(slot["value"]), text, float(slot["time"]), place - 1))
         recent = [request for request in found if now is None or abs(now - request.time) <= REQUEST_AGE]
         return sorted(recent, key=lambda request: request.time)
 
@@ -248,16 +251,5 @@ def _rows_of(ring: NDArray[Any]) -> Any:
     return memoryview(ring.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
 
 
-def _stereo(samples: FloatArray) -> FloatArray:
-    return samples if samples.shape[1] == 2 else np.repeat(samples[:, :1], 2, axis=1)
-
-
 def _step_values(prediction: Prediction, command: HapticCommand) -> list[float]:
     return [field.of(prediction, command) for field in layout.STEP_FIELDS]
-
-
-def _request(index: int, slot: NDArray[np.void], *, finger: int) -> Request | None:
-    with suppress(UnicodeDecodeError):  # two watchers that write at once can garble a text; the request is then dropped
-        text = bytes(slot["text"][: min(int(slot["size"]), len(slot["text"]))]).decode()
-        return Request(ACTIONS[index], float(slot["value"]), text, float(slot["time"]), finger)
-    return None
