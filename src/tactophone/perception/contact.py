@@ -2,8 +2,8 @@
 
 A window still contains a touch 240 ms after the finger has lifted, and is only a twentieth full when the finger has
 just landed. So the gate measures the level four thousand times a second, beside the classifier. A clearly loud touch
-opens it by the level over 4 ms; any other by the level over 32 ms, as noise with motors and hum in it rises by 5 dB
-for 4 ms now and then, and not for 32. The gate closes when the longer level has fallen under the threshold.
+opens it by the level over 4 ms; any other by the level over 32 ms, because motor noise and hum sometimes rise 5 dB for
+4 ms, but not for 32. The gate closes when the longer level has fallen under the threshold.
 
 The threshold follows the noise floor (`tactophone.perception.noise_floor`) unless it was given or calibrated. A touch
 is held over a silence as short as that of a finger that has just landed, or of a stroke that turns.
@@ -179,22 +179,26 @@ class ContactGate:
         while start < count:
             # A heartbeat may move the thresholds.
             end = start + self._heartbeat - self._steps % self._heartbeat
-            contacts += self._evaluate_until_heartbeat(slow[start:end], fast[start:end])
+            if self._stays(slow[start:end], fast[start:end]):
+                taken = len(slow[start:end])
+                self._steps += taken
+                self._lasted += taken
+                self._quiet = 0 if self._touching else self._quiet + taken
+                found = [self._report(slow[start:end][-1], changed=False)]
+            else:
+                found = list(map(self._step, slow[start:end], fast[start:end]))
+            contacts += [contact for contact in found if contact]
             start = end
         self._room = self._room_after(slow[-1], fast[-1])
         return contacts
 
-    def _evaluate_until_heartbeat(self, slow: list[float], fast: list[float]) -> list[Contact]:
-        if not self._stays(slow, fast):
-            return [contact for contact in map(self._step, slow, fast) if contact]
-        self._steps += len(slow)
-        self._lasted += len(slow)
-        self._quiet = 0 if self._touching else self._quiet + len(slow)
-        contact = self._report(slow[-1], changed=False)
-        return [contact] if contact else []
-
     def _room_after(self, slow: float, fast: float) -> float:
-        """Return the sum of powers up to which further steps can change nothing until the next heartbeat."""
+        """Return the sum of powers up to which further steps can change nothing until the next heartbeat.
+
+        A level is the mean of the powers of its steps. Without contact, new steps can raise it by their sum over its
+        length at most, as what falls out of it is no less than 0: so it stays under a threshold until that sum exceeds
+        the length times what it is under it.
+        """
         if self._held:
             return 0.0
         if self._touching:
@@ -214,7 +218,11 @@ class ContactGate:
         touching, held = self._touching, self._held
         self._steps += 1
         self._lasted += 1
-        loud = slow >= self._open_from or self._is_loud(fast, slow)
+        # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
+        loud = slow >= self._open_from or fast >= self._clear_from
+        if not loud and touching and not held:
+            # Hysteresis: an open gate closes at a lower level, and a touch lasts for `SHORTEST` at least.
+            loud = slow >= self._close_under or (self._lasted < self._shortest and fast >= 0)
         self._quiet = 0 if loud else self._quiet + 1
         # A finger that has just landed, or that turns, lies still: a short silence does not end a touch.
         self._held = not loud and touching and slow >= 0 and self._quiet <= self._hold
@@ -232,14 +240,6 @@ class ContactGate:
             return None
         time = self._steps * self._levels.step_size / self._sample_rate
         return Contact(time, self._touching, self._held, self._threshold_dbfs)
-
-    def _is_loud(self, fast: float, slow: float) -> bool:
-        """Whether there is contact although the slow level alone does not open the gate."""
-        # Every comparison with NaN is false: invalid samples close the gate at once, and keep it closed.
-        if fast >= self._clear_from:
-            return True
-        open_now = self._touching and not self._held
-        return open_now and (slow >= self._close_under or (self._lasted < self._shortest and fast >= 0))
 
     def _follow(self, floor: NoiseFloor, slow: float) -> None:
         level_dbfs = 20 / self._levels.power * math.log10(slow) if slow > 0 else math.nan

@@ -67,8 +67,8 @@ class Decision:
         Missing contact overrides the network, whose own *none* is trained but not used (paper, section III).
         """
         if not contact or probabilities[Touch.NONE] >= self._rule.abstain_from:
-            # A prediction without contact is that of the average touch, and unknown sound says nothing about the class:
-            # neither confirms what follows nor, for a while, refutes what came before.
+            # A window without contact, or with unknown sound, neither counts towards confirmation nor, for up to
+            # `FORGET_AFTER` windows, resets the decision.
             self._streak, self._quiet = 0, self._quiet + 1
             self._rough = self._rough and self._quiet < FORGET_AFTER
             return (Touch.SMOOTH if contact else Touch.NONE), 0.0

@@ -207,12 +207,9 @@ class WindowDetector:
 
     def flush(self) -> list[Prediction]:
         """Return the predictions that only the end of the stream completes."""
-        return process_together([self._process_end()])[0]
-
-    def _process_end(self) -> Processing:
         windows = self._complete_windows() if self._arrived else []
         windows += self._windower.push(self._resampler.flush())
-        return (yield self, windows) if windows else []
+        return _predict([(self, windows)])[0] if windows else []
 
     def _complete_windows(self) -> list[tuple[int, FloatArray]]:
         """Resample all that arrived; return the windows that it completes."""
@@ -256,10 +253,8 @@ class WindowDetector:
         if faulty:
             probabilities = CERTAINLY_NONE
         touch, roughness = self._decision.decide(probabilities, contact=loud and not faulty)
-        start = (end - self.card.window_size) / self.card.sample_rate
-        prediction = Prediction(
-            probabilities, touch, roughness, level_dbfs, start, end / self.card.sample_rate, faulty=faulty
-        )
+        start, until = (end - self.card.window_size) / self.card.sample_rate, end / self.card.sample_rate
+        prediction = Prediction(probabilities, touch, roughness, level_dbfs, start, until, faulty=faulty)
         if self.trace:
             self.trace(features, prediction)
         return prediction
@@ -348,6 +343,7 @@ class TouchDetector:
             gate.threshold = self.threshold
             detector.margin_db = WINDOW_MARGIN_DB if window > LONG_WINDOW else 0.0
         self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
+        self._first = self._next = 0
         self._begin(0)
 
     @property
@@ -367,7 +363,16 @@ class TouchDetector:
 
     def process(self, block: AudioBlock) -> Processing:
         """Do as :meth:`push`, one of several detectors (`tactophone.perception.detector`)."""
-        self._follow(block)
+        # Detector and gate count the samples that they were given; predictions carry the time of the stream. So lost
+        # sound, a jump of a block's start, shifts all times after it; too long a gap begins anew.
+        lost = block.start - self._next
+        if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
+            self.reset()
+            self._begin(block.start)
+        elif lost:
+            self._first += lost
+        self._shift = self._first / block.sample_rate
+        self._next = block.end
         if not self.threshold.follows_floor:
             self._threshold_dbfs = self.threshold.dbfs
         predictions = yield from self.detector.process(block)
@@ -397,33 +402,22 @@ class TouchDetector:
         # The last decision of this touch.
         self._decided, self._roughness = Touch.SMOOTH, 0.0
 
-    def _follow(self, block: AudioBlock) -> None:
-        """Account for lost sound: detector and gate count samples received, predictions carry stream time."""
-        lost = block.start - self._next
-        if lost < 0 or lost > LONGEST_GAP * block.sample_rate:
-            self.reset()
-            self._begin(block.start)
-        elif lost:
-            self._first += lost
-        self._shift = self._first / block.sample_rate
-        self._next = block.end
-
     def _merge(self, predictions: list[Prediction], contacts: list[Contact], rate: int) -> list[Prediction]:
         """Put windows and changes of contact in the order in which they became known, to the sample."""
         events: list[tuple[int, Contact | Prediction]] = [(round(contact.time * rate), contact) for contact in contacts]
         # A thousandth of a sample covers the rounding of times; at odd rates windows end between two samples.
         events += [(math.floor((window.end + self.latency) * rate + 1e-3), window) for window in predictions]
         events.sort(key=lambda event: event[0])
-        revised = (
-            self._apply_contact(event) if isinstance(event, Contact) else self._apply_window(self._shifted(event))
-            for _, event in events
-        )
-        return [prediction for prediction in revised if prediction]
-
-    def _apply_window(self, prediction: Prediction) -> Prediction:
-        if prediction.level_dbfs >= self._threshold_dbfs + FADED_DB:
-            self._loud_until = prediction.end + self.latency
-        return self._revise(prediction)
+        found = []
+        for _, event in events:
+            if not isinstance(event, Contact):
+                window = self._shifted(event)
+                if window.level_dbfs >= self._threshold_dbfs + FADED_DB:
+                    self._loud_until = window.end + self.latency
+                found.append(self._revise(window))
+            elif prediction := self._apply_contact(event):
+                found.append(prediction)
+        return found
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
         changed = (contact.touching, contact.held) != (self._touching, self._held)
@@ -449,18 +443,18 @@ class TouchDetector:
             return prediction
         if not self._touching or prediction.faulty:
             return _overruled(prediction, Touch.NONE)
-        paused = self._held and prediction.end + self.latency - self._held_since < self._pause
-        # A held touch may have ended: it is felt faintly at most, or a rough vibration would outlast it.
-        if not paused and (self._held or not self._is_usable(prediction)):
+        now = prediction.end + self.latency
+        paused = self._held and now - self._held_since < self._pause
+        usable = prediction.level_dbfs >= self._threshold_dbfs or now - self._since >= FULL_OF_CONTACT * self._window
+        # A held touch may already be over, so it is rendered as smooth at most: a rough vibration would outlast the
+        # contact. So is a window that still holds more of what was before the touch.
+        if not paused and (self._held or not usable):
             return _overruled(prediction, Touch.SMOOTH)
+        # The level of a touch falls between two strokes, and where one turns: the last decision stands.
         if paused or prediction.touch is Touch.NONE:
             return _overruled(prediction, self._decided, self._roughness)
         self._decided, self._roughness = prediction.touch, prediction.roughness
         return prediction
-
-    def _is_usable(self, prediction: Prediction) -> bool:
-        lasted = prediction.end + self.latency - self._since
-        return prediction.level_dbfs >= self._threshold_dbfs or lasted >= FULL_OF_CONTACT * self._window
 
     def _shifted(self, prediction: Prediction) -> Prediction:
         if not self._shift:

@@ -180,17 +180,14 @@ class FallbackDetector:
         # Concealment of lost sound says nothing about the microphones.
         if not part.concealed and self._fault_detector.push(part):
             self._choose()
-            self._protect_floors()
+            # While the contact microphone is faulty, the noise floor stays what it was before the fault was found.
+            floors = self.active.floors
+            if self.mode <= FallbackMode.ONE_CHANNEL:
+                self._floors.append([copy.copy(floor) for floor in floors])
+            elif self._floors:
+                for floor, before in zip(floors, self._floors[0], strict=False):
+                    floor.adopt(before)
         return revised
-
-    def _protect_floors(self) -> None:
-        """While the contact microphone is faulty, keep the noise floor from before the fault was found."""
-        floors = self.active.floors
-        if self.mode <= FallbackMode.ONE_CHANNEL:
-            self._floors.append([copy.copy(floor) for floor in floors])
-            return
-        for floor, before in zip(floors, self._floors[0] if self._floors else (), strict=False):
-            floor.adopt(before)
 
     def _revised(self, prediction: Prediction) -> Prediction:
         if self.mode is FallbackMode.SILENCE:

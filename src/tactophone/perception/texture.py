@@ -121,15 +121,13 @@ class RunningStatistics:
         self._both = self._both + self._weights * (self._window - self._both)
         self.prior_weight *= 1 - weight
         shift = self.shift()
-        if shift is not None and self._is_change(shift):
-            self._restart()
-
-    def _is_change(self, shift: NDArray[np.float64]) -> bool:
+        if shift is None:
+            return
         distance = shift[:, None] @ self._change_metric
-        return bool(np.maximum.reduce(np.vecdot(distance, distance), axis=None) > 1)
-
-    def _restart(self) -> None:
-        """Replace the running moments by the newest ones, as if only those windows had been in the touch."""
+        if np.maximum.reduce(np.vecdot(distance, distance), axis=None) <= 1:
+            return
+        # Another surface: the newest moments replace the running ones, as if only their windows had been in the touch.
+        # The prior counts again as it would after so few, or the first guess would be too certain.
         self._count = round(NEWEST)
         self.prior_weight = PRIOR_WINDOWS / (self._count + PRIOR_WINDOWS)
         self._both = np.stack(((1 - self.prior_weight) * self._both[1], self._both[1]))
