@@ -6,6 +6,7 @@ than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by t
 
 import queue
 from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
@@ -136,17 +137,11 @@ class LiveSource:
 
 def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
     """Yield stretches without a gap, each as one block."""
-    whole: list[AudioBlock] = []
-    for block in blocks:
-        if whole and block.start != whole[-1].end:
-            yield _join(whole)
-            whole = []
-        whole.append(block)
-    yield _join(whole)
-
-
-def _join(blocks: list[AudioBlock]) -> AudioBlock:
-    first = blocks[0]
-    if len(blocks) == 1:
-        return first
-    return AudioBlock(np.concatenate([block.samples for block in blocks]), first.sample_rate, first.start)
+    gaps = [number for number, (one, other) in enumerate(pairwise(blocks), 1) if one.end != other.start]
+    for begin, end in pairwise([0, *gaps, len(blocks)]):
+        first = blocks[begin]
+        if end - begin == 1:
+            yield first
+        else:
+            samples = np.concatenate([block.samples for block in blocks[begin:end]])
+            yield AudioBlock(samples, first.sample_rate, first.start)

@@ -11,6 +11,7 @@ if the whole machine stood still, so did the watchdog, and the client may be lat
 from dataclasses import dataclass
 from enum import Enum
 
+from tactophone.settings import Process
 from tactophone.telemetry import Pulse
 
 CHECK_INTERVAL = 0.005
@@ -33,7 +34,7 @@ class StallTimeouts:
     For a device with long periods the first is extended to `LATE_PERIODS` of them.
     """
 
-    vibrating: float = 0.05
+    vibrating: float = Process().stall_timeout
     silent: float = SILENT_TIMEOUT
 
 
@@ -71,6 +72,7 @@ class Watchdog:
         self._without_callback = 0.0 if moved else self._without_callback + passed
         self._without_beat = 0.0 if pulse.beat != self._beat else self._without_beat + passed
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
+        # Whoever goes on after it was silenced may be late again, and is then reported again.
         self._reported &= not moved
         if self._without_beat > self._timeouts.silent:
             return Verdict.STALLED
@@ -78,5 +80,6 @@ class Watchdog:
             late = max(self._timeouts.vibrating, LATE_PERIODS * max(0.0, pulse.period))
             self._reported = self._without_callback > late
             return Verdict.LATE if self._reported else Verdict.ALIVE
+        # Reported, and it still vibrates: either nothing silenced it, or it is stopped for good.
         silenced_in_vain = pulse.amplitude > 0.0 and self._without_callback > self._timeouts.silent
         return Verdict.STALLED if silenced_in_vain else Verdict.ALIVE
