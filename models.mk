@@ -5,9 +5,9 @@ SETS   = build/sets
 MODELS = src/tactophone/perception/models
 RENDER = $(BIN)/python -m tactophone simulate dataset --seconds 6
 OBJECTS = --objects $(shell seq -s, 0 19)
-TRAIN  = $(BIN)/python -m tactophone train --opus-bitrate 96
+TRAIN  = $(BIN)/python -m tactophone train
+RECIPE = --recipe examples/recipes
 PAD    = $(SETS)/pad-train --also $(SETS)/pad-hall
-PAPER  = --recipe paper-fast --precision bfloat16
 SCORE  = $(BIN)/python -m tactophone evaluate
 TEST   = --objects 23,24,25,26,27,28,29,30,31,32 --takes long_medium,short_light,wiggle
 LMT    = $(wildcard $(TACTOPHONE_RECORDINGS)/lmt)
@@ -23,17 +23,17 @@ sets: $(READY)
 	$(RENDER) $(TEST) $(SETS)/stylus-test --tip stylus --seed 32
 
 model-texture: sets
-	$(TRAIN) $(PAD) --recipe texture --out $(MODELS)/texture.onnx
+	$(TRAIN) $(PAD) $(RECIPE)/texture.toml --out $(MODELS)/texture.onnx
 
 model-stylus: sets
-	$(TRAIN) $(SETS)/stylus-train --also $(SETS)/stylus-hall $(addprefix --also ,$(LMT)) --recipe texture --channels 1 \
-	  --microphone air --tip stylus --out $(MODELS)/stylus.onnx
+	$(TRAIN) $(SETS)/stylus-train --also $(SETS)/stylus-hall $(addprefix --also ,$(LMT)) \
+	  $(RECIPE)/stylus.toml --out $(MODELS)/stylus.onnx
 
 model-paper: sets
-	$(TRAIN) $(PAD) $(PAPER) --out $(MODELS)/paper.onnx
+	$(TRAIN) $(PAD) $(RECIPE)/paper.toml --out $(MODELS)/paper.onnx
 
 model-paper-mono: sets
-	$(TRAIN) $(PAD) $(PAPER) --variant one-channel --out $(MODELS)/paper-mono.onnx
+	$(TRAIN) $(PAD) $(RECIPE)/paper-mono.toml --out $(MODELS)/paper-mono.onnx
 
 # Writes the scores on held-out simulated objects into the models' cards.
 scores: sets

@@ -164,3 +164,10 @@ def test_where_the_paper_and_its_reference_code_differ() -> None:
     assert code["labelling"] == {
         "loudness": "mean_absolute", "threshold": 1.0, "relative": True, "quiet_rough": False,
     }  # fmt: skip
+
+
+def test_every_recipe_file_of_the_examples_can_be_followed() -> None:
+    files = sorted((Path(__file__).parents[2] / "examples" / "recipes").glob("*.toml"))
+    assert len(files) >= 6
+    channels = {file.stem: RecipeFile.read(file).configured().channels for file in files}
+    assert [name for name, count in channels.items() if count == 1] == ["all-contact", "paper-mono", "stylus"]

@@ -133,7 +133,7 @@ class Recording:
         if max(order) >= file.channels:
             raise DatasetError(
                 f"{self.path}: has {file.channels} channel, but the model takes {channels}; take a one-channel model, "
-                "or train one with --channels 1 (with the recipe paper, --variant one-channel)"
+                "or train one with --channels 1 (with the recipe paper, variant = 'one-channel' in its file)"
             )
         return order
 
@@ -159,7 +159,7 @@ def channel_order(recording: Recording, *, count: int, single: str = "contact") 
     if sorted(names) != sorted(TWO_CHANNELS):
         raise DatasetError(
             f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
-            "use the one-channel variant (--channels 1; with the recipe paper, --variant one-channel)"
+            "use the one-channel variant (--channels 1; with the recipe paper, variant = 'one-channel' in its file)"
         )
     return tuple(names.index(name) for name in TWO_CHANNELS)
 

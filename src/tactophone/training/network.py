@@ -145,7 +145,8 @@ def _require_contact(windows: Windows, labels: Sequence[Touch], thresholds: dict
             level = 20 * np.log10(thresholds[touch])
             raise DatasetError(
                 f"no window of the {touch.name.lower()} recordings is louder than {level:.1f} dBFS, the "
-                "threshold of contact; record louder, or use a threshold relative to the recordings (--reference-code)"
+                "threshold of contact; record louder, or use a threshold relative to the recordings "
+                "(reference_code = true in a recipe file)"
             )
 
 
