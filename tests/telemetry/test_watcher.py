@@ -133,3 +133,20 @@ def test_the_state_of_a_hand_names_its_fingers() -> None:
     fingers = (FingerState("thumb", armed=True, ceiling=0.5), FingerState("index", ceiling=0.1))
     thumb, index = State.parse(bytes(State(fingers=fingers))).fingers
     assert (index.ceiling, index.armed, thumb.armed) == (0.1, False, True)
+
+
+@pytest.mark.parametrize("drain", [True, False])
+def test_a_watcher_follows_the_process_that_replaced_its_own(drain: bool) -> None:
+    with Telemetry("test-follow") as first:
+        watcher = Watcher("test-follow")
+        first.count("xruns", 2)
+        assert not watcher.follow(drain=drain)
+    assert not watcher.follow(drain=drain)  # ended, and nobody has come
+    with Telemetry("test-follow"):
+        before = watcher.snapshot()
+        if drain:
+            assert not watcher.follow()
+            assert watcher.totals()[0]["xruns"] == 2  # the last of the dead process can still be read
+        assert watcher.follow(drain=drain)
+        assert (watcher.restarts, watcher.totals()[0]["xruns"]) == (1, 0)
+        assert watcher.snapshot(before).restarts == 1

@@ -52,7 +52,15 @@ class Memory:
         if create:
             self["gauges"][:] = np.nan
             self.sign()
-            _publish(draft, self._path)
+            # The complete file gets its name now, if nobody else has taken that meanwhile.
+            try:
+                os.link(draft, self._path)
+            except OSError as error:
+                raise TactophoneError(
+                    f"{self._path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
+                ) from None
+            finally:
+                draft.unlink(missing_ok=True)
 
     def __getitem__(self, field: str) -> NDArray[Any]:
         return self._views[field]
@@ -144,18 +152,6 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
             f"no room for {size / 1e6:.1f} MB of telemetry in {path.parent} ({error.strerror}): remove files there"
         ) from None
     return file
-
-
-def _publish(draft: Path, path: Path) -> None:
-    """Give the complete file its name, if nobody else has taken it meanwhile."""
-    try:
-        os.link(draft, path)
-    except OSError as error:
-        raise TactophoneError(
-            f"{path} cannot be made ({error.strerror}): stop what uses it, or choose another --name"
-        ) from None
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _left_by(path: Path) -> int:

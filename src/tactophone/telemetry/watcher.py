@@ -107,13 +107,13 @@ class Watcher:
         Call it before each read. It goes over one call after it has found the new process, so that the read between
         gets whatever the dead process wrote last; without ``drain`` it goes over at once.
         """
-        if self._following is None and not self.alive and self._memory.replaced:
-            with contextlib.suppress(TactophoneError):  # not complete yet
-                self._following, drained = Memory(self.name, create=False), not drain
-                if not drained:
-                    return False
         if self._following is None:
-            return False
+            if self.alive or not self._memory.replaced:
+                return False
+            with contextlib.suppress(TactophoneError):  # gone again
+                self._following = Memory(self.name, create=False)
+            if drain or self._following is None:
+                return False
         self._memory, self._following = self._following, None
         self.restarts += 1
         return True

@@ -7,7 +7,6 @@ from contextlib import suppress
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactophone.telemetry import layout
 from tactophone.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
@@ -67,7 +66,9 @@ class Telemetry:
         self._counts = {name: [0] * fingers for name in ("step", "prediction", "sound", "vibration")}
         self._published = {name: _view(self._memory[f"{name}_count"]) for name in self._counts}
         self._rings = {name: list(self._memory[name]) for name in ("sound", "vibration")}
-        self._rows = {name: _rows_of(self._memory[name]) for name in ("steps", "predictions", "marks")}
+        # As bytes, those of all fingers or marks after one another.
+        rings = {name: self._memory[name].reshape(-1).view(np.uint8) for name in ("steps", "predictions", "marks")}
+        self._rows = {name: _view(ring) for name, ring in rings.items()}
         self._state_count = 0
         self._mark_counts, self._marked = [0] * len(MARKS), _view(self._memory["mark_counts"])
         self._gauges = _view(self._memory["gauges"])
@@ -244,11 +245,6 @@ class Telemetry:
 def _view(array: Any) -> Any:
     """Return the memory of an array of numbers."""
     return memoryview(array)
-
-
-def _rows_of(ring: NDArray[Any]) -> Any:
-    """Return the memory of a ring as bytes, those of all fingers or marks after one another."""
-    return memoryview(ring.reshape(-1).view(np.uint8))  # type: ignore[arg-type]
 
 
 def _step_values(prediction: Prediction, command: HapticCommand) -> list[float]:
