@@ -277,7 +277,16 @@ def _viewers(url: str, seconds: float) -> None:
 
 
 def viewers() -> None:
-    arguments = ("loopback", "--source", "finger", "--actuator", "none", "--packet-duration", "0.0025", "--dashboard")
+    arguments = (
+        "loopback",
+        "--source",
+        "finger",
+        "--actuator",
+        "none",
+        "--set",
+        "link.packet_duration=0.0025",
+        "--dashboard",
+    )
     found: dict[int, list[float]] = {0: [], 10: []}
     with tactophone(*arguments, "--name", "bench-viewers") as url:
         time.sleep(5)

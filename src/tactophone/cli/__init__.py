@@ -66,7 +66,6 @@ VERBS: dict[str, str] = {verb: line for group in GROUPS.values() for verb, line 
 _SHARED_MODULES = {
     **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
     **dict.fromkeys(("send", "receive", "loopback"), "send_receive"),
-    **dict.fromkeys(("train", "finetune"), "train"),
     **dict.fromkeys(("model", "set-threshold"), "model"),
     **dict.fromkeys(("devices", "settings"), "devices"),
     "try": "play",

@@ -234,12 +234,7 @@ def _vary(args: argparse.Namespace) -> int:
 
 
 def _combinations(vary: Sequence[str], recipe: "RecipeFile") -> "Iterator[tuple[str, RecipeFile]]":
-    choices: dict[str, list[str]] = {}
-    for text in vary:
-        name, equals, values = text.partition("=")
-        if not equals:
-            raise ConfigError(f"--vary {text}: write NAME=VALUE,VALUE, such as epochs=1,5")
-        choices[name.replace("-", "_")] = values.split(",")
+    choices = {name: values.split(",") for name, values in options.assigned(vary, "--vary").items()}
     for combination in itertools.product(*choices.values()):
         changes = dict(zip(choices, combination, strict=True))
         label = ", ".join(f"{name} {value}" for name, value in changes.items())

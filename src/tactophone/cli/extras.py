@@ -45,7 +45,6 @@ EXTRAS_OF_VERB = {
     "train": ("link", "train"),
     "setup": ("link", "train"),
     "finetune": ("link", "train"),
-    "sweep": ("link", "train"),
     "benchmark": ("link", "sim", "train"),
 }
 """What a verb always needs, so that one message names all of it, rather than one extra per attempt."""

@@ -213,6 +213,17 @@ def settings_of(args: argparse.Namespace, usual: Sequence[str] = ()) -> Settings
     return settings
 
 
+def assigned(texts: Iterable[str], option: str = "--set") -> dict[str, str]:
+    """Return the values of ``NAME=VALUE`` by name, with underscores; raises `ConfigError` without ``=``."""
+    values = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"{option} {text}: wanted NAME=VALUE, such as epochs=5")
+        values[name.replace("-", "_")] = value
+    return values
+
+
 def _assignments(name: str, value: Any) -> Iterable[str]:
     """Return the assignments of an option: two for ``--source file:take.wav``, one for ``--peer a --peer b``."""
     text = value if isinstance(value, str) else ",".join(value)

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from tactophone.cli import output
+from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, joined, open_filtered
-from tactophone.cli.options import SEED
 from tactophone.perception import Calibration
 from tactophone.training import RECIPES, RecipeFile
 from tactophone.types import TIP_NAMES
@@ -32,7 +31,10 @@ def add_recipe(parser: argparse._ActionsContainer) -> None:
         "--tip", choices=TIP_NAMES,
         help="that the model is for (recipes on features; default: the one that the recordings name)",
     )  # fmt: skip
-    parser.add_argument("--seed", type=SEED, metavar="N", help="of everything random, %(type)s (default: 0)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE",
+        help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable",
+    )  # fmt: skip
 
 
 def recipe_of(args: argparse.Namespace) -> RecipeFile:
@@ -41,8 +43,8 @@ def recipe_of(args: argparse.Namespace) -> RecipeFile:
         recipe = RecipeFile.read(Path(args.recipe))
     else:
         recipe = RecipeFile().changed({"recipe": args.recipe}, where="--recipe")
-    given = {name: value for name in ("channels", "tip", "seed") if (value := getattr(args, name)) is not None}
-    return recipe.changed(given, where="options")
+    given = {name: value for name in ("channels", "tip") if (value := getattr(args, name)) is not None}
+    return recipe.changed(given | options.assigned(args.set), where="--set")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

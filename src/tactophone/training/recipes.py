@@ -1,6 +1,6 @@
 """Recipes: every named way to train a detector, and what may be chosen for a training.
 
-`train`, `sweep`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
+`train`, `evaluate`, `benchmark` and the Makefile read :data:`RECIPES`; nothing else lists them. Reading it
 imports neither torch nor scikit-learn. A recipe with its options, :class:`ConfiguredRecipe`, can train; a recipe file
 (:class:`RecipeFile`) names both.
 

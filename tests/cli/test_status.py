@@ -1,8 +1,10 @@
+import json
 from pathlib import Path
 
 import pytest
 
 from tactophone.cli import main
+from tactophone.telemetry import Telemetry
 
 from ..models import write_tiny_model
 from ..runtime.live_system import LiveSystem, eventually
@@ -23,3 +25,15 @@ def test_stop_mute_and_arm_reach_a_running_process(tmp_path: Path, capsys: pytes
 def test_with_no_process_the_error_says_what_to_start(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stop", "telephone"]) == 1
     assert "tactophone receive" in capsys.readouterr().err
+
+
+def test_a_wrong_name_lists_the_runs_that_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    with Telemetry("test-status"):
+        assert main(["mute", "test-stats"]) == 1
+        error = capsys.readouterr().err
+        assert "test-status" in error.partition("there are ")[2]
+        assert error.rstrip().endswith("did you mean test-status?")
+        assert main(["status", "--json"]) == 0
+        assert "test-status" in [run["name"] for run in json.loads(capsys.readouterr().out)]
+    assert main(["status", "--json"]) == 0
+    assert "test-status" not in capsys.readouterr().out

@@ -1,0 +1,98 @@
+"""What all verbs have in common: few options, examples that hold, and hints for what is mistyped."""
+
+import argparse
+import shlex
+from collections.abc import Iterator
+
+import pytest
+
+from tactophone.cli import GROUPS, VERBS, _parse, add_verb, examples_of, main, options
+from tactophone.cli.options import Parser
+from tactophone.errors import ConfigError
+
+MOST_OPTIONS = 16
+
+QUICK = [
+    "tactophone devices --json",
+    "tactophone settings > robot.toml",
+    "tactophone status --json",
+    "tactophone model show texture",
+    "tactophone simulate objects",
+]
+"""Examples that need no device, no file and less than two seconds."""
+
+
+def parsers(parser: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield a verb's parser, and those of its actions."""
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            yield from action.choices.values()
+
+
+def options_of(parser: argparse.ArgumentParser) -> list[str]:
+    return [action.option_strings[0] for action in parser._actions if action.option_strings and action.dest != "help"]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_has_few_options(verb: str) -> None:
+    parser = Parser(prog=verb)
+    add_verb(parser, verb)
+    for each in parsers(parser):
+        assert len(options_of(each)) <= MOST_OPTIONS, options_of(each)
+
+
+def test_every_verb_stands_in_one_group() -> None:
+    assert set(GROUPS) == {"start", "run", "finger", "sound", "model", "lab"}
+    assert len(VERBS) == sum(map(len, GROUPS.values()))
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_examples_of_a_verb_are_understood(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert 2 <= len(examples_of(verb)) <= 3
+    for example in examples_of(verb):
+        program, *words = shlex.split(example.partition(">")[0])
+        assert program == "tactophone"
+        assert _parse(words, words[0]).verb == words[0]
+    with pytest.raises(SystemExit):
+        main([verb, "--help"])
+    assert examples_of(verb)[0] in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("example", QUICK)
+def test_quick_examples_run(example: str) -> None:
+    words = shlex.split(example.partition(">")[0])[1:]
+    assert example in examples_of(words[0])
+    assert main(words) == 0
+
+
+def test_the_program_alone_prints_a_short_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert "tactophone demo" in printed
+    assert len(printed.splitlines()) < 15
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["fele"], "there is no verb fele; did you mean feel?"),
+        (["feel", "a.wav", "--plt"], "did you mean --plot?"),
+        (["loopback", "--finger", "index"], "did you mean --fingers?"),
+        (["simulate", "dataset", "out", "--seconds", "3", "--scenario"], "did you mean --scenarios?"),
+    ],
+)
+def test_what_is_mistyped_gets_a_hint(words: list[str], hint: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    assert stop.value.code == 2
+    assert hint in capsys.readouterr().err
+
+
+def test_a_setting_and_its_device_are_one_option() -> None:
+    words = ["--source", "file:take:2.wav", "--actuator", "jack:system:playback_3"]
+    settings = options.settings_of(_parse(["loopback", *words], "loopback"))
+    assert (settings.capture.source, settings.capture.device) == ("file", "take:2.wav")
+    assert (settings.output.actuator, settings.output.port) == ("jack", "system:playback_3")
+    with pytest.raises(ConfigError, match=r"capture\.contact=PORT"):
+        options.settings_of(_parse(["send", "--source", "jack:system:capture_3"], "send"))
