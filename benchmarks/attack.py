@@ -29,22 +29,27 @@ from typing import cast
 import psutil
 
 from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
-from tactophone.devices import DummyServer
+from tactophone.devices.dummy import DummyServer
 from tactophone.errors import TactophoneError
-from tactophone.link import Identity, Peers, Session, UdpSocket
+from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import Packet, Payload, PayloadType
-from tactophone.measurement import (
+from tactophone.link.session import Session
+from tactophone.link.udp import UdpSocket
+from tactophone.measurement.failsafe import (
     EndlessStroke,
-    Graph,
     freeze_operator,
     freeze_robot,
     kill_operator,
     kill_robot,
     measure_time_to_silence,
 )
-from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot
+from tactophone.measurement.impulses import Graph
+from tactophone.runtime.operator import run_operator
+from tactophone.runtime.pairing import pair_on_one_machine
+from tactophone.runtime.robot import run_robot
+from tactophone.runtime.supervisor import Supervisor
 from tactophone.settings import Settings, change
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 
 HOST = "127.0.0.1"
 FLOOD_SECONDS = 12.0

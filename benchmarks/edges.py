@@ -18,13 +18,17 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.benchmark.methods import FEATURE_LATENCY
-from tactophone.capture import FileSource
-from tactophone.dataset import Dataset, Recording, open_dataset, split, with_kin
-from tactophone.dataset.values import slides_over
-from tactophone.evaluation import SOURCES, TakePredictions, edge_delays, join_edges, model_predictor
+from tactophone.capture.files import FileSource
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split, with_kin
+from tactophone.dataset.values import Dataset, Recording, slides_over
+from tactophone.evaluation.events import SOURCES, edge_delays, join_edges
 from tactophone.evaluation.metrics import rough_score
-from tactophone.perception import Model, measure_floor, read_model
-from tactophone.training import RECIPES, TrainingOptions, tip_of
+from tactophone.evaluation.predict import TakePredictions, model_predictor
+from tactophone.perception.model_file import Model, read_model
+from tactophone.perception.noise_floor import measure_floor
+from tactophone.training.export import tip_of
+from tactophone.training.recipes import RECIPES, TrainingOptions
 from tactophone.types import Touch
 
 FOLDS = "5-fold"

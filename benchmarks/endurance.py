@@ -19,8 +19,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from tactophone.link import Codec, DecodedAudio, Identity, Peers, ReceiveSession, SendGroup, Session
-from tactophone.link.session import RENEW_AFTER
+from tactophone.link.codec import Codec
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import SendGroup
+from tactophone.link.session import RENEW_AFTER, Session
+from tactophone.link.stream import DecodedAudio
 from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 

@@ -8,9 +8,11 @@ Single windows in true contact, two-class rule, as `make scores`; *linoleum* is 
 import argparse
 from pathlib import Path
 
-from tactophone.dataset import open_dataset
-from tactophone.evaluation import false_positives_at_recall, in_true_contact, measure, model_predictor, scores_of
-from tactophone.perception import model_path, read_model
+from tactophone.dataset.read import open_dataset
+from tactophone.evaluation.metrics import false_positives_at_recall, measure
+from tactophone.evaluation.predict import in_true_contact, model_predictor, scores_of
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 
 REFERENCE = "paper"
 

@@ -14,17 +14,14 @@ import numpy as np
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.errors import ModelError
-from tactophone.haptics import Oscillator
-from tactophone.link import (
-    Codec,
-    DecodedAudio,
-    PacketReceived,
-    Playout,
-    PlayoutController,
-    ReceiveSession,
-    SendGroup,
-    parse_packet,
-)
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.link.codec import Codec
+from tactophone.link.events import PacketReceived
+from tactophone.link.packet import parse_packet
+from tactophone.link.playout import Playout, PlayoutController
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import SendGroup
+from tactophone.link.stream import DecodedAudio
 from tactophone.pipeline import open_pipeline
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.motion import single

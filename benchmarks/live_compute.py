@@ -85,7 +85,7 @@ def child(*arguments: str) -> dict:
 def paced(model: str) -> dict:
     import numpy as np
 
-    from tactophone.haptics import Oscillator
+    from tactophone.haptics.oscillator import Oscillator
     from tactophone.pipeline import open_pipeline
     from tactophone.types import AudioBlock
 

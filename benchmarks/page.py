@@ -33,8 +33,10 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
-from tactophone.pages import watch
-from tactophone.telemetry import FingerState, State, Telemetry, Watcher
+from tactophone.pages.server import watch
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480

@@ -18,12 +18,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset import Dataset, Recording, kin_of, open_dataset, with_kin
-from tactophone.evaluation import model_predictor
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import kin_of, with_kin
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.evaluation.events import decided_touches
-from tactophone.perception import Model, read_model
-from tactophone.training import RECIPES, TrainingOptions, extract_features
-from tactophone.training.tracks import FeatureSpec
+from tactophone.evaluation.predict import model_predictor
+from tactophone.perception.model_file import Model, read_model
+from tactophone.training.recipes import RECIPES, TrainingOptions
+from tactophone.training.tracks import FeatureSpec, extract_features
 from tactophone.types import Touch
 
 AUDIBLE_DB = 30.0

@@ -22,21 +22,21 @@ if __name__ == "__main__":  # not in the ends' processes, whose memory is measur
     import numpy as np
     import psutil
 
-    from tactophone.devices import DummyServer
+    from tactophone.devices.dummy import DummyServer
     from tactophone.hand import with_fingers
-    from tactophone.link import Codec, Identity, Peers, SendGroup, Session, UdpSocket
-    from tactophone.measurement import Graph, ImpulseLatency, measure, running_sides
+    from tactophone.link.codec import Codec
+    from tactophone.link.identity import Identity, Peers
+    from tactophone.link.send import SendGroup
+    from tactophone.link.session import Session
+    from tactophone.link.udp import UdpSocket
+    from tactophone.measurement.impulses import Graph, ImpulseLatency, measure, running_sides
     from tactophone.pipeline import Hand, open_pipeline
-    from tactophone.runtime import (
-        Supervisor,
-        pair_on_one_machine,
-        run_operator,
-        run_robot,
-        temporary_keys,
-        with_operator,
-    )
+    from tactophone.runtime.operator import run_operator
+    from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys, with_operator
+    from tactophone.runtime.robot import run_robot
+    from tactophone.runtime.supervisor import Supervisor
     from tactophone.settings import Settings, change
-    from tactophone.telemetry import Watcher
+    from tactophone.telemetry.watcher import Watcher
     from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 GOALS = {

@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.capture import FileSource
-from tactophone.perception import Model, measure_floor, read_model
+from tactophone.capture.files import FileSource
+from tactophone.perception.model_file import Model, read_model
+from tactophone.perception.noise_floor import measure_floor
 from tactophone.training.setup import SCORES, ObjectSound, collect, fit_boundary, fit_set_up
 
 TRAIN, TEST = 3, 6

@@ -27,13 +27,14 @@ import torch
 from torch import nn
 
 from tactophone import Touch
-from tactophone.dataset import Fold, open_dataset, split
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import Fold, split
 from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import TakePredictions, scores_of
-from tactophone.perception import magnitudes
-from tactophone.training import NetworkSettings, network_settings, read_signals
+from tactophone.perception.features import magnitudes
 from tactophone.training.network import SIZE, PaperNetwork, Windows, find_windows
-from tactophone.training.recipes import FAST_CHANGES
+from tactophone.training.recipes import FAST_CHANGES, NetworkSettings, network_settings
+from tactophone.training.tracks import read_signals
 from tactophone.training.trainer import Run
 
 SETTINGS = replace(network_settings("general"), **FAST_CHANGES)

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from tactophone.bridges import LoggedPrediction, read_log
+from tactophone.bridges.mcap import LoggedPrediction, read_log
 from tactophone.types import Touch
 
 begun = None

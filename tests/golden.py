@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import Any, cast
 
 from tactophone.endpoints import OperatorEndpoint
-from tactophone.haptics import Limits, open_profile
-from tactophone.link import Connected, PacketReceived, ReceiveSession, Session
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.profiles import open_profile
+from tactophone.link.events import Connected, PacketReceived
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.session import Session
 from tactophone.pipeline import Pipeline, open_pipeline
 
 FOLDER = Path(__file__).parent / "data" / "golden_run"

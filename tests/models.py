@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard
 
 CARD = ModelCard(
     name="tiny",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.dataset import Dataset, Recording, Segment
+from tactophone.dataset.values import Dataset, Recording, Segment
 from tactophone.types import FloatArray, Touch
 
 RATE = 16_000

@@ -8,8 +8,8 @@ import pytest
 import tactophone
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.errors import ModelError
-from tactophone.haptics import Limits
-from tactophone.link import Codec
+from tactophone.haptics.limits import Limits
+from tactophone.link.codec import Codec
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import HapticCommand, PipelineStep, Touch

@@ -6,10 +6,11 @@ import pytest
 
 from tactophone.benchmark.methods import methods_for
 from tactophone.cli import main
-from tactophone.dataset import open_dataset, split
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split
 from tactophone.errors import TactophoneError, did_you_mean
-from tactophone.haptics import open_profile
-from tactophone.perception import model_path
+from tactophone.haptics.profiles import open_profile
+from tactophone.perception.models import model_path
 from tactophone.simulation.catalogue import find
 from tests.dataset.folders import audiofolder
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry.writer import Telemetry
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 

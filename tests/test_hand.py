@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
-from tactophone.link import Codec
+from tactophone.link.codec import Codec
 from tactophone.pipeline import Hand, Pipeline, open_pipeline
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import AudioBlock, FloatArray, PipelineStep

@@ -11,7 +11,8 @@ from isaacteleop.retargeting_engine.deviceio_source_nodes import HapticSink
 from isaacteleop.retargeting_engine.interface import OptionalTensorGroup
 from isaacteleop.retargeting_engine.interface.tensor_group_type import OptionalType
 
-from tactophone.haptics import Limits, Oscillator
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator
 from tactophone.types import HapticCommand
 from tests.test_examples import EXAMPLES
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ConfigError
-from tactophone.haptics import PROFILES, Limits, PaperProfile, Stimulus, open_profile
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.profiles import PROFILES, PaperProfile, Stimulus, open_profile
 from tactophone.pipeline import Hand, Pipeline, open_pipeline
 from tactophone.types import AudioBlock, ContactThreshold, FloatArray, HapticCommand, Prediction, Touch
 from tests.models import write_tiny_model

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.perception import read_model
+from tactophone.perception.model_file import read_model
 
 TUTORIAL = Path(__file__).parent.parent / "docs" / "guide" / "tutorial.md"
 

@@ -34,11 +34,15 @@ from tactophone.types import (
 )
 
 if TYPE_CHECKING:
-    from tactophone.capture import FileSource, jack_source, portaudio_source
-    from tactophone.haptics import Limits, Oscillator, open_profile
-    from tactophone.perception import open_detector, read_model
+    from tactophone.capture.files import FileSource
+    from tactophone.capture.microphones import jack_source, portaudio_source
+    from tactophone.haptics.limits import Limits
+    from tactophone.haptics.oscillator import Oscillator
+    from tactophone.haptics.profiles import open_profile
+    from tactophone.perception.model_file import read_model
+    from tactophone.perception.models import open_detector
     from tactophone.pipeline import Pipeline, open_pipeline
-    from tactophone.telemetry import Watcher
+    from tactophone.telemetry.watcher import Watcher
 
 __version__ = "0.1.0"
 
@@ -75,18 +79,22 @@ __all__ = [
     "read_model",
 ]
 
-_ROOMS = {
-    "capture": ("FileSource", "jack_source", "portaudio_source"),
-    "haptics": ("Limits", "Oscillator", "open_profile"),
-    "perception": ("open_detector", "read_model"),
+_MODULES = {
+    "capture.files": ("FileSource",),
+    "capture.microphones": ("jack_source", "portaudio_source"),
+    "haptics.limits": ("Limits",),
+    "haptics.oscillator": ("Oscillator",),
+    "haptics.profiles": ("open_profile",),
+    "perception.model_file": ("read_model",),
+    "perception.models": ("open_detector",),
     "pipeline": ("Pipeline", "open_pipeline"),
-    "telemetry": ("Watcher",),
+    "telemetry.watcher": ("Watcher",),
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name from its room when it is first used."""
-    for room, names in _ROOMS.items():
+    """Import a public name from its module when it is first used."""
+    for module, names in _MODULES.items():
         if name in names:
-            return getattr(importlib.import_module(f"tactophone.{room}"), name)
+            return getattr(importlib.import_module(f"tactophone.{module}"), name)
     raise AttributeError(f"module 'tactophone' has no attribute {name!r}")

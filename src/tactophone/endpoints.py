@@ -15,17 +15,12 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.errors import ModelError
-from tactophone.link import (
-    Address,
-    Connected,
-    Datagrams,
-    DecodedAudio,
-    PredictionReceived,
-    ReceiveEvent,
-    ReceiveSession,
-    SendGroup,
-)
-from tactophone.perception import push_together
+from tactophone.link.events import Connected
+from tactophone.link.packet import Address
+from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.send import Datagrams, SendGroup
+from tactophone.link.stream import DecodedAudio
+from tactophone.perception.detector import push_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction
 

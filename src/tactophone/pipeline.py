@@ -13,14 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from tactophone.haptics import Limits, open_profile, peak_amplitude
-from tactophone.perception import (
-    EventDetector,
-    EventMerger,
-    default_model,
-    open_detector,
-    push_together,
-)
+from tactophone.haptics.limits import Limits, peak_amplitude
+from tactophone.haptics.profiles import open_profile
+from tactophone.perception.detector import push_together
+from tactophone.perception.events import EventDetector, EventMerger
+from tactophone.perception.models import default_model, open_detector
 from tactophone.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
 
 

@@ -7,8 +7,10 @@ import pytest
 
 from tactophone import Touch
 from tactophone.benchmark.folds import Cache, cross_validate, permute_labels
-from tactophone.dataset import Dataset, Recording, open_dataset, split
-from tactophone.evaluation import Predictor, TakePredictions
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split
+from tactophone.dataset.values import Dataset, Recording
+from tactophone.evaluation.predict import Predictor, TakePredictions
 from tests.dataset.folders import audiofolder
 
 

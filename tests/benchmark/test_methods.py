@@ -8,9 +8,12 @@ import soundfile
 from tactophone import Touch
 from tactophone.benchmark.methods import NetworkMethod, RegressionMethod, method_of, recipe_method
 from tactophone.benchmark.regression import HIGH_BAND_CONTROL, RENDERERS
-from tactophone.dataset import Recording, open_dataset
-from tactophone.evaluation import TakePredictions, measure, scores_of
-from tactophone.training import OPEN_GATE, NetworkRecipe, network_settings
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Recording
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.predict import TakePredictions, scores_of
+from tactophone.training.recipes import OPEN_GATE, network_settings
+from tactophone.training.trainer import NetworkRecipe
 from tests.dataset.folders import audiofolder
 from tests.surfaces import surfaces
 

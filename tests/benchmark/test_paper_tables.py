@@ -21,9 +21,10 @@ from tactophone.benchmark.paper_tables import (
     table_two,
     training_takes,
 )
-from tactophone.dataset import Dataset, Recording, Segment, open_dataset
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset, Recording, Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation import TakePredictions
+from tactophone.evaluation.predict import TakePredictions
 from tactophone.types import Touch
 from tests.surfaces import DURATION, TOUCHED, scrape, surfaces
 

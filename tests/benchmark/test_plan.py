@@ -18,9 +18,9 @@ from tactophone.benchmark.plan import (
 )
 from tactophone.benchmark.report import COLUMNS, row_of, write_report
 from tactophone.benchmark.results import DatasetResults, MethodResult
-from tactophone.dataset import Dataset
+from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception import model_path
+from tactophone.perception.models import model_path
 from tests.surfaces import surfaces
 
 METHODS = ("level", "logistic", "direct", NO_AIR, "texture")

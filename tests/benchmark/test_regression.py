@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.benchmark.regression import HIGHEST, LOWEST, HeightMethod, compare_heights, height_correlation
-from tactophone.dataset import Recording
-from tactophone.evaluation import TakePredictions
-from tactophone.training import FeatureSpec
+from tactophone.dataset.values import Recording
+from tactophone.evaluation.predict import TakePredictions
+from tactophone.training.tracks import FeatureSpec
 from tactophone.types import Touch
 from tests.surfaces import surfaces
 

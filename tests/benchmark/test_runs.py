@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from tactophone.benchmark.folds import Cache, MethodFold, cross_validate, fold_key, load_ray, run_folds
-from tactophone.dataset import Recording, open_dataset, split
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split
+from tactophone.dataset.values import Recording
 from tactophone.errors import ConfigError
-from tactophone.evaluation import Predictor, TakePredictions
+from tactophone.evaluation.predict import Predictor, TakePredictions
 from tests.dataset.folders import audiofolder
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from tactophone.benchmark.paper_tables import play_task, task_methods, vibration_of
 from tactophone.errors import ConfigError
-from tactophone.haptics import PASSTHROUGH
+from tactophone.haptics.passthrough import PASSTHROUGH
 from tests.sounds import noise
 
 

@@ -14,7 +14,7 @@ import psutil
 import soundfile
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 
 
 class WatchedLoopback:

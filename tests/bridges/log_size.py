@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.link import Codec
-from tactophone.perception import model_path, open_detector
+from tactophone.link.codec import Codec
+from tactophone.perception.models import model_path, open_detector
 from tests.bridges.recorded_run import RATE, record
 from tests.sounds import blocks, strokes
 

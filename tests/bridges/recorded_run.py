@@ -9,15 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.bridges import McapLog
+from tactophone.bridges.mcap import McapLog
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
 from tactophone.hand import channels_of, each_finger, with_fingers
-from tactophone.link import Address, Codec, Datagrams
+from tactophone.link.codec import Codec
+from tactophone.link.packet import Address
+from tactophone.link.send import Datagrams
 from tactophone.pipeline import Hand
-from tactophone.runtime import OutputGate, SessionRecorder, open_pipeline_for
+from tactophone.runtime.gate import OutputGate
+from tactophone.runtime.recorder import SessionRecorder
+from tactophone.runtime.wiring import open_pipeline_for
 from tactophone.settings import Settings, change
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
-from tactophone.telemetry import ARRIVAL_DIGITS, Telemetry
+from tactophone.telemetry.records import ARRIVAL_DIGITS
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock
 from tests.sounds import blocks, strokes
 

@@ -12,9 +12,10 @@ import pytest
 from tactophone.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
 from tactophone.bridges.topics import TOPICS
 from tactophone.errors import ConfigError
-from tactophone.runtime import SessionRecorder
+from tactophone.runtime.recorder import SessionRecorder
 from tactophone.settings import Settings
-from tactophone.telemetry import FingerState, State, Telemetry
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.writer import Telemetry
 from tests.bridges.test_osc import STEP
 from tests.node import NODE, needs_node
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.bridges import read_log
+from tactophone.bridges.mcap import read_log
 from tactophone.cli import main
 from tactophone.errors import DatasetError
-from tactophone.link import Codec, open_decoder
+from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import (
     Replay,
@@ -23,7 +23,7 @@ from tactophone.offline.replay import (
 )
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import RunStart, read_timeline
+from tactophone.telemetry.records import RunStart, read_timeline
 from tactophone.types import FloatArray
 from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model

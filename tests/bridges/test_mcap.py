@@ -16,17 +16,19 @@ import soundfile
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactophone.bridges import LogEnd, LoggedPrediction, McapLog, is_mcap, read_log
-from tactophone.bridges.mcap import CHUNK_INTERVAL, read_messages
+from tactophone.bridges.mcap import CHUNK_INTERVAL, LogEnd, LoggedPrediction, McapLog, is_mcap, read_log, read_messages
 from tactophone.bridges.reader import entries_of
 from tactophone.bridges.topics import TOPICS, Message, Topic
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.link import Codec, open_decoder
+from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, add_sound, decoded_sessions, joined, write_replay, write_sound
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry import PREDICTION, FingerState, RunStart, State, Telemetry, layout
+from tactophone.telemetry import layout
+from tactophone.telemetry.layout import PREDICTION, FingerState, State
+from tactophone.telemetry.records import RunStart
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, prediction_of
 from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model
@@ -84,7 +86,7 @@ def test_mutes_ceilings_profiles_and_thresholds_set_meanwhile_are_replayed_to_th
         if now > 0.85:
             operator.endpoint.pipeline.detector.threshold.dbfs = -30.0
         if 0.9 < now < 0.91:
-            from tactophone.haptics import open_profile
+            from tactophone.haptics.profiles import open_profile
 
             operator.endpoint.pipeline.profile = open_profile("perceptual")
 

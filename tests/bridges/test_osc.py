@@ -11,7 +11,8 @@ from tactophone.bridges.osc import OscBridge
 from tactophone.bridges.reader import SILENCE, NewestReader
 from tactophone.cli import live, options
 from tactophone.errors import ConfigError
-from tactophone.telemetry import FingerState, State, Telemetry
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 osc_message = pytest.importorskip("pythonosc.osc_message")

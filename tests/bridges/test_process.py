@@ -6,7 +6,7 @@ from typing import Self
 
 import pytest
 
-from tactophone.bridges import BridgeProcess
+from tactophone.bridges.process import BridgeProcess
 
 
 class Idle:

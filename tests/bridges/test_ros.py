@@ -16,7 +16,7 @@ from tactophone.bridges.ros import RosBridge
 from tactophone.bridges.ros_messages import open_sinks
 from tactophone.cli import options
 from tactophone.errors import ConfigError
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, PipelineStep
 from tests.bridges.test_osc import STEP
 

@@ -21,7 +21,7 @@ from tactophone.bridges import ros_messages as messages
 from tactophone.bridges.ros import RosBridge
 from tactophone.bridges.ros_messages import open_type_store
 from tactophone.errors import ConfigError
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry.writer import Telemetry
 from tests.bridges.test_osc import STEP
 from tests.runtime.live_system import eventually
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
+from tactophone.capture.files import FileSource
 from tactophone.errors import DatasetError
 from tactophone.types import FloatArray
 from tests.sounds import noise

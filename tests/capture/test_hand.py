@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.capture import CombinedSource, FileSource, RecordedSource
+from tactophone.capture.files import CombinedSource, FileSource, RecordedSource
 from tactophone.types import FloatArray
 
 

@@ -3,8 +3,8 @@ from collections.abc import Callable
 
 import pytest
 
-from tactophone.capture import jack_source
-from tactophone.devices import DummyServer
+from tactophone.capture.microphones import jack_source
+from tactophone.devices.dummy import DummyServer
 from tactophone.errors import DeviceError
 
 from . import contract

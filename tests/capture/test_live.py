@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.capture import LiveSource
-from tactophone.devices import Process
+from tactophone.capture.live import LiveSource
+from tactophone.devices.device import Process
 from tactophone.errors import DeviceError
 from tactophone.types import AudioBlock
 

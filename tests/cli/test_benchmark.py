@@ -7,8 +7,8 @@ import pytest
 from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.cli import main
 from tactophone.cli.benchmark import print_rows
-from tactophone.dataset import write_metadata
-from tactophone.evaluation import Estimate
+from tactophone.dataset.metadata import write_metadata
+from tactophone.evaluation.bootstrap import Estimate
 from tests.surfaces import surfaces
 
 

@@ -3,7 +3,8 @@ import time
 import pytest
 
 from tactophone.cli.console import _ConsoleView
-from tactophone.telemetry import Fault, State, Telemetry
+from tactophone.telemetry.layout import Fault, State
+from tactophone.telemetry.writer import Telemetry
 
 
 def test_the_terminal_says_why_there_is_no_link_once(capsys: pytest.CaptureFixture[str]) -> None:

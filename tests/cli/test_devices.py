@@ -3,7 +3,7 @@ import json
 import pytest
 
 from tactophone.cli import main
-from tactophone.devices import DummyServer
+from tactophone.devices.dummy import DummyServer
 
 
 @pytest.mark.realtime

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.perception import read_model
+from tactophone.perception.model_file import read_model
 from tests.cli.test_train import QUICK
 from tests.dataset.folders import audiofolder
 

@@ -14,7 +14,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone.simulation.takes import shuffled
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import Touch
 from tests.browser import browser, chromium, stroke, text, wait
 

@@ -10,7 +10,7 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.dataset import open_dataset
+from tactophone.dataset.read import open_dataset
 from tests.perception.test_calibration_file import CALIBRATION
 
 FINGER = [

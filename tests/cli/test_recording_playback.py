@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
+from tactophone.capture.files import FileSource
 from tactophone.cli import playback
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.pipeline import open_pipeline
-from tactophone.telemetry import Telemetry, Watcher
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import Touch
 
 pytestmark = pytest.mark.realtime

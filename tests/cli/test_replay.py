@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main, playback
-from tactophone.link import Codec
+from tactophone.link.codec import Codec
 from tests.bridges.recorded_run import record
 from tests.models import write_tiny_model
 from tests.perception.test_calibration_file import CALIBRATION

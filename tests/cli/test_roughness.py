@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactophone.cli import main
-from tactophone.dataset import open_dataset
+from tactophone.dataset.read import open_dataset
 from tests.dataset.folders import audiofolder
 from tests.dataset.test_heights import STEP, SURFACES, ridges
 

@@ -6,8 +6,10 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
-from tactophone.dataset import Recording, write_metadata
-from tactophone.perception import model_path, read_model
+from tactophone.dataset.metadata import write_metadata
+from tactophone.dataset.values import Recording
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 from tactophone.types import Touch
 from tests.models import write_tiny_model
 

@@ -6,7 +6,8 @@ import pytest
 
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage
-from tactophone.perception import model_path, read_model
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 
 QUICK = ["setup", "--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "3", "--yes"]
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
+from tactophone.capture.files import FileSource
 from tactophone.cli.audio import open_source, recorded
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.settings import Settings, change

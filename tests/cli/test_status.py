@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from tactophone.cli import main
-from tactophone.telemetry import Telemetry
+from tactophone.telemetry.writer import Telemetry
 
 from ..models import write_tiny_model
 from ..runtime.live_system import LiveSystem, eventually

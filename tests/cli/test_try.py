@@ -18,10 +18,11 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from tactophone import open_pipeline
-from tactophone.devices import DummyServer, JackClient
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.perception import Resampler
-from tactophone.telemetry import Watcher
+from tactophone.perception.resample import Resampler
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import AudioBlock, FloatArray
 from tests.browser import start_chromium, text, wait
 from tests.runtime.live_system import eventually

@@ -6,7 +6,9 @@ import pytest
 import soundfile
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import Dataset, Recording, Segment, check, open_dataset, usable
+from tactophone.dataset.checks import check, usable
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset, Recording, Segment
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 

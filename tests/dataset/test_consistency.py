@@ -4,8 +4,9 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.dataset import Dataset, open_dataset
 from tactophone.dataset.checks import check_consistency
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset
 from tactophone.types import Touch
 from tests.dataset.folders import audiofolder
 

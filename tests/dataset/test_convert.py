@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.dataset import check, open_dataset, split
+from tactophone.dataset.checks import check
 from tactophone.dataset.convert import convert, set_split, write_card
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split
 from tactophone.errors import DatasetError
 from tests.dataset.folders import audiofolder, authors
 

@@ -6,8 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.dataset import measure_heights, read_heights
-from tactophone.dataset.heights import areal_roughness, choose_cutoff, levelled, measure_area, standard_cutoff
+from tactophone.dataset.heights import (
+    areal_roughness,
+    choose_cutoff,
+    levelled,
+    measure_area,
+    measure_heights,
+    read_heights,
+    standard_cutoff,
+)
 from tactophone.errors import DatasetError
 
 STEP = 10e-6

@@ -7,8 +7,9 @@ import pytest
 import soundfile
 
 from tactophone import Touch
-from tactophone.dataset import check, find_importable, open_dataset
+from tactophone.dataset.checks import check
 from tactophone.dataset.convert import convert
+from tactophone.dataset.read import find_importable, open_dataset
 from tactophone.errors import DatasetError
 from tests.dataset.folders import SAMPLE_RATE, write_sound, write_text
 

@@ -1,7 +1,8 @@
 from pathlib import Path
 
 from tactophone import Touch
-from tactophone.dataset import open_dataset, split
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import split
 from tests.dataset.folders import authors, write_sound, write_text
 
 

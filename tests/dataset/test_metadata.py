@@ -3,8 +3,9 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import Recording, Segment, open_dataset, write_metadata
-from tactophone.dataset.metadata import inside
+from tactophone.dataset.metadata import inside, write_metadata
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Recording, Segment
 from tests.dataset.folders import audiofolder, write_sound, write_text
 
 

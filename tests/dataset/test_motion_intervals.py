@@ -1,7 +1,6 @@
 from pathlib import Path
 
-from tactophone.dataset import Recording
-from tactophone.dataset.values import MotionInterval, cut_slides, first_slide, read_slides, slides_over
+from tactophone.dataset.values import MotionInterval, Recording, cut_slides, first_slide, read_slides, slides_over
 
 LISTED = Recording(Path("a.flac"), "slate", properties={"slides": "0.500-1.000 1.500-2.000"})
 UNKNOWN = Recording(Path("b.flac"), "slate")

@@ -1,7 +1,7 @@
 from pathlib import Path
 
-from tactophone.dataset import open_dataset
 from tactophone.dataset.plots import draw_dataset
+from tactophone.dataset.read import open_dataset
 from tests.dataset.folders import audiofolder
 
 

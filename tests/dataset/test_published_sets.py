@@ -8,8 +8,9 @@ import soundfile
 
 from tactophone import Touch
 from tactophone.cli import main
-from tactophone.dataset import check, open_dataset
+from tactophone.dataset.checks import check
 from tactophone.dataset.layouts import PAC, import_biotac, import_cluster, import_sens3
+from tactophone.dataset.read import open_dataset
 from tactophone.errors import DatasetError
 from tests.dataset.folders import write_sound, write_text
 

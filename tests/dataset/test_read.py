@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import find_recording, ground_truth, open_dataset
+from tactophone.dataset.read import find_recording, ground_truth, open_dataset
 from tests.dataset.folders import audiofolder, authors, write_sound, write_text
 
 

@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone import DatasetError
-from tactophone.dataset import Recording, channel_order
+from tactophone.dataset.values import Recording, channel_order
 
 
 def recording(*channels: str) -> Recording:

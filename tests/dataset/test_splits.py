@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import Dataset, Recording, kin_of, split, with_kin
+from tactophone.dataset.splits import kin_of, split, with_kin
+from tactophone.dataset.values import Dataset, Recording
 
 
 def dataset(*, surfaces: int = 6, scenarios: tuple[str, ...] = ("hand", "box")) -> Dataset:

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tactophone import DatasetError, Touch
-from tactophone.dataset import Dataset, Recording, Segment, fingerprint
+from tactophone.dataset.values import Dataset, Recording, Segment, fingerprint
 from tests.dataset.folders import write_sound
 
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.devices import DummyServer, JackClient
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioDevice
 from tactophone.devices.survey import DUALSENSE_CHANNEL, _assess, _dualsense_port
-from tactophone.haptics import jack_hand_actuator
+from tactophone.haptics.actuator import jack_hand_actuator
 from tactophone.types import FloatArray
 
 from .test_jack import eventually

@@ -2,8 +2,8 @@ import shutil
 
 import pytest
 
-from tactophone.devices import DummyServer, JackClient
-from tactophone.devices.jack import silent
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient, silent
 from tactophone.errors import DeviceError
 
 

@@ -58,7 +58,7 @@ def device(pad: Any, process: Any, *, roughness: float = 1.0, ceiling: float = 0
 
 @pytest.mark.parametrize("promise", contract.ALL)
 def test_a_gamepad_keeps_the_contract(promise: Any) -> None:
-    from tactophone.haptics import gamepad_actuator
+    from tactophone.haptics.actuator import gamepad_actuator
 
     promise(
         lambda render: gamepad_actuator(

@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tactophone.devices import DummyServer, JackClient, disconnect_from_jack
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient, disconnect_from_jack
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 

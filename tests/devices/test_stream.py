@@ -6,8 +6,8 @@ from multiprocessing import Pipe
 
 import numpy as np
 
-from tactophone.capture import browser_source
-from tactophone.devices import StreamDevice
+from tactophone.capture.microphones import browser_source
+from tactophone.devices.device import StreamDevice
 
 from .test_jack import eventually
 

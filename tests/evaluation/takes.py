@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.dataset import Recording, Segment
-from tactophone.evaluation import TakePredictions
+from tactophone.dataset.values import Recording, Segment
+from tactophone.evaluation.predict import TakePredictions
 from tactophone.types import Touch
 
 HOP = 0.01

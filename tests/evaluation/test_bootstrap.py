@@ -3,18 +3,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation import (
-    TakePredictions,
+from tactophone.evaluation.bootstrap import (
+    BINS,
     accuracy_of,
     by_surface,
     by_take,
     compare_models,
+    estimate,
     paired_difference,
 )
-from tactophone.evaluation.bootstrap import BINS, estimate
 from tactophone.evaluation.metrics import Scores, count_by_surface, measure, measure_counts, sort_scores
+from tactophone.evaluation.predict import TakePredictions
 from tactophone.types import Touch
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.evaluation.events import (
     FADE,
     HALF,
@@ -19,7 +19,7 @@ from tactophone.evaluation.events import (
     false_bumps_per_minute,
     join_edges,
 )
-from tactophone.perception import DecisionRule
+from tactophone.perception.decision import DecisionRule
 from tactophone.types import Touch
 from tests.evaluation.takes import predicted
 from tests.surfaces import RATE, surfaces

@@ -6,8 +6,11 @@ import pytest
 
 from tactophone.benchmark.folds import cross_validate
 from tactophone.benchmark.methods import recipe_method
-from tactophone.dataset import KIN_SPLIT, Dataset, open_dataset, split, with_kin
-from tactophone.evaluation import in_true_contact, measure, scores_of
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import KIN_SPLIT, split, with_kin
+from tactophone.dataset.values import Dataset
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.predict import in_true_contact, scores_of
 from tactophone.simulation.catalogue import catalogue
 from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
 from tactophone.simulation.takes import TAKES

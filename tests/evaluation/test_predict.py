@@ -6,8 +6,9 @@ import pytest
 import soundfile
 
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
-from tactophone.dataset import Recording, Segment, open_dataset
-from tactophone.evaluation import TakePredictions, in_true_contact, scores_of, streaming_predictor
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Recording, Segment
+from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, streaming_predictor
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 

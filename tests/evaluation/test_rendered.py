@@ -2,10 +2,10 @@ import math
 
 import pytest
 
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation import rendered_scores
-from tactophone.perception import DecisionRule
+from tactophone.evaluation.report import rendered_scores
+from tactophone.perception.decision import DecisionRule
 from tactophone.types import Touch
 from tests.evaluation.takes import predicted
 

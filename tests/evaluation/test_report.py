@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone import Touch
-from tactophone.dataset import Recording
-from tactophone.evaluation import TakePredictions, make_report
+from tactophone.dataset.values import Recording
+from tactophone.evaluation.predict import TakePredictions
+from tactophone.evaluation.report import make_report
 
 
 def predicted(

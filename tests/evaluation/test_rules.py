@@ -3,18 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
-from tactophone.evaluation import (
-    TakePredictions,
-    candidate_rules,
-    choose_rule,
-    draw_trade_off,
-    measure_rule,
-    try_rules,
-)
-from tactophone.evaluation.rules import rates
-from tactophone.perception import Decision, DecisionRule
+from tactophone.evaluation.predict import TakePredictions
+from tactophone.evaluation.rules import candidate_rules, choose_rule, draw_trade_off, measure_rule, rates, try_rules
+from tactophone.perception.decision import Decision, DecisionRule
 from tactophone.types import Touch
 
 HOP = 512 / 48_000

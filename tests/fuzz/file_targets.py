@@ -12,19 +12,18 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from tactophone.capture import FileSource
-from tactophone.dataset import open_dataset
+from tactophone.capture.files import FileSource
+from tactophone.dataset.read import open_dataset
 from tactophone.errors import TactophoneError
-from tactophone.link import Identity, Peers
-from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE
+from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, PEERS_FILE, Identity, Peers
 from tactophone.pages.dashboard import parse_request
 from tactophone.pages.game import read_results
-from tactophone.perception import default_model, model_path, read_model
 from tactophone.perception.calibration import Calibration
-from tactophone.perception.model_file import ModelCard
+from tactophone.perception.model_file import ModelCard, read_model
+from tactophone.perception.models import default_model, model_path
 from tactophone.recording.safe_writer import _read_entry
 from tactophone.settings import Settings, change, read_settings
-from tactophone.telemetry import FingerState, State
+from tactophone.telemetry.layout import FingerState, State
 from tactophone.telemetry.records import read_timeline
 
 from .target import Run, Target

@@ -7,20 +7,9 @@ from collections.abc import Sequence
 from pylibsrtp import Error
 
 from tactophone.errors import PacketError
-from tactophone.link import (
-    Codec,
-    Connected,
-    Disconnected,
-    Identity,
-    PacketReceived,
-    Peers,
-    ReceiveSession,
-    Renewed,
-    SendGroup,
-    Session,
-)
-from tactophone.link.codec import open_decoder
-from tactophone.link.events import read_event, write_event
+from tactophone.link.codec import Codec, open_decoder
+from tactophone.link.events import Connected, Disconnected, PacketReceived, Renewed, read_event, write_event
+from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import (
     Packet,
     Payload,
@@ -30,6 +19,7 @@ from tactophone.link.packet import (
     read_predictions,
     write_predictions,
 )
+from tactophone.link.receive import ReceiveSession
 from tactophone.link.rtcp import (
     Goodbye,
     Introduction,
@@ -39,7 +29,8 @@ from tactophone.link.rtcp import (
     goodbye_reason,
     parse_report,
 )
-from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT
+from tactophone.link.send import SendGroup
+from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
 from tactophone.types import Prediction, Touch
 
 from .target import Run, Target

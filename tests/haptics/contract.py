@@ -3,8 +3,7 @@
 import threading
 from collections.abc import Callable
 
-from tactophone.haptics import Actuator
-from tactophone.haptics.actuator import Render
+from tactophone.haptics.actuator import Actuator, Render
 from tactophone.types import FloatArray
 
 TIMEOUT = 5.0

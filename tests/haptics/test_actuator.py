@@ -5,10 +5,16 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.devices import DummyServer, JackClient
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
 from tactophone.errors import DeviceError
-from tactophone.haptics import clocked_hand_actuator, jack_hand_actuator, portaudio_hand_actuator
-from tactophone.haptics.actuator import DeviceActuator, Render
+from tactophone.haptics.actuator import (
+    DeviceActuator,
+    Render,
+    clocked_hand_actuator,
+    jack_hand_actuator,
+    portaudio_hand_actuator,
+)
 from tactophone.types import FloatArray
 
 from . import contract

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.haptics import Limits
+from tactophone.haptics.limits import Limits
 from tactophone.types import HapticCommand
 
 

@@ -1,7 +1,7 @@
 import pytest
 
 from tactophone.errors import ConfigError
-from tactophone.haptics import PROFILES, PaperProfile, open_profile
+from tactophone.haptics.profiles import PROFILES, PaperProfile, open_profile
 from tactophone.types import Prediction, Touch
 
 

@@ -3,8 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from tactophone.haptics import Limits, Oscillator, PaperProfile
-from tactophone.haptics.oscillator import RAMP
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import RAMP, Oscillator
+from tactophone.haptics.profiles import PaperProfile
 from tactophone.types import FloatArray, HapticCommand, Prediction, Touch
 
 RATE = 48_000

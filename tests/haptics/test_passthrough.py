@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from tactophone.haptics import PASSTHROUGH, Limits, Passthrough
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.passthrough import PASSTHROUGH, Passthrough
 from tests.sounds import ODD_SIZES, noise, tone
 
 FULL = Limits(ceiling=1.0)

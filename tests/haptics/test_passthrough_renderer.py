@@ -4,8 +4,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, PassthroughRenderer
+from tactophone.haptics.limits import Limits
 from tactophone.haptics.oscillator import RAMP
+from tactophone.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
 from tactophone.types import FloatArray, HapticCommand, Prediction, Touch
 from tests.sounds import tone
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.haptics import Oscillator, Playback
+from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.types import FloatArray, HapticCommand
 from tests.sounds import ODD_SIZES
 

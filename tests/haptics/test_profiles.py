@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from tactophone.haptics import PROFILES, PaperProfile, PerceptualProfile, discriminable_steps, open_profile
+from tactophone.haptics.profiles import (
+    PROFILES,
+    PaperProfile,
+    PerceptualProfile,
+    discriminable_steps,
+    open_profile,
+)
 from tactophone.haptics.psychophysics import LEVEL_JND_DB, PITCH_JND, sensation_db
 from tactophone.types import Prediction, Touch
 

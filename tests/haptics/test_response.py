@@ -3,7 +3,7 @@ import math
 import pytest
 
 from tactophone.errors import ConfigError
-from tactophone.haptics import ActuatorResponse, open_profile, parse_levels
+from tactophone.haptics.profiles import ActuatorResponse, open_profile, parse_levels
 from tactophone.types import Prediction, Touch
 
 

@@ -4,12 +4,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain, repeat
 
-from tactophone.link import (
-    Event,
-    Identity,
-    Peers,
-    Session,
-)
+from tactophone.link.events import Event
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.session import Session
 
 ROBOT, OPERATOR, UNTRUSTED = (Identity.create(name) for name in ("robot", "operator", "untrusted"))
 AT_ROBOT, AT_OPERATOR = ("192.0.2.1", 5_000), ("192.0.2.2", 6_000)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, encode_and_decode
+from tactophone.link.codec import Codec, encode_and_decode
 
 
 @pytest.mark.parametrize("codec", [Codec("pcm16", channels=2), Codec("opus", channels=2, packet_size=480)])

@@ -8,9 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import BlockEncoder, Codec, DecodedAudio, Depacketizer, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.codec import Codec
 from tactophone.link.packet import CLOCK_RATE, Packet, Payload, PayloadType
-from tactophone.link.stream import HISTORY
+from tactophone.link.stream import (
+    HISTORY,
+    BlockEncoder,
+    DecodedAudio,
+    Depacketizer,
+    Packetizer,
+    Redundancy,
+    RedundancyRule,
+)
 from tactophone.types import AudioBlock, FloatArray
 
 PCM = Codec("pcm16", packet_size=240)

@@ -3,16 +3,11 @@
 import numpy as np
 import pytest
 
-from tactophone.link import (
-    Codec,
-    Connected,
-    DecodedAudio,
-    PredictionReceived,
-    ReceiveEvent,
-    ReceiveSession,
-    RedundancyRule,
-    SendGroup,
-)
+from tactophone.link.codec import Codec
+from tactophone.link.events import Connected
+from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.send import SendGroup
+from tactophone.link.stream import DecodedAudio, RedundancyRule
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 

@@ -6,8 +6,8 @@ from itertools import product
 
 import pytest
 
-from tactophone.link import Peers
 from tactophone.link.handshake import HANDSHAKE_TIMEOUT, Handshake, Handshakes, changes_cipher, hello_random, is_hello
+from tactophone.link.identity import Peers
 
 from .session_pair import OPERATOR, ROBOT, UNTRUSTED
 

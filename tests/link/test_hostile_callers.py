@@ -7,11 +7,12 @@ import pytest
 from benchmarks.hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
 
 from tactophone.errors import PacketError
-from tactophone.link import Connected, Disconnected, Identity, PacketReceived, Peers, Session
+from tactophone.link.events import Connected, Disconnected, PacketReceived
 from tactophone.link.handshake import MAX_FLIGHT_DATAGRAMS, MAX_HANDSHAKES
+from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import PayloadType, parse_packet
 from tactophone.link.rtcp import Goodbye, ReceiverReport, goodbye_reason, parse_report
-from tactophone.link.session import BUSY, BUSY_PAUSE
+from tactophone.link.session import BUSY, BUSY_PAUSE, Session
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
 

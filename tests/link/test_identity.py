@@ -11,8 +11,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 
 from tactophone.errors import ConfigError
-from tactophone.link import Identity, Peers
-from tactophone.link.identity import parse_fingerprint
+from tactophone.link.identity import Identity, Peers, parse_fingerprint
 
 
 def test_an_identity_is_saved_and_loaded(tmp_path: Path) -> None:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.codec import Codec
 from tactophone.link.packet import Packet
+from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.simulation.network import VirtualLink, paired_sessions
 from tactophone.types import AudioBlock, FloatArray
 

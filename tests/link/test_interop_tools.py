@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
+from tactophone.link.codec import Codec
 from tactophone.link.handshake import KEY_SIZE, SALT_SIZE, Secrets
 from tactophone.link.packet import PayloadType, write_prediction, write_predictions
 from tactophone.link.session import SrtpCrypto
+from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.types import FloatArray, Prediction, Touch
 from tests.link.test_interop import PORT, RATE, SSRC, needs_gstreamer, needs_wireshark, packets, tone, write_capture
 from tests.runtime.live_system import eventually

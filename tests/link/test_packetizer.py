@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import BlockEncoder, Codec, Packetizer, Redundancy, RedundancyRule
-from tactophone.link.codec import open_decoder
+from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.packet import MAX_DATAGRAM, SRTP_OVERHEAD, Packet, parse_packet
+from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.types import AudioBlock, FloatArray
 from tests.sounds import ODD_SIZES, blocks
 

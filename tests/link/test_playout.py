@@ -5,7 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.link import BlockEncoder, Codec, Packetizer, Playout, Redundancy, RedundancyRule
+from tactophone.link.codec import Codec
+from tactophone.link.playout import Playout
+from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
 from tactophone.types import AudioBlock, FloatArray
 
 RATE, BLOCK = 48_000, 128

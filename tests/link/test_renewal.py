@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Connected, DecodedAudio, Disconnected, Peers, ReceiveSession, SendGroup, Session
+from tactophone.link.codec import Codec
+from tactophone.link.events import Connected, Disconnected
+from tactophone.link.identity import Peers
+from tactophone.link.receive import ReceiveSession
 from tactophone.link.rtcp import ReceiverReport
-from tactophone.link.session import MAX_KEY_AGE, OVERLAP, RECALL_AFTER, RENEW_AFTER
+from tactophone.link.send import SendGroup
+from tactophone.link.session import MAX_KEY_AGE, OVERLAP, RECALL_AFTER, RENEW_AFTER, Session
+from tactophone.link.stream import DecodedAudio
 from tactophone.types import AudioBlock, FloatArray
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, SessionPair

@@ -7,20 +7,13 @@ import numpy as np
 import pytest
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
-from tactophone.link import (
-    MOST_OPERATORS,
-    Codec,
-    Connected,
-    DecodedAudio,
-    Disconnected,
-    Identity,
-    PacketReceived,
-    Peers,
-    PredictionReceived,
-    ReceiveSession,
-    SendGroup,
-    Session,
-)
+from tactophone.link.codec import Codec
+from tactophone.link.events import Connected, Disconnected, PacketReceived
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.receive import PredictionReceived, ReceiveSession
+from tactophone.link.send import MOST_OPERATORS, SendGroup
+from tactophone.link.session import Session
+from tactophone.link.stream import DecodedAudio
 from tactophone.pipeline import Hand, open_pipeline
 from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
 from tactophone.types import AudioBlock, Prediction, Touch

@@ -6,11 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactophone.link import Connected, Disconnected, PacketReceived, Peers, Renewed, Session
+from tactophone.link.events import Connected, Disconnected, PacketReceived, Renewed
 from tactophone.link.handshake import HANDSHAKE_TIMEOUT, MAX_HANDSHAKES
+from tactophone.link.identity import Peers
 from tactophone.link.packet import DatagramKind
 from tactophone.link.rtcp import ReceiverReport
-from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT
+from tactophone.link.session import RECALL_AFTER, SESSION_TIMEOUT, Session
 
 from .session_pair import AT_OPERATOR, AT_ROBOT, OPERATOR, ROBOT, UNTRUSTED, SessionPair, answering, calling
 

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from tactophone.errors import DeviceError
-from tactophone.link import Address, UdpSocket, resolve
-from tactophone.link.udp import CLOSED_READS, MAX_FOREIGN, MAX_PEER_HANDSHAKES
+from tactophone.link.packet import Address
+from tactophone.link.udp import CLOSED_READS, MAX_FOREIGN, MAX_PEER_HANDSHAKES, UdpSocket, resolve
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.measurement.impulses import ImpulsePlayer, analyse
-from tactophone.telemetry import MARK, MARKS
+from tactophone.telemetry.layout import MARK, MARKS
 from tactophone.types import LIVE_SAMPLE_RATE
 
 PERIOD = 128

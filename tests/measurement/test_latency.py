@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from tactophone.devices import DummyServer
+from tactophone.devices.dummy import DummyServer
 from tactophone.measurement.impulses import Graph, measure
 from tactophone.settings import Settings, change
-from tactophone.telemetry import STAGES
+from tactophone.telemetry.layout import STAGES
 
 
 @pytest.mark.realtime

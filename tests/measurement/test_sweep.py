@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 
 from tactophone.cli import main
 from tactophone.cli.devices import as_toml
-from tactophone.devices import DummyServer, JackClient
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
 from tactophone.errors import DeviceError
 from tactophone.measurement.sweep import SweepRecorder, fit, sweep
 from tactophone.settings import read_settings

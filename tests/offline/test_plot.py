@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
-from tactophone.dataset import Segment
+from tactophone.capture.files import FileSource
+from tactophone.dataset.values import Segment
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.recording import OutputFiles, process_recording
 from tactophone.pipeline import open_pipeline

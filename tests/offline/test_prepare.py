@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
-from tactophone.offline import Preparation, PreparedSource
+from tactophone.capture.files import FileSource
 from tactophone.offline.hum import Hum
+from tactophone.offline.prepare import Preparation, PreparedSource
 from tests.sounds import noise
 
 

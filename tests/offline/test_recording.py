@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.capture import FileSource
-from tactophone.haptics import Limits
+from tactophone.capture.files import FileSource
+from tactophone.haptics.limits import Limits
 from tactophone.offline.recording import TAIL, OutputFiles, RunSummary, process_recording
 from tactophone.pipeline import open_pipeline
 from tests.models import write_tiny_model

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.offline.recording import RunRecorder
-from tactophone.telemetry import PredictionLog, Telemetry, read_timeline
+from tactophone.telemetry.follower import PredictionLog
+from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.offline.recording import score_run
 from tactophone.types import Touch
 

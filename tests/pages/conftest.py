@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tactophone.pages import Page, watch
+from tactophone.pages.server import Page, watch
 from tests.browser import browser, chromium
 from tests.pages.running import Run
 

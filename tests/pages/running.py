@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 
 from tactophone.pages.game import Point
-from tactophone.telemetry import Fault, FingerState, State, Telemetry
+from tactophone.telemetry.layout import Fault, FingerState, State
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480

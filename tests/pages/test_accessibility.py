@@ -6,8 +6,8 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from tactophone.pages import Page
-from tactophone.telemetry import Fault
+from tactophone.pages.server import Page
+from tactophone.telemetry.layout import Fault
 from tactophone.types import Touch
 from tests.accessibility import SIZES, needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, text, wait

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tactophone.pages.feed import Feed, WatchedRun
-from tactophone.telemetry import FingerState, Request, State, Telemetry
+from tactophone.telemetry.layout import FingerState, Request, State
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tests.pages.test_message import BUCKET, parse
 

@@ -9,7 +9,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.pages import Page, watch
+from tactophone.pages.server import Page, watch
 from tactophone.types import Touch
 from tests.browser import text, wait
 from tests.pages.running import Run

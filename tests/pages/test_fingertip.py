@@ -9,7 +9,8 @@ from aiohttp.test_utils import TestClient, TestServer
 
 from tactophone.pages.devices import Fingertips
 from tactophone.pages.feed import WatchedRun
-from tactophone.telemetry import FingerState, State, Telemetry
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tests.pages.test_message import parse
 

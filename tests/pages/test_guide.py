@@ -10,7 +10,7 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.perception import read_model
+from tactophone.perception.model_file import read_model
 from tests.accessibility import SIZES, needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, text, wait
 

@@ -6,8 +6,8 @@ import pytest
 from selenium.webdriver.common.by import By
 
 from tactophone.cli.page import qr_code
-from tactophone.link import CERTIFICATE_FILE, KEY_FILE, Identity
-from tactophone.pages import watch
+from tactophone.link.identity import CERTIFICATE_FILE, KEY_FILE, Identity
+from tactophone.pages.server import watch
 from tests.browser import start_chromium, text, wait
 from tests.pages.running import Run
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from selenium.webdriver.common.by import By
 
-from tactophone.pages import Page, watch
 from tactophone.pages.devices import FINGERTIPS
+from tactophone.pages.server import Page, watch
 from tactophone.pages.views import FLOOD, OTHER_VERSION, TAKEN, TOO_MANY, VIEWERS
 from tests.browser import start_chromium, text, wait
 from tests.pages.running import Run

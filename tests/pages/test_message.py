@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactophone.pages.feed import STEP_COLUMNS, envelope, event_table, pack, step_table
-from tactophone.telemetry import STEP
+from tactophone.telemetry.layout import STEP
 
 BUCKET = 480
 

@@ -8,8 +8,8 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from tactophone.pages import Page
-from tactophone.telemetry import Fault
+from tactophone.pages.server import Page
+from tactophone.telemetry.layout import Fault
 from tactophone.types import Touch
 from tests.browser import resize, text, wait
 from tests.pages.running import Run

@@ -10,7 +10,7 @@ import urllib.request
 import pytest
 
 from tactophone.errors import TactophoneError
-from tactophone.pages import watch
+from tactophone.pages.server import watch
 
 
 @pytest.mark.parametrize("address", ["", "8470", "localhost", "127.0.0.1:", "127.0.0.1:http", "127.0.0.1:-1"])

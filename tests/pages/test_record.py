@@ -8,11 +8,11 @@ import pytest
 from selenium import webdriver
 from selenium.webdriver.common.by import By
 
-from tactophone.bridges import read_log
+from tactophone.bridges.mcap import read_log
 from tactophone.cli.page import PageRecorder
-from tactophone.pages import Page, watch
 from tactophone.pages.dashboard import RecordRequest, parse_request
-from tactophone.telemetry import State
+from tactophone.pages.server import Page, watch
+from tactophone.telemetry.layout import State
 from tests.browser import text, wait
 from tests.pages.running import Run
 

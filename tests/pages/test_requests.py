@@ -5,7 +5,7 @@ import json
 import pytest
 
 from tactophone.pages.dashboard import parse_request
-from tactophone.telemetry import FingerState, Request, State
+from tactophone.telemetry.layout import FingerState, Request, State
 
 STATE = State(profiles=("paper", "plain"), fingers=(FingerState(ceiling=0.4, local_ceiling=0.5),))
 

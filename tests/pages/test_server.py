@@ -12,8 +12,8 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 
-from tactophone.pages import Page
 from tactophone.pages.security import HEADERS
+from tactophone.pages.server import Page
 from tactophone.pages.views import CREDIT, HEADER_TIMEOUT, admit
 from tests.pages.running import Run
 from tests.pages.test_message import parse

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tactophone.perception import WindowDetector, model_path, read_model
-from tactophone.perception.detector import process_together
-from tactophone.perception.model_file import Engine
+from tactophone.perception.detector import WindowDetector, process_together
+from tactophone.perception.model_file import Engine, read_model
+from tactophone.perception.models import model_path
 from tactophone.types import AudioBlock, FloatArray, Prediction
 from tests.sounds import blocks, strokes
 

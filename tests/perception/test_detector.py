@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import WindowDetector, model_path, read_model
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 from tactophone.types import Detector, Prediction, Touch
 from tests.models import write_tiny_model
 from tests.sounds import ODD_SIZES, blocks, noise, tone

@@ -5,8 +5,8 @@ import pytest
 from benchmarks.touch_event_metrics import f_measure
 from benchmarks.touch_scenes import TouchScene, touch_scene
 
-from tactophone.haptics import open_profile
-from tactophone.perception import EventDetector
+from tactophone.haptics.profiles import open_profile
+from tactophone.perception.events import EventDetector
 from tactophone.pipeline import open_pipeline
 from tactophone.types import AudioBlock, PipelineStep, TouchEvent
 from tests.sounds import ODD_SIZES

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from tactophone.perception import open_detector
 from tactophone.perception.fallback import FallbackDetector, FallbackMode, fallback_mode
 from tactophone.perception.health import FAULTS, FaultDetector, FaultKind, Reference, SensorFault
+from tactophone.perception.models import open_detector
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.faults import CODES, FaultSpan, FaultySource
 from tactophone.simulation.motion import single

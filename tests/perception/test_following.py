@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tactophone.perception import open_detector
 from tactophone.perception.fallback import FallbackDetector
 from tactophone.perception.health import FaultDetector, Reference
+from tactophone.perception.models import open_detector
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 from tests.sounds import blocks, noise
 

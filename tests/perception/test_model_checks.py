@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
 from tactophone.errors import ModelError
-from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, open_detector
 from tactophone.perception import model_file as checks
-from tactophone.perception.model_file import _session, read_model
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, _session, read_model
+from tactophone.perception.models import open_detector
 from tactophone.types import AudioBlock
 from tests.models import CARD, write_tiny_model
 

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import Gate, Model, ModelCard, WindowDetector
+from tactophone.perception.detector import WindowDetector
 from tactophone.perception.features import BAND_VALUES, TextureExtractor
+from tactophone.perception.model_file import Gate, Model, ModelCard
 from tactophone.perception.texture import BEFORE, FORGET_AFTER, PRIOR_WINDOWS, SETTLED, RunningStatistics
 
 PRIOR = np.stack([np.zeros((2, BAND_VALUES)), np.ones((2, BAND_VALUES))])

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tactophone.perception import ContactGate, TouchDetector
-from tactophone.perception.contact import Contact
-from tactophone.perception.detector import FADED_DB, FADED_PAUSE, PAUSE
+from tactophone.perception.contact import Contact, ContactGate
+from tactophone.perception.detector import FADED_DB, FADED_PAUSE, PAUSE, TouchDetector
 from tactophone.types import AudioBlock, ContactThreshold, Prediction, Touch
 
 RATE, HOP = 8000, 80

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.perception import FaultKind, Reference, SensorFault
+from tactophone.perception.health import FaultKind, Reference, SensorFault
 from tactophone.recording.protocol import PROTOCOL
 from tactophone.recording.quality import TakeLevels, TakeMeter, assess_take
 from tactophone.types import AudioBlock

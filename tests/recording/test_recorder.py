@@ -3,8 +3,10 @@ from pathlib import Path
 import soundfile
 
 from tactophone import Touch
-from tactophone.dataset import Dataset, check, open_dataset
-from tactophone.perception import Reference
+from tactophone.dataset.checks import check
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset
+from tactophone.perception.health import Reference
 from tactophone.recording.protocol import PROTOCOL, Key, Stage
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone.simulation.catalogue import find

@@ -9,7 +9,8 @@ import pytest
 import soundfile
 
 from tactophone import Touch
-from tactophone.dataset import check, open_dataset
+from tactophone.dataset.checks import check
+from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.recording.safe_writer import ENTRY, PART, TakeWriter, recording_in, recover

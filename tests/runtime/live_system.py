@@ -13,10 +13,12 @@ from uuid import uuid4
 import numpy as np
 
 from tactophone.errors import TactophoneError
-from tactophone.link import Identity, Peers
-from tactophone.runtime import Operator, ProcessInfo, Robot
+from tactophone.link.identity import Identity, Peers
+from tactophone.runtime.operator import Operator
+from tactophone.runtime.robot import Robot
+from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.settings import Settings, change
-from tactophone.telemetry import Snapshot, Watcher
+from tactophone.telemetry.watcher import Snapshot, Watcher
 from tactophone.types import AudioBlock
 
 

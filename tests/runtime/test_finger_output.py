@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 
 from tactophone.endpoints import OperatorEndpoint
-from tactophone.haptics import PASSTHROUGH, GateProfile, Limits, Oscillator, PassthroughRenderer
-from tactophone.link import Codec, Identity, Peers, ReceiveSession, Session
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
+from tactophone.link.codec import Codec
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.session import Session
 from tactophone.pipeline import Hand, open_pipeline
 from tactophone.runtime.gate import FingerOutput
 from tactophone.settings import Settings
 from tactophone.simulation.network import paired_sessions
-from tactophone.telemetry import Request
+from tactophone.telemetry.layout import Request
 from tactophone.types import HapticCommand, Prediction, Touch
 
 from ..models import write_tiny_model

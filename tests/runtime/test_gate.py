@@ -2,9 +2,9 @@ import math
 
 import pytest
 
-from tactophone.haptics import Limits
+from tactophone.haptics.limits import Limits
 from tactophone.runtime.gate import EMERGENCY_STOP, MUTED, RESTARTED, OutputGate
-from tactophone.telemetry import Request
+from tactophone.telemetry.layout import Request
 
 
 def test_a_page_lowers_the_ceiling_and_never_raises_it_over_the_machines_own() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from tactophone.hand import with_fingers
 from tactophone.settings import change
-from tactophone.telemetry import State, Watcher
+from tactophone.telemetry.layout import State
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 from tests.models import write_tiny_model
 from tests.runtime.live_system import LiveSystem, Strokes, eventually

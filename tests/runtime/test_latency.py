@@ -3,9 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from tactophone.link import Codec
+from tactophone.link.codec import Codec
 from tactophone.runtime.latency import follow, operator_stages, robot_stages
-from tactophone.telemetry import MARK, MARKS, Telemetry, Watcher
+from tactophone.telemetry.layout import MARK, MARKS
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 
 WRAP = 1 << 32
 

@@ -9,9 +9,11 @@ from typing import Self
 
 import pytest
 
-from tactophone.link import Identity, Peers, UdpSocket
-from tactophone.runtime import ProcessInfo, Robot
-from tactophone.telemetry import Watcher
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.udp import UdpSocket
+from tactophone.runtime.robot import Robot
+from tactophone.runtime.supervisor import ProcessInfo
+from tactophone.telemetry.watcher import Watcher
 
 from ..models import write_tiny_model
 from .live_system import LiveSystem, Strokes, eventually, housekept

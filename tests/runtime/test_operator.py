@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tactophone.runtime.gate import EMERGENCY_STOP, RESTARTED
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import Touch
 
 from ..models import write_tiny_model

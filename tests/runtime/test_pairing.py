@@ -2,7 +2,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from tactophone.link import Identity, Peers
+from tactophone.link.identity import Identity, Peers
 from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
 from tactophone.settings import Settings
 

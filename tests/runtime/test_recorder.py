@@ -6,10 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.link import PacketReceived
+from tactophone.link.events import PacketReceived
 from tactophone.runtime.recorder import BATCH, LONGEST_DEFERRAL, SessionRecorder
 from tactophone.settings import Settings
-from tactophone.telemetry import MARKS, Controls, EventBatch, Telemetry, Watcher, read_records
+from tactophone.telemetry.layout import MARKS
+from tactophone.telemetry.records import Controls, EventBatch, read_records
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, PipelineStep, Prediction, Touch
 
 Run = tuple[SessionRecorder, Watcher]

@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 
-from tactophone.measurement import EndlessStroke
-from tactophone.runtime import ProcessInfo, Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
-from tactophone.runtime.supervisor import Main
+from tactophone.measurement.failsafe import EndlessStroke
+from tactophone.runtime.operator import run_operator
+from tactophone.runtime.pairing import pair_on_one_machine
+from tactophone.runtime.robot import run_robot
+from tactophone.runtime.supervisor import Main, ProcessInfo, Supervisor, supervised
 from tactophone.settings import Settings, change
-from tactophone.telemetry import Telemetry, Watcher
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 
 pytestmark = pytest.mark.realtime
 

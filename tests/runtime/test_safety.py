@@ -8,24 +8,23 @@ from contextlib import contextmanager
 
 import pytest
 
-from tactophone.devices import DummyServer, JackClient
-from tactophone.measurement import (
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
+from tactophone.measurement.failsafe import (
     ENDLESS_TONE,
     EndlessStroke,
-    Graph,
     PeakRecorder,
-    Sides,
     freeze_operator,
     freeze_robot,
     kill_operator,
     kill_robot,
     measure_time_to_silence,
     recording,
-    running_sides,
 )
+from tactophone.measurement.impulses import Graph, Sides, running_sides
 from tactophone.runtime.gate import RESTARTED
 from tactophone.settings import Settings, change
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 
 from .live_system import eventually, writer_of
 

@@ -10,10 +10,12 @@ import pytest
 
 from tactophone.cli import add_verb, options
 from tactophone.errors import ConfigError
-from tactophone.runtime import Operator, ProcessInfo, with_operator
+from tactophone.runtime.operator import Operator
+from tactophone.runtime.pairing import with_operator
+from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import open_send_group, operators_of
 from tactophone.settings import Link, change
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 
 from ..models import write_tiny_model
 from .live_system import LiveSystem, eventually, housekept

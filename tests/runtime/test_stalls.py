@@ -13,15 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, Connected, DecodedAudio, ReceiveSession, SendGroup
-from tactophone.link.stream import STALENESS
-from tactophone.measurement import EndlessStroke
-from tactophone.runtime import Supervisor, pair_on_one_machine, run_operator, run_robot, supervised
+from tactophone.link.codec import Codec
+from tactophone.link.events import Connected
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import SendGroup
+from tactophone.link.stream import STALENESS, DecodedAudio
+from tactophone.measurement.failsafe import EndlessStroke
+from tactophone.runtime.operator import run_operator
+from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.priority import MAIN_PRIORITY, prioritize_thread
-from tactophone.runtime.robot import paced
+from tactophone.runtime.robot import paced, run_robot
+from tactophone.runtime.supervisor import Supervisor, supervised
 from tactophone.settings import Settings, change
 from tactophone.simulation.network import OPERATOR_ADDRESS, ROBOT_ADDRESS, paired_sessions
-from tactophone.telemetry import Watcher
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 BLOCK = 128

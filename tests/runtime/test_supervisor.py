@@ -10,7 +10,9 @@ import pytest
 from tactophone.errors import DeviceError, TactophoneError
 from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
 from tactophone.settings import Settings
-from tactophone.telemetry import State, Telemetry, Watcher
+from tactophone.telemetry.layout import State
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 
 from .live_system import writer_of
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.runtime.watchdog import CHECK_INTERVAL, StallTimeouts, Verdict, Watchdog
-from tactophone.telemetry import Pulse
+from tactophone.telemetry.watcher import Pulse
 
 
 def first_kill(

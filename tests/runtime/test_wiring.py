@@ -2,8 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.runtime import open_pipeline_for
-from tactophone.runtime.wiring import microphone_faults, open_microphone_check
+from tactophone.runtime.wiring import microphone_faults, open_microphone_check, open_pipeline_for
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Touch
 from tests.perception.test_calibration_file import CALIBRATION

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.dataset import open_dataset
+from tactophone.dataset.read import open_dataset
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.modes import Mounting
 from tactophone.simulation.render import RenderOptions, plan_dataset, render, render_dataset, write_manifest

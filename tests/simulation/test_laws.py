@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.perception import BAND_COUNT, BandFeatures
+from tactophone.perception.features import BAND_COUNT, BandFeatures
 from tactophone.perception.resample import Resampler
 from tactophone.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone.simulation.finger import TIPS, Electronics

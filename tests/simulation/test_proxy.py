@@ -5,16 +5,13 @@ import time
 import numpy as np
 import pytest
 
-from tactophone.link import (
-    Codec,
-    DecodedAudio,
-    Identity,
-    Peers,
-    ReceiveSession,
-    SendGroup,
-    Session,
-    UdpSocket,
-)
+from tactophone.link.codec import Codec
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import SendGroup
+from tactophone.link.session import Session
+from tactophone.link.stream import DecodedAudio
+from tactophone.link.udp import UdpSocket
 from tactophone.simulation.network import ImpairmentProxy, NetworkProfile, network_profile
 from tactophone.types import AudioBlock
 

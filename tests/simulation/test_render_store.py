@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.motion import single
 from tactophone.simulation.render import RenderMetadata, read_render_metadata, touch_segments, write_sound

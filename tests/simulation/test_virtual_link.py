@@ -6,7 +6,8 @@ from itertools import repeat
 import numpy as np
 import pytest
 
-from tactophone.link import Codec, DecodedAudio
+from tactophone.link.codec import Codec
+from tactophone.link.stream import DecodedAudio
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import AudioBlock
 

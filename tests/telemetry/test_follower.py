@@ -15,17 +15,11 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import (
-    PredictionLog,
-    Telemetry,
-    TimelineWriter,
-    Watcher,
-    follower,
-    layout,
-    memory,
-    read_timeline,
-)
-from tactophone.telemetry.records import COLUMNS, row
+from tactophone.telemetry import follower, layout, memory
+from tactophone.telemetry.follower import PredictionLog
+from tactophone.telemetry.records import COLUMNS, TimelineWriter, read_timeline, row
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import (
     EVENT_KINDS,
     AudioBlock,

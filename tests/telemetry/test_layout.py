@@ -1,6 +1,6 @@
 import pytest
 
-from tactophone.telemetry import COUNTERS, GAUGES, STAGES, Fault, State
+from tactophone.telemetry.layout import COUNTERS, GAUGES, STAGES, Fault, State
 
 
 def test_every_stage_of_the_budget_has_its_gauge() -> None:

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from tactophone.errors import TactophoneError
-from tactophone.telemetry import State, Telemetry, Watcher, remove_leftovers, running
-from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive
+from tactophone.telemetry.layout import State
+from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive, remove_leftovers
+from tactophone.telemetry.watcher import Watcher, running
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, PipelineStep
 
 STEP_OF_SILENCE = PipelineStep(AudioBlock(np.zeros((240, 2), np.float32), 48_000), (), ())

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.telemetry import MARKS, FingerState, State, Telemetry, Watcher
-from tactophone.telemetry.watcher import _newest
+from tactophone.telemetry.layout import MARKS, FingerState, State
+from tactophone.telemetry.watcher import Watcher, _newest
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 WRITER = """

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from tactophone.telemetry import COUNTERS, Fault, FingerState, State, Telemetry, Watcher
-from tactophone.telemetry.layout import SOUND_CAPACITY
+from tactophone.telemetry.layout import COUNTERS, SOUND_CAPACITY, Fault, FingerState, State
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 PREDICTION = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, roughness=0.75, level_dbfs=-20.0, start=0.0, end=0.256)

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tactophone.dataset import Dataset
-from tactophone.perception import BAND_COUNT, BAND_VALUES, CREST_INDEX
-from tactophone.training import FeatureSpec, build_training_set, extract_features
+from tactophone.dataset.values import Dataset
+from tactophone.perception.features import BAND_COUNT, BAND_VALUES, CREST_INDEX
 from tactophone.training.recipes import Augmentation
-from tactophone.training.tracks import accumulate
+from tactophone.training.sets import build_training_set
+from tactophone.training.tracks import FeatureSpec, accumulate, extract_features
 from tests.surfaces import surfaces
 
 

@@ -7,8 +7,10 @@ import pytest
 import torch
 
 from tactophone import AudioBlock, ModelError
-from tactophone.dataset import open_dataset
-from tactophone.perception import FEATURES, Gate, WindowDetector, magnitudes, read_model
+from tactophone.dataset.read import open_dataset
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.features import magnitudes
+from tactophone.perception.model_file import FEATURES, Gate, read_model
 from tactophone.training.export import (
     Storage,
     add_scores,

@@ -4,9 +4,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.dataset import Dataset, Recording, open_dataset
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
-from tactophone.perception import Gate, read_model
+from tactophone.perception.model_file import Gate, read_model
 from tactophone.training.export import make_card, read_weights, write_model
 from tactophone.training.finetune import (
     FinetuningData,

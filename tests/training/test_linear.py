@@ -2,7 +2,8 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.perception import BAND_VALUES, FEATURES, LOG_PROBABILITIES
+from tactophone.perception.features import BAND_VALUES
+from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES
 from tactophone.training.export import build_classifier_graph
 from tactophone.training.linear import LinearClassifier, fit_classifier, impulse_features
 from tactophone.training.sets import Examples, even_weights, inner_folds

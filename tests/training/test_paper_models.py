@@ -9,7 +9,9 @@ from torch import nn
 
 from tactophone import AudioBlock
 from tactophone.errors import ModelError
-from tactophone.perception import WindowDetector, magnitudes, read_model
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.features import magnitudes
+from tactophone.perception.model_file import read_model
 from tactophone.training.export import read_weights
 from tactophone.training.network import PaperNetwork, weights_of
 from tactophone.training.paper_models import import_published

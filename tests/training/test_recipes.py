@@ -12,10 +12,11 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.linear_model import LogisticRegression
 
 from tactophone.benchmark.methods import recipe_method
-from tactophone.dataset import Dataset
+from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.evaluation import measure, model_predictor, scores_of
-from tactophone.perception import FEATURES, read_model
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.predict import model_predictor, scores_of
+from tactophone.perception.model_file import FEATURES, read_model
 from tactophone.training.recipes import (
     FEATURE_RECIPES,
     RECIPES,

@@ -6,7 +6,9 @@ import onnx
 import pytest
 
 from tactophone.errors import ModelError
-from tactophone.perception import FEATURES, LOG_PROBABILITIES, NEVER_ABSTAIN, model_path, read_model
+from tactophone.perception.decision import NEVER_ABSTAIN
+from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
+from tactophone.perception.models import model_path
 from tactophone.training.setup import (
     ObjectSound,
     collect,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from tactophone.perception import (
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import (
     TIP_MODELS,
     default_model,
     fallback_model,
     model_path,
     open_detector,
-    read_model,
     shipped_models,
     tip_mismatch,
 )

@@ -4,13 +4,16 @@ import numpy as np
 import pytest
 
 from tactophone.benchmark.methods import graph_predictor, recipe_method
-from tactophone.dataset import Dataset
+from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
-from tactophone.evaluation import measure, model_predictor, scores_of
-from tactophone.perception import WindowDetector, read_model
-from tactophone.training import RECIPES, FeatureSpec, TrainingOptions, build_training_set, extract_features
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.predict import model_predictor, scores_of
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.model_file import read_model
 from tactophone.training.linear import build_texture
-from tactophone.training.sets import contact_threshold, feature_recipe
+from tactophone.training.recipes import RECIPES, TrainingOptions
+from tactophone.training.sets import build_training_set, contact_threshold, feature_recipe
+from tactophone.training.tracks import FeatureSpec, extract_features
 from tactophone.types import AudioBlock, Prediction, Touch
 from tests.sounds import ODD_SIZES, blocks, tone
 from tests.surfaces import RATE, TOUCHED, scrape, surfaces

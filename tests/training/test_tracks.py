@@ -5,9 +5,9 @@ import pytest
 import soundfile
 
 from tactophone import DatasetError
-from tactophone.dataset import Recording
-from tactophone.link import Codec
-from tactophone.perception import Resampler
+from tactophone.dataset.values import Recording
+from tactophone.link.codec import Codec
+from tactophone.perception.resample import Resampler
 from tactophone.training.tracks import read_signals
 
 

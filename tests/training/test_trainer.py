@@ -10,8 +10,10 @@ import pytest
 import torch
 
 from tactophone import DatasetError, ModelError, Touch
-from tactophone.dataset import Dataset, open_dataset
-from tactophone.perception import Gate, magnitudes, read_model
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Dataset
+from tactophone.perception.features import magnitudes
+from tactophone.perception.model_file import Gate, read_model
 from tactophone.training import trainer
 from tactophone.training import trainer as processor
 from tactophone.training.network import PaperNetwork, Windows, find_windows, weights_of, with_weights

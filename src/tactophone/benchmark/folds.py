@@ -21,9 +21,10 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 import tactophone
-from tactophone.dataset import Dataset, Fold, Recording, fingerprint
+from tactophone.dataset.splits import Fold
+from tactophone.dataset.values import Dataset, Recording, fingerprint
 from tactophone.errors import ConfigError
-from tactophone.evaluation import Predictor, TakePredictions
+from tactophone.evaluation.predict import Predictor, TakePredictions
 from tactophone.processes import atomic_write, open_pool
 from tactophone.types import Touch
 

@@ -17,24 +17,16 @@ import numpy as np
 import onnxruntime
 
 from tactophone.benchmark.regression import HIGH_BAND_CONTROL, HIGH_BAND_EDGES, REGRESSION_FEATURES, RENDERERS
-from tactophone.dataset import Dataset, Recording, open_sound
+from tactophone.dataset.values import Dataset, Recording, open_sound
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.evaluation import Predictor, TakePredictions, model_predictor
-from tactophone.haptics import PASSTHROUGH
-from tactophone.perception import FEATURES, LOG_PROBABILITIES, DecisionRule, read_model
-from tactophone.training import (
-    FEATURE_RECIPES,
-    RECIPES,
-    VARIANTS,
-    ConfiguredRecipe,
-    FeatureRecipe,
-    FeatureSpec,
-    TrainingOptions,
-    TrainingSet,
-    even_weights,
-    extract_features,
-    tip_of,
-)
+from tactophone.evaluation.predict import Predictor, TakePredictions, model_predictor
+from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.perception.decision import DecisionRule
+from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
+from tactophone.training.export import tip_of
+from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
+from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
+from tactophone.training.tracks import FeatureSpec, extract_features
 from tactophone.types import AIR, Touch
 
 VERSION = 1

@@ -27,15 +27,21 @@ from numpy.typing import NDArray
 from tactophone.benchmark.folds import Cache, cross_validate
 from tactophone.benchmark.methods import methods_for
 from tactophone.benchmark.regression import FULL_DRIVE
-from tactophone.dataset import REDUCED_OBJECTS, SPARE_OBJECT, Dataset, Fold, Recording, Segment
+from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
+from tactophone.dataset.splits import Fold
+from tactophone.dataset.values import Dataset, Recording, Segment
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
-from tactophone.evaluation import Estimate, TakePredictions, estimate, in_true_contact, scores_of
-from tactophone.evaluation.bootstrap import COVERAGE
-from tactophone.haptics import PASSTHROUGH, PROFILES, Oscillator
-from tactophone.perception import Gate, shipped_models
+from tactophone.evaluation.bootstrap import COVERAGE, Estimate, estimate
+from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.haptics.profiles import PROFILES
+from tactophone.perception.model_file import Gate
+from tactophone.perception.models import shipped_models
 from tactophone.pipeline import open_pipeline
 from tactophone.simulation.operator import SoundToVibration, perceive_visits, play_rounds, render_visits
-from tactophone.training import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE, read_signals
+from tactophone.training.recipes import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.training.tracks import read_signals
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 
 GATES: Mapping[str, Gate] = {"authors' gate, 0.005": REFERENCE_GATE, "paper's gate, -26 dBFS": Gate(LABEL_LEVEL_DBFS)}

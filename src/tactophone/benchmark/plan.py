@@ -24,12 +24,19 @@ from tactophone.benchmark.methods import (
 )
 from tactophone.benchmark.regression import RENDERERS, HeightMethod, compare_heights
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
-from tactophone.dataset import KIN_SPLIT, Dataset, Fold, kin_of, split
-from tactophone.evaluation import in_true_contact, join_edges, measure, scores_of
-from tactophone.haptics import PASSTHROUGH
-from tactophone.perception import WindowDetector, model_path, read_model
+from tactophone.dataset.splits import KIN_SPLIT, Fold, kin_of, split
+from tactophone.dataset.values import Dataset
+from tactophone.evaluation.events import join_edges
+from tactophone.evaluation.metrics import measure
+from tactophone.evaluation.predict import in_true_contact, scores_of
+from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 from tactophone.simulation.render import read_render_metadata
-from tactophone.training import FEATURE_RECIPES, FeatureSpec, read_weights
+from tactophone.training.export import read_weights
+from tactophone.training.recipes import FEATURE_RECIPES
+from tactophone.training.tracks import FeatureSpec
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 EDGE_SPLIT = "5-fold"

@@ -19,11 +19,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
-from tactophone.evaluation import Predictor, TakePredictions, rough_score
-from tactophone.haptics import PASSTHROUGH, STEP_SIZE, Limits
-from tactophone.perception import Resampler
-from tactophone.training import FEATURE_RECIPES, RECIPES, FeatureSpec, build_training_set, extract_features, fit_height
+from tactophone.dataset.values import Recording
+from tactophone.evaluation.metrics import rough_score
+from tactophone.evaluation.predict import Predictor, TakePredictions
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE
+from tactophone.perception.resample import Resampler
+from tactophone.training.baselines import fit_height
+from tactophone.training.recipes import FEATURE_RECIPES, RECIPES
+from tactophone.training.sets import build_training_set
+from tactophone.training.tracks import FeatureSpec, extract_features
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Floats = NDArray[np.float64]

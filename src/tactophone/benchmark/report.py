@@ -12,7 +12,7 @@ from tactophone.benchmark.regression import Heights
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
 from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
 from tactophone.evaluation.events import HALF
-from tactophone.haptics import PROFILES, discriminable_steps, open_profile
+from tactophone.haptics.profiles import PROFILES, discriminable_steps, open_profile
 
 COLUMNS = (
     "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",

@@ -7,28 +7,25 @@ import numpy as np
 
 from tactophone.benchmark.methods import BenchmarkMethod
 from tactophone.benchmark.regression import Heights, height_correlation
-from tactophone.dataset import Dataset
+from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
-from tactophone.evaluation import (
-    RULES,
-    Delays,
+from tactophone.evaluation.bootstrap import (
     Difference,
     Estimate,
-    Rendered,
-    Scores,
-    TakePredictions,
+    correct_for_number,
+    estimate,
+    paired_difference,
+)
+from tactophone.evaluation.events import (
+    Delays,
     calibration_error,
     contact_delays,
-    correct_for_number,
     edge_delays,
-    estimate,
     false_bumps_per_minute,
-    false_positives_at_recall,
-    in_true_contact,
-    paired_difference,
-    rendered_scores,
-    scores_of,
 )
+from tactophone.evaluation.metrics import RULES, Scores, false_positives_at_recall
+from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of
+from tactophone.evaluation.report import Rendered, rendered_scores
 
 MEASURES = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 

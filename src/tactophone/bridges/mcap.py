@@ -18,7 +18,7 @@ from tactophone.bridges import topics
 from tactophone.bridges.reader import RunReader
 from tactophone.bridges.topics import Message, Topic, topics_of
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import Controls, EventBatch, RunStart
+from tactophone.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, prediction_of
 
 READ_INTERVAL = 0.2

@@ -10,14 +10,9 @@ import msgspec
 
 from tactophone.bridges import topics
 from tactophone.bridges.topics import Message, of_finger
-from tactophone.telemetry import (
-    EventBatch,
-    FingerState,
-    RunStart,
-    State,
-    Watcher,
-    read_records,
-)
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.records import EventBatch, RunStart, read_records
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import PREDICTION_FIELDS, HapticCommand, Prediction, Touch, prediction_of
 
 HEALTH_INTERVAL = 5.0

@@ -21,7 +21,8 @@ from cyclonedds.util import duration
 from tactophone.bridges import ros_messages as messages
 from tactophone.bridges.reader import NewestReader
 from tactophone.errors import ConfigError
-from tactophone.telemetry import Action, Snapshot
+from tactophone.telemetry.layout import Action
+from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, HapticCommand, PipelineStep
 
 INTERVAL = 0.01

@@ -22,7 +22,7 @@ from tactophone.link.packet import (
     parse_packet,
     split_streams,
 )
-from tactophone.telemetry import RunStart
+from tactophone.telemetry.records import RunStart
 from tactophone.types import LIVE_SAMPLE_RATE
 
 JOINED = 0.02

@@ -12,7 +12,8 @@ from typing import Any
 
 import msgspec
 
-from tactophone.telemetry import Controls, EventBatch, RunStart, State
+from tactophone.telemetry.layout import State
+from tactophone.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.types import PREDICTION_FIELDS
 
 

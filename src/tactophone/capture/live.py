@@ -11,7 +11,7 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.devices import Device, Process, open_at_rate
+from tactophone.devices.device import Device, Process, open_at_rate
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 LONGEST_WAIT = 0.06

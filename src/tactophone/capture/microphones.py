@@ -5,7 +5,9 @@ from multiprocessing.connection import Connection
 from types import MappingProxyType
 
 from tactophone.capture.live import LiveSource
-from tactophone.devices import JackClient, PortAudioStream, StreamDevice
+from tactophone.devices.device import StreamDevice
+from tactophone.devices.jack import JackClient
+from tactophone.devices.portaudio import PortAudioStream
 from tactophone.types import LIVE_SAMPLE_RATE
 
 ABSENT = "no page sends sound: open the page on the phone or laptop that listens, and press Use this microphone"

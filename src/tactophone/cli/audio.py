@@ -15,8 +15,8 @@ from tactophone.settings import Settings, change
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports would slow down --help
-    from tactophone.capture import FileSource, RecordedSource
-    from tactophone.runtime import OpenSource
+    from tactophone.capture.files import FileSource, RecordedSource
+    from tactophone.runtime.wiring import OpenSource
     from tactophone.types import AudioBlock, Source
 
 SETTLING = 0.5
@@ -32,9 +32,9 @@ def open_source(settings: Settings) -> "Source":
     Raises `ConfigError` if the setting ``capture.device`` does not fit the source, and `DatasetError` if a recording is
     missing or damaged.
     """
-    from tactophone.capture import CombinedSource, FileSource
+    from tactophone.capture.files import CombinedSource, FileSource
     from tactophone.hand import each_finger
-    from tactophone.runtime import open_device
+    from tactophone.runtime.wiring import open_device
 
     capture, fingers = settings.capture, each_finger(settings)
     if capture.source == "finger":
@@ -67,9 +67,10 @@ def open_source(settings: Settings) -> "Source":
 
 def recorded(source: "FileSource") -> "RecordedSource":
     """Return a recording as a live source, with the labels of the data set that it belongs to."""
-    from tactophone.capture import RecordedSource
-    from tactophone.dataset import ground_truth, touch_at
-    from tactophone.perception import Resampler
+    from tactophone.capture.files import RecordedSource
+    from tactophone.dataset.read import ground_truth
+    from tactophone.dataset.values import touch_at
+    from tactophone.perception.resample import Resampler
 
     resampler = Resampler(source.sample_rate, LIVE_SAMPLE_RATE, channels=source.channels)
     truth = ground_truth(source.path, duration=source.duration)
@@ -112,7 +113,7 @@ def source_of(settings: Settings, *, page: bool = True) -> PageSource:
 
 
 def _open_browser(sound: Connection, _: Settings) -> "Source":
-    from tactophone.capture import browser_source
+    from tactophone.capture.microphones import browser_source
 
     return browser_source(sound)
 

@@ -14,14 +14,15 @@ from rich.table import Table
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
-from tactophone.dataset import Dataset
+from tactophone.dataset.values import Dataset
 from tactophone.json_numbers import finite
 
 if TYPE_CHECKING:
-    from tactophone.benchmark import Cache
+    from tactophone.benchmark.folds import Cache
     from tactophone.benchmark.paper_tables import TableRow, TaskOutcome
     from tactophone.benchmark.results import Cost, DatasetResults
-    from tactophone.evaluation import Estimate, TakePredictions
+    from tactophone.evaluation.bootstrap import Estimate
+    from tactophone.evaluation.predict import TakePredictions
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
 """Of the simulated takes that are rendered where no data is given."""

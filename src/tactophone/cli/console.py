@@ -15,11 +15,12 @@ import numpy as np
 from rich.text import Text
 
 from tactophone.cli import output
-from tactophone.telemetry import Action, Snapshot, State, Watcher
+from tactophone.telemetry.layout import Action, State
+from tactophone.telemetry.watcher import Snapshot, Watcher
 from tactophone.types import Touch
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.runtime import Supervisor
+    from tactophone.runtime.supervisor import Supervisor
 
 KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
 """Which key makes which request; the space bar is the emergency stop, as it is the largest key."""

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING
 
 from tactophone.cli import output
 from tactophone.cli.options import Within
-from tactophone.dataset import Dataset, open_dataset, usable, with_channels, with_kin
+from tactophone.dataset.checks import usable, with_channels
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import with_kin
+from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
 
 if TYPE_CHECKING:
-    from tactophone.benchmark import Cache
+    from tactophone.benchmark.folds import Cache
 
 
 def add_filter(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +41,7 @@ def add_folds(parser: argparse._ActionsContainer) -> None:
 
 def cache_of(args: argparse.Namespace) -> "Cache":
     """Return where the folds' results are kept."""
-    from tactophone.benchmark import Cache, default_cache
+    from tactophone.benchmark.folds import Cache, default_cache
 
     return Cache(args.cache) if args.cache else default_cache()
 

@@ -11,31 +11,19 @@ from typing import Any
 import soundfile
 from rich.markup import escape
 
-from tactophone.bridges import is_mcap
+from tactophone.bridges.mcap import is_mcap
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.dataset import (
-    DEFAULT_CONTACT_DBFS,
-    FILE_NAME,
-    FORMATS,
-    LABEL_NAMES,
-    SPLITS,
-    Dataset,
-    Fold,
-    Problem,
-    Recording,
-    check,
-    check_consistency,
-    convert,
-    draw_dataset,
-    find_importable,
-    open_dataset,
-    set_split,
-    split,
-    write_card,
-)
+from tactophone.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
+from tactophone.dataset.convert import convert, set_split, write_card
+from tactophone.dataset.layouts import FORMATS
+from tactophone.dataset.metadata import FILE_NAME
+from tactophone.dataset.plots import draw_dataset
+from tactophone.dataset.read import find_importable, open_dataset
+from tactophone.dataset.splits import SPLITS, Fold, split
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.errors import ConfigError
-from tactophone.perception import Calibration
+from tactophone.perception.calibration import Calibration
 
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""

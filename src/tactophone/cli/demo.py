@@ -17,12 +17,13 @@ from tactophone.cli import console, live, options, output, page
 from tactophone.errors import ConfigError
 from tactophone.hand import each_finger, names_of
 from tactophone.settings import Finger, Settings, change
-from tactophone.telemetry import PredictionLog, running
+from tactophone.telemetry.follower import PredictionLog
+from tactophone.telemetry.watcher import running
 
 if TYPE_CHECKING:
-    from tactophone.capture import FileSource
-    from tactophone.dataset import Segment
-    from tactophone.offline import RunRecorder, RunScores
+    from tactophone.capture.files import FileSource
+    from tactophone.dataset.values import Segment
+    from tactophone.offline.recording import RunRecorder, RunScores
 
 EXAMPLES = (
     "tactophone demo",
@@ -85,11 +86,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run both sides over the recording, or one for each finger; write picture and sound, print scores."""
-    from tactophone.capture import FileSource
+    from tactophone.capture.files import FileSource
     from tactophone.cli.send_receive import both_sides
-    from tactophone.dataset import ground_truth
-    from tactophone.offline import RunRecorder, score_run
-    from tactophone.telemetry import read_timeline
+    from tactophone.dataset.read import ground_truth
+    from tactophone.offline.recording import RunRecorder, score_run
+    from tactophone.telemetry.records import read_timeline
 
     output.make_folder(args.out)
     settings = _with_sound(args, options.settings_of(args, USUAL))
@@ -162,7 +163,8 @@ def _write(
 ) -> dict[str, Path]:  # fmt: skip
     import soundfile
 
-    from tactophone.offline import PeakEnvelope, draw_recording
+    from tactophone.offline.plot import draw_recording
+    from tactophone.offline.recording import PeakEnvelope
     from tactophone.types import LIVE_SAMPLE_RATE
 
     ending = f"-{finger}" if finger else ""

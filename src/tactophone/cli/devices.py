@@ -12,16 +12,12 @@ from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
-from tactophone.devices import (
-    Device,
-    JackClient,
-    PortAudioStream,
-    Process,
-    SurveyedDevice,
-    survey,
-)
+from tactophone.devices.device import Device, Process
+from tactophone.devices.jack import JackClient
+from tactophone.devices.portaudio import PortAudioStream
+from tactophone.devices.survey import SurveyedDevice, survey
 from tactophone.errors import ConfigError
-from tactophone.haptics import Limits
+from tactophone.haptics.limits import Limits
 from tactophone.settings import SETTINGS, Settings
 from tactophone.types import FloatArray
 
@@ -141,7 +137,7 @@ def as_toml(found: "MeasuredResponse") -> str:
 
 def _record(amplitude: float, settings: Settings) -> FloatArray:
     from tactophone.measurement.sweep import SweepRecorder, sweep
-    from tactophone.runtime import open_actuator
+    from tactophone.runtime.wiring import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
 

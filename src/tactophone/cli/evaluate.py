@@ -14,14 +14,17 @@ from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
 from tactophone.cli.train import add_recipe, recipe_of
-from tactophone.dataset import KIN_SPLIT, SPLITS, Dataset, Fold, split
+from tactophone.dataset.splits import KIN_SPLIT, SPLITS, Fold, split
+from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception import model_path, read_model
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 
 if TYPE_CHECKING:
-    from tactophone.benchmark import Cache, Method
-    from tactophone.evaluation import Report, TakePredictions
-    from tactophone.training import RecipeFile
+    from tactophone.benchmark.folds import Cache, Method
+    from tactophone.evaluation.predict import TakePredictions
+    from tactophone.evaluation.report import Report
+    from tactophone.training.recipes import RecipeFile
 
 EXAMPLES = (
     "tactophone evaluate texture --data recordings",
@@ -92,7 +95,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
-    from tactophone.evaluation import make_report, model_predictor
+    from tactophone.evaluation.predict import model_predictor
+    from tactophone.evaluation.report import make_report
 
     model = read_model(model_path(args.model))
     if model.card.training.get("sha256") == dataset.fingerprint:
@@ -103,10 +107,11 @@ def _score_model(args: argparse.Namespace, dataset: Dataset) -> "Report":
 
 
 def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Report]":
-    from tactophone.benchmark import permute_labels
+    from tactophone.benchmark.folds import permute_labels
     from tactophone.benchmark.methods import method_of, recipe_method
-    from tactophone.evaluation import make_report
-    from tactophone.training import RECIPES, tip_of
+    from tactophone.evaluation.report import make_report
+    from tactophone.training.export import tip_of
+    from tactophone.training.recipes import RECIPES
 
     recipe, how = recipe_of(args), args.split or KIN_SPLIT
     configured = recipe.configured()
@@ -123,15 +128,16 @@ def _cross_validate(args: argparse.Namespace, dataset: Dataset) -> "dict[str, Re
 
 
 def _predict_folds(method: "Method", folds: Sequence[Fold], cache: "Cache | None") -> "list[TakePredictions]":
-    from tactophone.benchmark import cross_validate
+    from tactophone.benchmark.folds import cross_validate
 
     with output.progress(method.name, len(folds)) as update:
         return cross_validate(method, folds, cache=cache, report=lambda done, name: update(completed=done, note=name))
 
 
 def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
-    from tactophone.evaluation import RENDERED, RULES
-    from tactophone.training import add_scores
+    from tactophone.evaluation.metrics import RULES
+    from tactophone.evaluation.report import RENDERED
+    from tactophone.training.export import add_scores
 
     scores: dict[str, Any] = {
         "dataset": dataset.name,
@@ -160,7 +166,7 @@ class Scores:
         return self.reports
 
     def parts(self) -> Iterator[output.Part]:
-        from tactophone.evaluation import RULES
+        from tactophone.evaluation.metrics import RULES
 
         first = next(iter(self.reports.values()))
         yield (
@@ -212,9 +218,10 @@ class Trial:
 
 
 def _vary(args: argparse.Namespace) -> int:
-    from tactophone.benchmark import cross_validate
+    from tactophone.benchmark.folds import cross_validate
     from tactophone.benchmark.methods import method_of
-    from tactophone.evaluation import estimate, scores_of
+    from tactophone.evaluation.bootstrap import estimate
+    from tactophone.evaluation.predict import scores_of
 
     recipes = [(name, recipe.configured()) for name, recipe in _combinations(args.vary, recipe_of(args))]
     dataset = open_filtered(
@@ -242,7 +249,7 @@ def _combinations(vary: Sequence[str], recipe: "RecipeFile") -> "Iterator[tuple[
 
 
 def _run_trials(methods: "Sequence[Method]", folds: Sequence[Fold], cache: "Cache", args: argparse.Namespace) -> None:
-    from tactophone.benchmark import run_folds
+    from tactophone.benchmark.folds import run_folds
 
     todo = [(method, fold) for method in methods for fold in folds]
     with output.progress("varying", len(todo)) as update:

@@ -10,24 +10,21 @@ from typing import Any
 
 from rich.markup import escape
 
-from tactophone.capture import FileSource
+from tactophone.capture.files import FileSource
 from tactophone.cli import options, output, page
 from tactophone.cli.options import CEILING, Within
-from tactophone.dataset import Segment, ground_truth
+from tactophone.dataset.read import ground_truth
+from tactophone.dataset.values import Segment
 from tactophone.errors import ConfigError, TactophoneError
-from tactophone.haptics import PASSTHROUGH, PROFILES, Limits
-from tactophone.offline import OutputFiles, Preparation, PreparedSource, RunSummary, draw_recording, process_recording
-from tactophone.perception import (
-    SILENT_DBFS,
-    ModelCard,
-    RecordingFloor,
-    default_model,
-    measure_floor,
-    model_path,
-    read_model,
-    shipped_models,
-    tip_mismatch,
-)
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.haptics.profiles import PROFILES
+from tactophone.offline.plot import draw_recording
+from tactophone.offline.prepare import Preparation, PreparedSource
+from tactophone.offline.recording import OutputFiles, RunSummary, process_recording
+from tactophone.perception.model_file import ModelCard, read_model
+from tactophone.perception.models import default_model, model_path, shipped_models, tip_mismatch
+from tactophone.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.types import DEFAULT_TIP, TIP_NAMES, PipelineStep, TouchEvent
 
@@ -208,7 +205,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _with_sound_of_logs(args: argparse.Namespace) -> tuple[list[Path], bool]:
     """Put the sound of each session in place of a log, written to ``--out``; true if one holds none."""
-    from tactophone.bridges import is_mcap
+    from tactophone.bridges.mcap import is_mcap
 
     if args.finger and not any(map(is_mcap, args.recordings)):
         raise ConfigError("--finger chooses one of the fingers of a log, an MCAP file of --record: leave it out")

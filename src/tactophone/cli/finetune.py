@@ -12,15 +12,20 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import SEED
-from tactophone.dataset import Dataset, Recording, split
+from tactophone.dataset.splits import split
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
-from tactophone.perception import Calibration, WindowDetector, model_path, read_model
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import model_path
 from tactophone.types import Detector
 
 if TYPE_CHECKING:
-    from tactophone.evaluation import Change, TakePredictions
-    from tactophone.training import NetworkRecipe
+    from tactophone.evaluation.bootstrap import Change
+    from tactophone.evaluation.predict import TakePredictions
     from tactophone.training.finetune import FinetuningData
+    from tactophone.training.trainer import NetworkRecipe
     from tactophone.types import FloatArray
 
 REPLAYED, VALIDATED, TESTED = 40, 12, 21
@@ -139,7 +144,7 @@ def _choose(
     args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
-    from tactophone.evaluation import accuracy_of
+    from tactophone.evaluation.bootstrap import accuracy_of
     from tactophone.training.finetune import mixtures, write_finetuned
 
     start = model_path(args.model)
@@ -168,7 +173,7 @@ def _measure(
     args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None
 ) -> dict[str, dict[str, "Change"]]:
     """Score before and after, each set with the contact threshold of its own set-up."""
-    from tactophone.evaluation import by_surface, by_take, compare_models
+    from tactophone.evaluation.bootstrap import by_surface, by_take, compare_models
 
     start = model_path(args.model)
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
@@ -189,7 +194,7 @@ def _measure(
 
 
 def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_dbfs: float) -> "list[TakePredictions]":
-    from tactophone.evaluation import streaming_predictor
+    from tactophone.evaluation.predict import streaming_predictor
 
     model = read_model(path)
 

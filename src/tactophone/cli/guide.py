@@ -20,7 +20,7 @@ from rich.text import Text
 from tactophone.cli import console, output
 from tactophone.cli.audio import SETTLING, AudioInput, SimulatedAct
 from tactophone.errors import DatasetError, TactophoneError
-from tactophone.perception import MICROPHONES
+from tactophone.perception.health import MICROPHONES
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 LAST_LOOK = 0.3
@@ -99,7 +99,7 @@ class GuidePage:
     """A guided command's page; a context manager that shows an error and, with ``wait``, waits for *Done*."""
 
     def __init__(self, *, wait: bool) -> None:
-        from tactophone.pages import serve_guide  # for --dashboard alone: it imports processes
+        from tactophone.pages.server import serve_guide  # for --dashboard alone: it imports processes
 
         self._orders, page_end = Pipe()
         self._wait, self._finished = wait, False

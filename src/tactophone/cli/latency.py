@@ -13,11 +13,12 @@ from rich.table import Table
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.settings import Settings
-from tactophone.telemetry import STAGES
+from tactophone.telemetry.layout import STAGES
 from tactophone.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports take a second, which would slow down --help
-    from tactophone.measurement import DecisionDelays, ImpulseLatency
+    from tactophone.measurement.delays import DecisionDelays
+    from tactophone.measurement.impulses import ImpulseLatency
 
 EXAMPLES = (
     "tactophone latency --dummy",
@@ -48,9 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure and print."""
-    from tactophone.devices import DummyServer
-    from tactophone.measurement import Graph, measure, measure_decisions
-    from tactophone.runtime import open_pipeline_for
+    from tactophone.devices.dummy import DummyServer
+    from tactophone.measurement.delays import measure_decisions
+    from tactophone.measurement.impulses import Graph, measure
+    from tactophone.runtime.wiring import open_pipeline_for
 
     settings = options.settings_of(args)
     with ExitStack() as stack:
@@ -150,7 +152,7 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
 
 
 def _decision_notes(delays: "DecisionDelays", model: str) -> str:
-    from tactophone.measurement import MAX_DECISION_DELAY
+    from tactophone.measurement.delays import MAX_DECISION_DELAY
 
     touches, edges = len(delays.touch) + delays.missed_touches, len(delays.edge) + delays.missed_edges
     return (

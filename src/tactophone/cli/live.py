@@ -18,11 +18,12 @@ from tactophone.cli import console, extras, options, output, page
 from tactophone.cli.console import Outcome
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.settings import Settings
-from tactophone.telemetry import COUNTERS, STAGES, Snapshot, State
+from tactophone.telemetry.layout import COUNTERS, STAGES, State
+from tactophone.telemetry.watcher import Snapshot
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
-    from tactophone.bridges import Bridge
-    from tactophone.runtime import Supervisor
+    from tactophone.bridges.process import Bridge
+    from tactophone.runtime.supervisor import Supervisor
 
 BRIDGES = {
     "foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765",
@@ -84,11 +85,11 @@ def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterato
     with ExitStack() as stack:
         for path in args.record:
             if path.suffix == ".csv":
-                from tactophone.telemetry import PredictionLog
+                from tactophone.telemetry.follower import PredictionLog
 
                 stack.enter_context(PredictionLog(name, path, report=output.warn))
         for build in _bridges(args, settings, name):
-            from tactophone.bridges import BridgeProcess
+            from tactophone.bridges.process import BridgeProcess
 
             stack.enter_context(BridgeProcess(build, report=output.warn))
         yield
@@ -129,7 +130,7 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
     for path in args.record:
         if path.suffix == ".mcap":
             extras.require_modules("mcap", "zstandard")
-            from tactophone.bridges import McapLog
+            from tactophone.bridges.mcap import McapLog
 
             yield partial(McapLog, name, path.absolute())
     for text in args.bridge:

@@ -12,11 +12,14 @@ from rich.markup import escape
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import Within, per_minute
-from tactophone.dataset import Dataset
-from tactophone.perception import Model, ModelCard, model_path, read_model, shipped_models
+from tactophone.dataset.values import Dataset
+from tactophone.perception.model_file import Model, ModelCard, read_model
+from tactophone.perception.models import model_path, shipped_models
 
 if TYPE_CHECKING:
-    from tactophone.evaluation import Estimate, Goal, OperatingPoint, TakePredictions
+    from tactophone.evaluation.bootstrap import Estimate
+    from tactophone.evaluation.predict import TakePredictions
+    from tactophone.evaluation.rules import Goal, OperatingPoint
 
 
 EXAMPLES = {
@@ -54,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _import(args: argparse.Namespace) -> int:
-    from tactophone.training import import_published
+    from tactophone.training.paper_models import import_published
 
     out = args.out or Path(args.source.stem + ".onnx")
     import_published(args.source, out)
@@ -164,7 +167,13 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
 def _set_threshold(args: argparse.Namespace) -> int:
     """Choose the rule, draw the trade-off, write the model file."""
     goal, limit = _goal(args)
-    from tactophone.evaluation import candidate_rules, choose_rule, draw_trade_off, measure_rule, try_rules
+    from tactophone.evaluation.rules import (
+        candidate_rules,
+        choose_rule,
+        draw_trade_off,
+        measure_rule,
+        try_rules,
+    )
 
     path = model_path(args.model)
     # The package's own files stay as they are: other programs of this installation use them.
@@ -179,7 +188,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
     picture = args.plot or out.with_suffix(".trade-off.png")
     draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
     if not args.dry_run:
-        from tactophone.training import set_decision
+        from tactophone.training.export import set_decision
 
         scores = {"dataset": dataset.name, "sha256": dataset.fingerprint, **chosen.as_json()}
         set_decision(path, chosen.rule, scores, out=out)
@@ -194,7 +203,7 @@ def _goal(args: argparse.Namespace) -> "tuple[Goal, float]":
 
 
 def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
-    from tactophone.evaluation import model_predictor
+    from tactophone.evaluation.predict import model_predictor
 
     if model.card.training.get("sha256") == dataset.fingerprint:
         output.log().print("beware: the model was trained on these recordings, so the rates are too good")

@@ -17,8 +17,8 @@ from tactophone.errors import ConfigError, TactophoneError
 from tactophone.settings import Settings
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.bridges import BridgeProcess
-    from tactophone.pages import Page
+    from tactophone.bridges.process import BridgeProcess
+    from tactophone.pages.server import Page
 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
@@ -46,7 +46,7 @@ def shown(
     if not page:
         yield
         return
-    from tactophone.pages import watch
+    from tactophone.pages.server import watch
 
     recorder = PageRecorder(name, Path(), report=output.note)
     record = recorder.page if live else None
@@ -65,7 +65,7 @@ def place(settings: Settings) -> dict[str, Any]:
         return {"address": page.address or None, "certificate": _certificate(settings)}
     if page.address:
         raise ConfigError("--lan and page.address both choose the address: give one of them")
-    from tactophone.pages import network_address
+    from tactophone.pages.server import network_address
 
     name = socket.gethostname().lower()
     names = (name, name if name.endswith(".local") else f"{name}.local")  # the second by multicast DNS
@@ -108,7 +108,7 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     """Return the files of certificate and key, and print the fingerprint to compare; none without ``--https``."""
     if not settings.page.https:
         return None
-    from tactophone.link import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity
+    from tactophone.link.identity import CERTIFICATE_FILE, IDENTITY_FOLDER, KEY_FILE, Identity
 
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
     fingerprint = Identity.load(folder).fingerprint
@@ -157,7 +157,8 @@ class PageRecorder:
 
     def _begin(self) -> None:
         extras.require_modules("mcap", "zstandard")
-        from tactophone.bridges import BridgeProcess, McapLog
+        from tactophone.bridges.mcap import McapLog
+        from tactophone.bridges.process import BridgeProcess
 
         self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
         log = BridgeProcess(partial(McapLog, self._name, self._path), report=self._fail)

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the chosen step."""
-    from tactophone.link import IDENTITY_FOLDER
+    from tactophone.link.identity import IDENTITY_FOLDER
 
     args.identity = (args.identity or IDENTITY_FOLDER).expanduser()
     args.step(args)
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _init(args: argparse.Namespace) -> None:
-    from tactophone.link import Identity
+    from tactophone.link.identity import Identity
 
     Identity.create(args.name).save(args.identity)
     output.log().print(f"Created a key in {args.identity}. Only you can read it; keep it so.")
@@ -72,7 +72,7 @@ def _init(args: argparse.Namespace) -> None:
 
 
 def _show(args: argparse.Namespace) -> None:
-    from tactophone.link import Identity, Peers
+    from tactophone.link.identity import Identity, Peers
 
     identity, peers = Identity.load(args.identity), Peers.load(args.identity)
     if not args.json:
@@ -82,14 +82,14 @@ def _show(args: argparse.Namespace) -> None:
 
 
 def _trust(args: argparse.Namespace) -> None:
-    from tactophone.link import Peers
+    from tactophone.link.identity import Peers
 
     Peers.load(args.identity).trusting(args.name, args.fingerprint).save(args.identity)
     output.log().print(f"{args.name} is trusted from the next start on.")
 
 
 def _forget(args: argparse.Namespace) -> None:
-    from tactophone.link import Peers
+    from tactophone.link.identity import Peers
 
     Peers.load(args.identity).without(args.name).save(args.identity)
     output.log().print(f"{args.name} is not trusted from the next start on.")

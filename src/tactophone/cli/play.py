@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _play(args: argparse.Namespace) -> int:
-    from tactophone.pages import GameSettings, open_finger, serve_game
+    from tactophone.pages.game import GameSettings, open_finger, serve_game
     from tactophone.simulation.takes import shuffled  # not by the door, which loads numba
 
     settings = change(options.settings_of(args, NEAR), SIMULATED)
@@ -105,7 +105,7 @@ def _play(args: argparse.Namespace) -> int:
 def _try(args: argparse.Namespace) -> int:
     from tactophone.cli import console, live
     from tactophone.cli.send_receive import both_sides
-    from tactophone.pages import watch
+    from tactophone.pages.server import watch
 
     usual = [*USUAL_OF_TRY, f"capture.source={args.source}"]
     settings = audio.for_one_microphone(options.settings_of(args, usual))

@@ -7,14 +7,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from tactophone.capture import FileSource
+from tactophone.capture.files import FileSource
 from tactophone.cli import output
 from tactophone.cli.page import shown
-from tactophone.dataset import Segment, touch_at
-from tactophone.haptics import Oscillator, Playback
+from tactophone.dataset.values import Segment, touch_at
+from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.pipeline import Pipeline
 from tactophone.settings import Settings
-from tactophone.telemetry import FingerState, State, Telemetry
+from tactophone.telemetry.layout import FingerState, State
+from tactophone.telemetry.writer import Telemetry
 
 BLOCK_DURATION = 0.01
 """Seconds of sound in a block: the interval at which the page shows predictions."""

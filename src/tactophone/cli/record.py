@@ -14,20 +14,15 @@ from tactophone.cli import console, options, output
 from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
-from tactophone.dataset import holds_metadata, open_dataset
+from tactophone.dataset.metadata import holds_metadata
+from tactophone.dataset.read import open_dataset
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.perception import Calibration, Reference
-from tactophone.recording import (
-    PROTOCOL,
-    Key,
-    RecordedObject,
-    Recorder,
-    SessionPlan,
-    Stage,
-    protocol,
-    recording_in,
-    recover,
-)
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.health import Reference
+from tactophone.recording import protocol
+from tactophone.recording.protocol import PROTOCOL, Key, Stage
+from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
+from tactophone.recording.safe_writer import recording_in, recover
 from tactophone.types import Touch
 
 SCENARIOS = ("held", "table", "box")

@@ -12,7 +12,7 @@ from tactophone.errors import ConfigError
 from tactophone.settings import Finger, Settings, change
 
 if TYPE_CHECKING:
-    from tactophone.bridges import LogEntry
+    from tactophone.bridges.mcap import LogEntry
     from tactophone.offline.replay import RenderedFinger, Replay
 
 CHANGES = {"model": "detector.model", "profile": "rendering.profile", "ceiling": "rendering.ceiling"}
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compute the run again; exit 1 if nothing was changed and a prediction or command differs from the log."""
-    from tactophone.bridges import read_log
+    from tactophone.bridges.mcap import read_log
     from tactophone.offline.replay import Replay
 
     if args.to_rosbag:
@@ -104,9 +104,9 @@ def _write(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -
 
 def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path]) -> None:
     """Write the steps as a bag whose time begins when the run did."""
-    from tactophone.bridges import read_log
+    from tactophone.bridges.mcap import read_log
     from tactophone.bridges.ros import RosBag
-    from tactophone.telemetry import EventBatch, RunStart
+    from tactophone.telemetry.records import EventBatch, RunStart
 
     epoch, begun, names = 0.0, 0.0, ["index"]
     for entry in read_log(args.log):
@@ -126,12 +126,12 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings]) -> N
     """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
-    from tactophone.bridges import read_log
-    from tactophone.capture import FileSource
+    from tactophone.bridges.mcap import read_log
+    from tactophone.capture.files import FileSource
     from tactophone.cli import playback
     from tactophone.hand import names_of
     from tactophone.offline.replay import LoggedEndpoint, write_sound
-    from tactophone.telemetry import RunStart
+    from tactophone.telemetry.records import RunStart
 
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:

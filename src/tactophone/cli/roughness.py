@@ -12,7 +12,7 @@ from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
 
 if TYPE_CHECKING:
-    from tactophone.dataset import HeightReport
+    from tactophone.dataset.heights import HeightReport
 
 
 EXAMPLES = (
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, print, and write what was asked for."""
-    from tactophone.dataset import draw_heights, measure_heights, read_heights
+    from tactophone.dataset.heights import draw_heights, measure_heights, read_heights
 
     if bool(args.write_metadata) != bool(args.surface):
         raise ConfigError("--write-metadata DIR and --surface NAME belong together: name both")
@@ -106,7 +106,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
     """Write the parameters into every line of the surface."""
-    from tactophone.dataset import FILE_NAME, open_dataset, write_metadata
+    from tactophone.dataset.metadata import FILE_NAME, write_metadata
+    from tactophone.dataset.read import open_dataset
 
     dataset = open_dataset(args.write_metadata)
     if not (dataset.root / FILE_NAME).is_file():

@@ -11,7 +11,8 @@ from tactophone.cli import audio, live, options, output, page
 from tactophone.settings import Settings
 
 if TYPE_CHECKING:
-    from tactophone.runtime import OpenSource, Supervisor
+    from tactophone.runtime.supervisor import Supervisor
+    from tactophone.runtime.wiring import OpenSource
 
 EXAMPLES = {
     "send": (
@@ -43,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
         settings = audio.for_one_microphone(settings)
     name = settings.process.name or args.verb
     if args.verb == "receive":
-        from tactophone.runtime import Supervisor, run_operator, supervised
+        from tactophone.runtime.operator import run_operator
+        from tactophone.runtime.supervisor import Supervisor, supervised
 
         operator = Supervisor(run_operator, settings, name=name, report=output.note)
         return live.follow(args, settings, supervised(operator), name)
@@ -51,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
     if args.verb == "loopback":
         sides = both_sides(settings, name=name, open_source=source.open)
         return live.follow(args, settings, sides, name, microphone=source.microphone)
-    from tactophone.runtime import Supervisor, run_robot, supervised
+    from tactophone.runtime.robot import run_robot
+    from tactophone.runtime.supervisor import Supervisor, supervised
 
     main = partial(run_robot, open_source=source.open)
     robot = Supervisor(main, settings, name=name, report=output.note)
@@ -66,15 +69,11 @@ def both_sides(
 
     ``open_source`` replaces the way in which the settings' source is opened.
     """
-    from tactophone.runtime import (
-        Supervisor,
-        pair_on_one_machine,
-        prioritize_thread,
-        run_operator,
-        run_robot,
-        supervised,
-        temporary_keys,
-    )
+    from tactophone.runtime.operator import run_operator
+    from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
+    from tactophone.runtime.priority import prioritize_thread
+    from tactophone.runtime.robot import run_robot
+    from tactophone.runtime.supervisor import Supervisor, supervised
 
     simulated = settings.simulation
     with temporary_keys() as folder, ExitStack() as stack:

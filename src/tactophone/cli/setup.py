@@ -17,18 +17,16 @@ from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, ModelError
 from tactophone.json_numbers import finite
-from tactophone.perception import (
-    MICROPHONES,
+from tactophone.perception.calibration import (
     CalibrationResult,
     CalibrationSounds,
     Finding,
-    Model,
-    default_model,
     measure_calibration,
-    measure_floor,
-    model_path,
-    read_model,
 )
+from tactophone.perception.health import MICROPHONES
+from tactophone.perception.model_file import Model, read_model
+from tactophone.perception.models import default_model, model_path
+from tactophone.perception.noise_floor import measure_floor
 from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
 
 if TYPE_CHECKING:

@@ -167,7 +167,7 @@ def _check_layout(args: argparse.Namespace) -> None:
 
 
 def _competition(args: argparse.Namespace) -> int:
-    from tactophone.dataset import write_metadata
+    from tactophone.dataset.metadata import write_metadata
     from tactophone.simulation.competition import DAYS, CompetitionRun, run_recording, write_finals, write_run
 
     _check_layout(args)

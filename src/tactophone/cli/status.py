@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 from tactophone.cli import options, output
 from tactophone.errors import TactophoneError, did_you_mean
-from tactophone.telemetry import Action, State, Watcher, running
+from tactophone.telemetry.layout import Action, State
+from tactophone.telemetry.watcher import Watcher, running
 
 EXAMPLES = {
     "status": ("tactophone status", "tactophone status --json"),

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, joined, open_filtered
-from tactophone.perception import Calibration
-from tactophone.training import RECIPES, RecipeFile
+from tactophone.perception.calibration import Calibration
+from tactophone.training.recipes import RECIPES, RecipeFile
 from tactophone.types import TIP_NAMES
 
 EXAMPLES = (

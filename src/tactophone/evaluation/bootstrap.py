@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import (
     Floats,

@@ -20,11 +20,18 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording, Segment
-from tactophone.dataset.values import MotionInterval, cut_slides, first_slide, slides_over, write_slides
+from tactophone.dataset.values import (
+    MotionInterval,
+    Recording,
+    Segment,
+    cut_slides,
+    first_slide,
+    slides_over,
+    write_slides,
+)
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
-from tactophone.perception import Decision, DecisionRule
+from tactophone.perception.decision import Decision, DecisionRule
 from tactophone.types import FloatArray, Touch
 
 BRIDGE = 0.03

@@ -12,18 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
-from tactophone.perception import (
-    HOLD,
-    SUPPORTS_MISSING_CHANNEL,
-    ContactGate,
-    Model,
-    WindowDetector,
-    measure_floor,
-    with_gate,
-)
+from tactophone.perception.contact import ContactGate
+from tactophone.perception.detector import WindowDetector
+from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
+from tactophone.perception.model_file import Model
+from tactophone.perception.models import with_gate
+from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
 
 PIECE = 1 << 16

@@ -16,7 +16,7 @@ from tactophone.evaluation.bootstrap import DRAWS, Estimate, bootstrap, estimate
 from tactophone.evaluation.events import decided_touches
 from tactophone.evaluation.metrics import RULES, Floats, Rule, balanced_accuracy, rough_score
 from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
-from tactophone.perception import DecisionRule
+from tactophone.perception.decision import DecisionRule
 from tactophone.types import Touch
 
 RENDERED = ("balanced_accuracy", "rough_as_rough", "smooth_as_smooth", "smooth_as_rough", "wrong", "gaps")

@@ -14,13 +14,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
 from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Estimate, bootstrap
 from tactophone.evaluation.metrics import Floats, rough_score
 from tactophone.evaluation.predict import TakePredictions
-from tactophone.perception import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
+from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
 from tactophone.types import Touch
 
 Goal = Literal["false_bumps_per_minute", "false_positive_rate"]

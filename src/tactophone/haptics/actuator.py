@@ -8,7 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias
 
-from tactophone.devices import ClockedDevice, Device, GamepadDevice, JackClient, PortAudioStream, Process, open_at_rate
+from tactophone.devices.device import ClockedDevice, Device, Process, open_at_rate
+from tactophone.devices.gamepad import GamepadDevice
+from tactophone.devices.jack import JackClient
+from tactophone.devices.portaudio import PortAudioStream
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Render: TypeAlias = Callable[[FloatArray], None]

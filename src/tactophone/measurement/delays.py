@@ -12,7 +12,9 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.haptics import ROUGH_STIMULUS, SMOOTH_STIMULUS, Limits, Oscillator
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.profiles import ROUGH_STIMULUS, SMOOTH_STIMULUS
 from tactophone.pipeline import Pipeline
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.motion import row

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from tactophone.devices import JackClient
+from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.measurement.impulses import PEAK, TONE, Graph, Sides, running_sides, vibration_port
 from tactophone.settings import Settings, change

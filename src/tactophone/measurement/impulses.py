@@ -16,21 +16,17 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.devices import JackClient
+from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.hand import names_of
-from tactophone.runtime import (
-    OpenSource,
-    Supervisor,
-    open_device,
-    pair_on_one_machine,
-    run_operator,
-    run_robot,
-    supervised,
-    temporary_keys,
-)
+from tactophone.runtime.operator import run_operator
+from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
+from tactophone.runtime.robot import run_robot
+from tactophone.runtime.supervisor import Supervisor, supervised
+from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Finger, Settings
-from tactophone.telemetry import MARKS, STAGES, Watcher
+from tactophone.telemetry.layout import MARKS, STAGES
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 BURST = 0.03

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.devices import Device, Process
+from tactophone.devices.device import Device, Process
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 

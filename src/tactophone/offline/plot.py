@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from tactophone.dataset import Segment
 from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
+from tactophone.dataset.values import Segment
 from tactophone.offline.recording import PeakEnvelope
-from tactophone.telemetry import read_timeline
+from tactophone.telemetry.records import read_timeline
 from tactophone.types import Touch
 
 _WIDTH, _DPI = 11.0, 130

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from tactophone.offline.hum import Hum, HumMeter
-from tactophone.perception import find_invalid
+from tactophone.perception.health import find_invalid
 from tactophone.types import AudioBlock, Source
 
 SILENT = 1e-6

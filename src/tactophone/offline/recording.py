@@ -16,12 +16,16 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Segment
+from tactophone.dataset.values import Segment
 from tactophone.errors import ConfigError
-from tactophone.haptics import Oscillator, Passthrough, Playback
-from tactophone.perception import Resampler
+from tactophone.haptics.oscillator import Oscillator, Playback
+from tactophone.haptics.passthrough import Passthrough
+from tactophone.perception.resample import Resampler
 from tactophone.pipeline import Pipeline
-from tactophone.telemetry import STEP, RunFollower, Snapshot, TimelineWriter
+from tactophone.telemetry.follower import RunFollower
+from tactophone.telemetry.layout import STEP
+from tactophone.telemetry.records import TimelineWriter
+from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep, Source, Touch
 
 TAIL = 0.1

@@ -25,16 +25,22 @@ from tactophone.bridges.topics import topics_of
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.hand import channels_of, each_finger, names_of, of_finger
-from tactophone.haptics import Limits, Oscillator
-from tactophone.link import Address, Connected, DecodedAudio, LoggedSession, ReceiveSession, Session
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.link.events import Connected, LoggedSession
+from tactophone.link.packet import Address
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.session import Session
+from tactophone.link.stream import DecodedAudio
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.recording import OfflineRenderer, OutputFiles, RunSummary
-from tactophone.perception import model_path
+from tactophone.perception.models import model_path
 from tactophone.pipeline import Hand, Pipeline
-from tactophone.runtime import open_pipeline_for
 from tactophone.runtime.gate import FingerOutput
+from tactophone.runtime.wiring import open_pipeline_for
 from tactophone.settings import Finger, Settings, change, set_value
-from tactophone.telemetry import Controls, EventBatch, Request, RunStart
+from tactophone.telemetry.layout import Request
+from tactophone.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
 
 Change = Callable[[Settings], Settings]

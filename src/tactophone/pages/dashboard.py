@@ -26,7 +26,7 @@ from tactophone.pages.views import (
     messages_of,
     page,
 )
-from tactophone.telemetry import FingerState, Request, State
+from tactophone.telemetry.layout import FingerState, Request, State
 
 PERIOD = 1 / 60
 """Seconds between messages: the refresh interval of a screen."""

@@ -20,7 +20,7 @@ from aiohttp import WSMsgType, web
 
 from tactophone.pages.feed import WatchedRun, pack
 from tactophone.pages.views import TAKEN, FloodGate, admit, end_flood, finger_of, messages_of
-from tactophone.telemetry import Snapshot
+from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE
 
 PERIOD = 0.005

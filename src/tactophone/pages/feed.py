@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.telemetry import STEP_FIELDS, Request, Snapshot, Watcher
+from tactophone.telemetry.layout import STEP_FIELDS, Request
+from tactophone.telemetry.watcher import Snapshot, Watcher
 from tactophone.types import FloatArray
 
 BUCKET = 0.01

@@ -32,7 +32,8 @@ from tactophone.pages.views import (
     messages_of,
     page,
 )
-from tactophone.telemetry import Request, Snapshot
+from tactophone.telemetry.layout import Request
+from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import Touch
 
 PERIOD = 0.004

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tactophone.perception import ChannelStatistics, FaultDetector, FaultKind, Reference, SensorFault, SignalStatistics
+from tactophone.perception.health import (
+    ChannelStatistics,
+    FaultDetector,
+    FaultKind,
+    Reference,
+    SensorFault,
+    SignalStatistics,
+)
 from tactophone.recording.protocol import PROTOCOL, TakePlan
 from tactophone.types import CONTACT, AudioBlock
 

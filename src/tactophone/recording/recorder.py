@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tactophone.dataset import Dataset, Recording
-from tactophone.perception import Reference
+from tactophone.dataset.values import Dataset, Recording
+from tactophone.perception.health import Reference
 from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Protocol, Stage, TakePlan
 from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.recording.safe_writer import TakeWriter

@@ -16,8 +16,9 @@ from typing import Any, Self
 
 import soundfile
 
-from tactophone.dataset import FILE_NAME, LABEL_NAMES, Recording, read_metadata, write_metadata
 from tactophone.dataset.convert import copy_as_flac
+from tactophone.dataset.metadata import FILE_NAME, read_metadata, write_metadata
+from tactophone.dataset.values import LABEL_NAMES, Recording
 from tactophone.errors import DatasetError
 from tactophone.processes import atomic_write, flush_to_disk
 from tactophone.types import AudioBlock

@@ -12,11 +12,13 @@ from collections.abc import Iterable
 
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import TactophoneError
-from tactophone.haptics import PROFILES, Limits, Oscillator, Renderer, open_profile
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator, Renderer
+from tactophone.haptics.profiles import PROFILES, open_profile
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.wiring import actuator_response
 from tactophone.settings import Settings
-from tactophone.telemetry import FingerState, Request
+from tactophone.telemetry.layout import FingerState, Request
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
 EMERGENCY_STOP = "emergency stop: find the cause, then arm"

@@ -13,8 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.link import Codec
-from tactophone.telemetry import Watcher
+from tactophone.link.codec import Codec
+from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE
 
 _WRAP = 1 << 32

@@ -18,7 +18,9 @@ from typing import Self
 import numpy as np
 
 from tactophone.hand import each_finger, names_of
-from tactophone.link import DecodedAudio, PredictionReceived, ReceiveEvent, ReceiveSession, UdpSocket
+from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
+from tactophone.link.stream import DecodedAudio
+from tactophone.link.udp import UdpSocket
 from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.runtime.latency import LocalPeer, operator_stages
 from tactophone.runtime.supervisor import ProcessInfo, Side
@@ -33,7 +35,8 @@ from tactophone.runtime.wiring import (
     tip_warning,
 )
 from tactophone.settings import Settings
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, State
+from tactophone.telemetry.layout import MARKS, Fault, State
+from tactophone.telemetry.records import ARRIVAL_DIGITS
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, PipelineStep
 
 HOUSEKEEPING_INTERVAL = 0.02

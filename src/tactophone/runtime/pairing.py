@@ -9,9 +9,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from tactophone.link import Identity, Peers
+from tactophone.link.identity import Identity, Peers
 from tactophone.settings import Link, Settings
-from tactophone.telemetry import is_alive
+from tactophone.telemetry.memory import is_alive
 
 _KEYS = "tactophone-keys-"
 

@@ -15,10 +15,12 @@ from pathlib import Path
 
 import tactophone
 from tactophone.hand import each_finger
-from tactophone.link import Event, write_event
-from tactophone.perception import default_model, model_path
+from tactophone.link.events import Event, write_event
+from tactophone.perception.models import default_model, model_path
 from tactophone.settings import Settings
-from tactophone.telemetry import LARGEST_RECORD, Controls, EventBatch, Record, RunStart, Telemetry, write_record
+from tactophone.telemetry.layout import LARGEST_RECORD
+from tactophone.telemetry.records import Controls, EventBatch, Record, RunStart, write_record
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import PipelineStep, Touch
 
 BATCH = 10

@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Protocol, Self, runtime_checkable
 
-from tactophone.capture import LiveSource
+from tactophone.capture.live import LiveSource
 from tactophone.endpoints import RobotEndpoint
 from tactophone.errors import ConfigError
 from tactophone.hand import channels_of, each_finger, names_of
-from tactophone.link import Event, UdpSocket
+from tactophone.link.events import Event
+from tactophone.link.udp import UdpSocket
 from tactophone.runtime.latency import robot_stages
 from tactophone.runtime.priority import name_thread, prioritize_thread
 from tactophone.runtime.supervisor import ProcessInfo, Side
@@ -35,7 +36,8 @@ from tactophone.runtime.wiring import (
     send_outgoing,
 )
 from tactophone.settings import Settings
-from tactophone.telemetry import ARRIVAL_DIGITS, MARKS, Fault, FingerState, State
+from tactophone.telemetry.layout import MARKS, Fault, FingerState, State
+from tactophone.telemetry.records import ARRIVAL_DIGITS
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05

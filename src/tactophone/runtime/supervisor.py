@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self, TypeAlias
 
-from tactophone.devices import disconnect_from_jack
+from tactophone.devices.jack import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.processes import Child, Parent, orphaned
 from tactophone.runtime.priority import (
@@ -29,7 +29,10 @@ from tactophone.runtime.priority import (
 from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
 from tactophone.settings import Settings
-from tactophone.telemetry import Fault, Telemetry, Watcher, remove_leftovers, remove_memory
+from tactophone.telemetry.layout import Fault
+from tactophone.telemetry.memory import remove_leftovers, remove_memory
+from tactophone.telemetry.watcher import Watcher
+from tactophone.telemetry.writer import Telemetry
 
 RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
 """Seconds between the end of a process and the next, which double with every process that lived less than

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from tactophone.settings import Process
-from tactophone.telemetry import Pulse
+from tactophone.telemetry.watcher import Pulse
 
 CHECK_INTERVAL = 0.005
 """Seconds between two checks."""

@@ -14,59 +14,38 @@ from pathlib import Path
 import numpy as np
 
 from tactophone import __version__
-from tactophone.capture import jack_source, portaudio_source
+from tactophone.capture.microphones import jack_source, portaudio_source
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, ModelError, PacketError
 from tactophone.hand import channels_of, each_finger, names_of
-from tactophone.haptics import (
-    PASSTHROUGH,
+from tactophone.haptics.actuator import (
     Actuator,
-    ActuatorResponse,
-    GateProfile,
-    Limits,
-    Oscillator,
-    PassthroughRenderer,
-    Renderer,
     RenderHand,
     clocked_hand_actuator,
     gamepad_actuator,
     jack_hand_actuator,
-    open_profile,
-    parse_levels,
     portaudio_hand_actuator,
 )
-from tactophone.link import (
-    IDENTITY_FOLDER,
-    MOST_OPERATORS,
-    NARROW_BAND,
-    Address,
-    Codec,
-    Identity,
-    Peers,
-    ReceiveSession,
-    RedundancyRule,
-    SendGroup,
-    Session,
-    UdpSocket,
-    open_decoder,
-    open_encoder,
-    resolve,
-)
-from tactophone.perception import (
-    FALLBACK_MESSAGES,
-    Calibration,
-    FallbackDetector,
-    FaultDetector,
-    default_model,
-    model_path,
-    open_detector,
-    read_model,
-    tip_mismatch,
-    with_fallback,
-)
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator, Renderer
+from tactophone.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
+from tactophone.haptics.profiles import ActuatorResponse, open_profile, parse_levels
+from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
+from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
+from tactophone.link.packet import Address
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import MOST_OPERATORS, SendGroup
+from tactophone.link.session import Session
+from tactophone.link.stream import RedundancyRule
+from tactophone.link.udp import UdpSocket, resolve
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
+from tactophone.perception.health import FaultDetector
+from tactophone.perception.model_file import read_model
+from tactophone.perception.models import default_model, model_path, open_detector, tip_mismatch
 from tactophone.pipeline import Hand, Pipeline, open_events
 from tactophone.settings import Link, Settings
-from tactophone.telemetry import Fault
+from tactophone.telemetry.layout import Fault
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
 
 OpenSource = Callable[[Settings], Source]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.processes import atomic_write
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones

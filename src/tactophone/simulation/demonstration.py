@@ -12,7 +12,8 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording, write_metadata
+from tactophone.dataset.metadata import write_metadata
+from tactophone.dataset.values import Recording
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones, row

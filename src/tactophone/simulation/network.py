@@ -23,18 +23,14 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from tactophone.errors import ConfigError
-from tactophone.link import (
-    Address,
-    Codec,
-    Datagrams,
-    Identity,
-    Peers,
-    ReceiveSession,
-    RedundancyRule,
-    SendGroup,
-    Session,
-    UdpSocket,
-)
+from tactophone.link.codec import Codec
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.packet import Address
+from tactophone.link.receive import ReceiveSession
+from tactophone.link.send import Datagrams, SendGroup
+from tactophone.link.session import Session
+from tactophone.link.stream import RedundancyRule
+from tactophone.link.udp import UdpSocket
 
 
 @dataclass(frozen=True, slots=True)

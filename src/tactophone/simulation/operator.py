@@ -25,7 +25,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.haptics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, Oscillator, Playback, threshold_db
+from tactophone.haptics.oscillator import Oscillator, Playback
+from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
 from tactophone.simulation.catalogue import TEST, SimulatedObject, catalogue, synthetic_object
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.modes import Mounting

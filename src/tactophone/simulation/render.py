@@ -18,9 +18,9 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording, Segment, write_metadata
-from tactophone.dataset.values import MotionInterval, write_slides
-from tactophone.link import Codec, encode_and_decode
+from tactophone.dataset.metadata import write_metadata
+from tactophone.dataset.values import MotionInterval, Recording, Segment, write_slides
+from tactophone.link.codec import Codec, encode_and_decode
 from tactophone.processes import atomic_write, open_pool
 from tactophone.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
 from tactophone.simulation.finger import tip_named

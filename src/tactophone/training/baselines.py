@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
 from tactophone.errors import DatasetError
-from tactophone.perception import CUES
+from tactophone.perception.features import CUES
 from tactophone.training.export import Floats, build_known, build_linear, fill_missing
 from tactophone.training.linear import build_texture
 from tactophone.training.sets import TrainingSet

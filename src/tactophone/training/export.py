@@ -21,9 +21,17 @@ import onnx
 from numpy.typing import NDArray
 from onnx import NodeProto, TensorProto, helper, numpy_helper
 
-from tactophone.dataset import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import ModelError
-from tactophone.perception import CARD_KEY, FEATURES, LOG_PROBABILITIES, DecisionRule, Gate, ModelCard, read_model
+from tactophone.perception.decision import DecisionRule
+from tactophone.perception.model_file import (
+    CARD_KEY,
+    FEATURES,
+    LOG_PROBABILITIES,
+    Gate,
+    ModelCard,
+    read_model,
+)
 from tactophone.processes import atomic_write
 from tactophone.training.recipes import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
 from tactophone.types import FloatArray, Touch

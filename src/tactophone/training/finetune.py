@@ -14,9 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from tactophone.dataset import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
-from tactophone.perception import Calibration, Gate, read_model
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.model_file import Gate, read_model
 from tactophone.training.export import read_weights, write_model
 from tactophone.training.recipes import Variant, network_settings, silent
 from tactophone.training.trainer import NetworkRecipe, Progress

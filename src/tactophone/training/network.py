@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tactophone.errors import DatasetError
-from tactophone.perception import LoudnessRule
+from tactophone.perception.levels import LoudnessRule
 from tactophone.training.export import BINS, RESIDUALS, Weights, channels_of
 from tactophone.training.recipes import NETWORK_WINDOW_SIZE as SIZE
 from tactophone.training.recipes import Labelling

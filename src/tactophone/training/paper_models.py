@@ -20,7 +20,7 @@ from typing import Any
 import torch
 
 from tactophone.errors import ModelError
-from tactophone.perception import Gate
+from tactophone.perception.model_file import Gate
 from tactophone.training.export import BINS, channels_of, make_card, write_model
 from tactophone.training.network import PaperNetwork, weights_of
 from tactophone.training.recipes import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE

@@ -32,19 +32,16 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.perception import (
-    BAND_COUNT,
-    BAND_VALUES,
-    MEMORY,
-    Calibration,
-    DecisionRule,
-    Gate,
-    LoudnessRule,
-)
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.decision import DecisionRule
+from tactophone.perception.features import BAND_COUNT, BAND_VALUES
+from tactophone.perception.levels import LoudnessRule
+from tactophone.perception.model_file import Gate
+from tactophone.perception.texture import MEMORY
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:
-    from tactophone.link import Codec
+    from tactophone.link.codec import Codec
     from tactophone.training.sets import FeatureRecipe
     from tactophone.training.trainer import NetworkRecipe
 
@@ -120,7 +117,7 @@ class TrainingOptions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     def codec(self, channels: int, *, bandwidth: float = 0.0) -> "Codec | None":
         """Return the codec of the options: packets of 10 ms, a bandwidth in Hz (by default the codec's narrowest)."""
-        from tactophone.link import Codec
+        from tactophone.link.codec import Codec
 
         if self.opus_bitrate is None:
             return None

@@ -6,7 +6,8 @@ import torch
 from onnx import NodeProto, helper
 from torch import nn
 
-from tactophone.perception import BAND_COUNT, FEATURES
+from tactophone.perception.features import BAND_COUNT
+from tactophone.perception.model_file import FEATURES
 from tactophone.training.export import build_known
 from tactophone.training.sets import TrainingSet
 

@@ -10,10 +10,13 @@ import onnx
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset import Dataset, Recording, kin_of
+from tactophone.dataset.splits import kin_of
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
-from tactophone.link import Codec
-from tactophone.perception import MIN_VARIANCE, ChangeMetric, DecisionRule, Gate, ModelCard, Moments
+from tactophone.link.codec import Codec
+from tactophone.perception.decision import DecisionRule
+from tactophone.perception.model_file import Gate, ModelCard
+from tactophone.perception.texture import MIN_VARIANCE, ChangeMetric, Moments
 from tactophone.training.export import Floats, caveats_of, is_simulation, licence_of, tip_of, write_graph
 from tactophone.training.recipes import RECIPES, Augmentation, FeatureKind, Recipe, Report, TrainingOptions, silent
 from tactophone.training.tracks import (

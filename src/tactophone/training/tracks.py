@@ -13,22 +13,19 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tactophone.dataset import Recording
+from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
-from tactophone.link import Codec, encode_and_decode
-from tactophone.perception import (
-    BAND_VALUES,
-    EXTRACTORS,
+from tactophone.link.codec import Codec, encode_and_decode
+from tactophone.perception.features import BAND_VALUES, EXTRACTORS, BandFeatures
+from tactophone.perception.levels import banded_dbfs
+from tactophone.perception.model_file import Gate, ModelCard
+from tactophone.perception.resample import Resampler
+from tactophone.perception.texture import (
     MEMORY,
     SILENT_POWER,
-    BandFeatures,
     ChangeMetric,
-    Gate,
-    ModelCard,
     Moments,
-    Resampler,
     RunningStatistics,
-    banded_dbfs,
     fading_of,
     texture_features,
 )

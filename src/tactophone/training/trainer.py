@@ -17,10 +17,12 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from tactophone.dataset import Dataset, Recording
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
-from tactophone.link import Codec
-from tactophone.perception import Calibration, Gate, magnitudes
+from tactophone.link.codec import Codec
+from tactophone.perception.calibration import Calibration
+from tactophone.perception.features import magnitudes
+from tactophone.perception.model_file import Gate
 from tactophone.processes import atomic_write
 from tactophone.training.export import (
     Weights,

@@ -12,7 +12,8 @@ import json
 from tests import golden
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
-from tactophone.link import Codec, Connected, PacketReceived
+from tactophone.link.codec import Codec
+from tactophone.link.events import Connected, PacketReceived
 from tactophone.simulation.demonstration import demonstration
 from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
 from tactophone.types import AudioBlock

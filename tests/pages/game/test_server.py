@@ -15,7 +15,8 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
-from tactophone.pages import GameSettings, Page, serve_game
+from tactophone.pages.game import GameSettings, serve_game
+from tactophone.pages.server import Page
 from tactophone.types import Touch
 from tests.accessibility import needs_axe, outside, reached_by_tab, serious_faults
 from tests.browser import resize, stroke, text, wait
