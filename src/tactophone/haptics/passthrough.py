@@ -271,7 +271,6 @@ class PassthroughRenderer(Renderer):
         return self._passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
 
     def reset(self) -> None:
-        """Return to silence and the initial state; a stop stays in force."""
         self._passthrough.reset()
         # Vibration is made in whole steps: with this reserve, a full period is always ready.
         self._ready = np.zeros(STEP_SIZE - 1, np.float32)

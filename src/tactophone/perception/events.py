@@ -126,7 +126,6 @@ class EventDetector:
         return 2 * self._step / self._rate
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
         self._count, self._origin, self._next = 0, 0, 0
         self._background: Floats = np.zeros((self._band_count, self._channels))
@@ -158,23 +157,21 @@ class EventDetector:
         sound = np.concatenate((self._rest, samples))
         steps = len(sound) // self._step - 1
         events: list[tuple[float, TouchEvent]] = []
-        for number in range(steps):
-            begin = number * self._step
-            found = self._advance(sound[begin : begin + 2 * self._step])
+        for begin in range(0, steps * self._step, self._step):
+            level = self._levels(sound[begin : begin + 2 * self._step])
+            if not self._count:
+                self._background = level
+            found = [*self._find_onset(level), *self._follow_sliding(level)]
+            self._count += 1
             events += [(self._time(self._count), event) for event in found]
         self._rest = sound[steps * self._step :]
         return events
 
-    def _advance(self, sound: FloatArray) -> list[TouchEvent]:
-        """Take a window, of which the last half is new."""
+    def _levels(self, sound: FloatArray) -> Floats:
+        """Return the level of each band and channel over a window, of which the last half is new."""
         spectrum = np.square(np.abs(np.fft.rfft(sound * self._window, axis=0)))
         bands = np.add.reduceat(spectrum, self._edges, axis=0)[: self._band_count] / np.square(len(sound))
-        level = 10 * np.log10(bands + FLOOR)
-        if not self._count:
-            self._background = level
-        events = [*self._find_onset(level), *self._follow_sliding(level)]
-        self._count += 1
-        return events
+        return np.asarray(10 * np.log10(bands + FLOOR))
 
     def _find_onset(self, level: Floats) -> list[TouchEvent]:
         if self._count < SETTLED:
@@ -191,8 +188,9 @@ class EventDetector:
         # The median of the fluxes is never under 0, so most steps need no threshold.
         if settled and flux > LEAST_FLUX_DB and flux > self._threshold():
             self._begin_onset(mean, flux)
-        elif self._main_rise_comes(mean, flux):
-            # What a codec smears before an impact, or a light touch before the landing, began too early.
+        elif ATTACK < since <= CLASSIFIED_AFTER and self._sharpest < flux and _is_sharp(flux, mean[CONTACT] - REST_DB):
+            # A sharper rise soon after an onset: what a codec smears before an impact, or a light touch before the
+            # landing, began too early.
             self._begin_onset(mean, flux)
         rising = self._count - self._onset < CLICK_STEPS and self._landed != self._onset
         if rising and mean[CONTACT] > LEAST_PEAK_DB and self._is_rise(mean[CONTACT]):
@@ -230,11 +228,6 @@ class EventDetector:
         # What rings after a tap is not sliding.
         self._excess.extend([0.0] * SLIDING)
         return [TouchEvent("tap", self._time(self._onset))]
-
-    def _main_rise_comes(self, mean: Floats, flux: float) -> bool:
-        """Return whether, soon after an onset, a sharper rise leads to more than what came before."""
-        soon = ATTACK < self._count - self._onset <= CLASSIFIED_AFTER
-        return soon and flux > self._sharpest and _is_sharp(flux, mean[CONTACT] - REST_DB)
 
     def _is_rise(self, peak: float) -> bool:
         """Return whether a sharp rise out of rest made a peak, in shares of its height over steady noise."""
@@ -305,7 +298,6 @@ class EventMerger:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._detector.reset()
         self._newest = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0)
 

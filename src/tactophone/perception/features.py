@@ -275,7 +275,7 @@ class Extractor(Protocol):
         """Return the features, shape ``(features,)``, of the newest window by its description."""
 
     def reset(self) -> None:
-        """Return to the initial state."""
+        """Forget the touch so far."""
 
 
 class MemorylessExtractor:
@@ -344,7 +344,6 @@ class TextureExtractor:
         return features.reshape(-1)
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._statistics.reset()
 
 

@@ -157,7 +157,6 @@ class SignalStatistics:
         return measured
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._parts: list[FloatArray] = []
         self._filled = 0
         self._decimated: deque[NDArray[np.float64]] = deque(maxlen=CELLS)

@@ -149,7 +149,6 @@ class StepLevels:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._sound[: self._before] = 0
         self._filled = self._before
 

@@ -153,10 +153,8 @@ class NoiseFloor:
             return
         self._cell.append(level_dbfs)
         self._touched |= touching
-        if len(self._cell) == CELL:
-            self._close()
-
-    def _close(self) -> None:
+        if len(self._cell) < CELL:
+            return
         mean, spread = statistics.fmean(self._cell), statistics.pstdev(self._cell)
         touched, cell = self._touched, self._cell
         self._cell, self._touched = [], False
@@ -267,7 +265,8 @@ def measure_floor(
     ``false_alarms`` is the wanted share of the time without contact that counts as contact.
     """
     levels = _levels(blocks, sample_rate=sample_rate, rule=rule)
-    cells = [_moments(levels[at : at + CELL]) for at in range(0, len(levels) - CELL + 1, CELL // 2)]
+    parts = (levels[at : at + CELL] for at in range(0, len(levels) - CELL + 1, CELL // 2))
+    cells = [(statistics.fmean(part), statistics.pstdev(part)) for part in parts]
     loudest = max(levels, default=-math.inf)
     steady = sorted(cell for cell in cells if cell[1] <= SPREAD_DB[rule])
     same = [cell for cell in steady if cell[0] <= steady[0][0] + SAME_FLOOR_DB]
@@ -291,7 +290,3 @@ def _levels(blocks: Iterable[AudioBlock], *, sample_rate: int, rule: LoudnessRul
     totals = sliding_window_view(powers, steps.count(WINDOW))[:: steps.count(1 / RATE)].mean(axis=1).tolist()
     levels = (20 / steps.power * math.log10(total) for total in totals if total > 0)
     return [level for level in levels if level > SILENT_DBFS]
-
-
-def _moments(levels: list[float]) -> tuple[float, float]:
-    return statistics.fmean(levels), statistics.pstdev(levels)

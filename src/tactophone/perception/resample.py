@@ -55,7 +55,6 @@ class Resampler:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the initial state."""
         # Channels first and each contiguous, for speed. The stream is preceded by silence; `_kept` begins at input
         # sample `_first`.
         self._kept: FloatArray = np.zeros((self._channels, self.reach), np.float32)
@@ -89,7 +88,16 @@ class Resampler:
         ready = -(-position * self._up // self._down)
         if ready <= self._returned:
             return np.empty((0, self._channels), np.float32)
-        windows, weights = self._around(self._returned, ready)
+        # The input around each output sample, of shape (channels, samples, taps), and its weights.
+        taps = self._kernels.shape[1]
+        if self._up == 1:
+            # The kept sound begins with what the next output sample needs; those after it are whole hops further on.
+            windows = _windows(self._kept, taps, hop=self._down)[:, : ready - self._returned]
+            weights = self._kernels
+        else:
+            places = np.arange(self._returned, ready) * self._down
+            starts = places // self._up - self.reach - self._first
+            windows, weights = _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
         # A dot product for each sample: its rounding depends on the number of taps alone. A matrix product is faster,
         # but its rounding changes with the number of rows.
         output: FloatArray = np.vecdot(windows, weights).T
@@ -98,16 +106,6 @@ class Resampler:
         self._kept = self._kept[:, unneeded:]
         self._first += unneeded
         return output
-
-    def _around(self, start: int, end: int) -> tuple[FloatArray, FloatArray]:
-        """Return the input around output samples, shape ``(channels, samples, taps)``, and its weights."""
-        taps = self._kernels.shape[1]
-        if self._up == 1:
-            # The kept sound begins with what the next output sample needs; those after it are whole hops further on.
-            return _windows(self._kept, taps, hop=self._down)[:, : end - start], self._kernels
-        places = np.arange(start, end) * self._down
-        starts = places // self._up - self.reach - self._first
-        return _windows(self._kept, taps, hop=1)[:, starts], self._kernels[places % self._up]
 
 
 def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
@@ -129,6 +127,8 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
     if input_rate == output_rate:
         return np.ones((1, 1), np.float32)
     up = output_rate // math.gcd(input_rate, output_rate)
+    # The ideal low-pass is a sinc over all time; a Hann window, cos^2, ends it after six zeros a side. In input samples
+    # its zeros lie 1 / cutoff apart, so that the kernel reaches 6 / cutoff to either side.
     cutoff = min(input_rate, output_rate) * ROLL_OFF / input_rate
     reach = math.ceil(ZERO_CROSSINGS / cutoff)
     offsets = np.arange(-reach, reach + 1) - np.arange(up)[:, None] / up
@@ -166,7 +166,6 @@ class Windower:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the initial state."""
         self._kept: FloatArray = np.empty((0, self._channels), np.float32)
         self._first = 0  # index in the stream of the first sample kept
         self._count = 0
