@@ -137,32 +137,23 @@ class OperatorEndpoint:
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:
         for event in events:
-            steps = self._steps_of(event)
-            if steps is None:
-                yield event, None
-                continue
+            steps: Iterable[PipelineStep | None] = (None,)
+            match event:
+                case DecodedAudio(block=block, stale=stale) if self._accepts(block.channels):  # nearly always
+                    # Late sound still goes through the detector, but what it leads to is no longer rendered.
+                    found = self.hand.push(block)
+                    steps = (PipelineStep(each.block, (), (), each.finger) for each in found) if stale else found
+                case PredictionReceived(prediction, stale, finger, fingers) if self._has_fingers(fingers):
+                    commands = () if stale else (self.hand.pipelines[finger].command_for(prediction),)
+                    # The sound stayed on the robot: an empty block at the end of the window stands for it.
+                    end = round(prediction.end * LIVE_SAMPLE_RATE)
+                    block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
+                    steps = (PipelineStep(block, (prediction,), commands, finger),)
+                case Connected():
+                    self.hand.reset()
+                    self.refusal = ""
             for step in steps:
                 yield event, step
-
-    def _steps_of(self, event: ReceiveEvent) -> Iterable[PipelineStep] | None:
-        if isinstance(event, DecodedAudio):  # nearly always
-            if not self._accepts(event.block.channels):
-                return None
-            steps = self.hand.push(event.block)
-            return (PipelineStep(step.block, (), (), step.finger) for step in steps) if event.stale else steps
-        match event:
-            case PredictionReceived(prediction, stale, finger, fingers):
-                if not self._has_fingers(fingers):
-                    return None
-                commands = () if stale else (self.hand.pipelines[finger].command_for(prediction),)
-                # The sound stayed on the robot: an empty block at the end of the window stands for it.
-                end = round(prediction.end * LIVE_SAMPLE_RATE)
-                block = AudioBlock(np.zeros((0, 1), np.float32), LIVE_SAMPLE_RATE, end)
-                return [PipelineStep(block, (prediction,), commands, finger)]
-            case Connected():
-                self.hand.reset()
-                self.refusal = ""
-        return None
 
     def _accepts(self, channels: int) -> bool:
         """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""

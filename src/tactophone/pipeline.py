@@ -8,7 +8,7 @@
 `tactophone.endpoints` so that processing a recording needs none of the network's libraries.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -134,11 +134,11 @@ class Hand:
         self.fingers = len(self.pipelines)
         self._channels = list(channels) or [2] * self.fingers
 
-    def push(self, block: AudioBlock) -> Iterable[PipelineStep]:
+    def push(self, block: AudioBlock) -> Iterator[PipelineStep]:
         """Process a block of sound of all fingers: their windows together, the rest when the iterator comes to it."""
-        return [self.pipelines[0].push(block)] if self.fingers == 1 else self._push_together(block)
-
-    def _push_together(self, block: AudioBlock) -> Iterator[PipelineStep]:
+        if self.fingers == 1:
+            yield self.pipelines[0].push(block)
+            return
         parts = self.split(block)
         predictions = push_together([pipeline.detector for pipeline in self.pipelines], parts)
         for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
