@@ -15,7 +15,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.types import DEFAULT_CEILING, DEFAULT_TIP, TIP_NAMES
+from tactophone.haptics.limits import DEFAULT_CEILING
+from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 
 @dataclass(frozen=True, slots=True)

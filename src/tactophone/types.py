@@ -19,8 +19,6 @@ FloatArray: TypeAlias = NDArray[np.float32]
 LIVE_SAMPLE_RATE = 48_000
 """Hz of the whole live system: devices, codec and vibration. A source of another rate is converted where it enters."""
 
-DEFAULT_CEILING = 0.5
-"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
 
 CONTACT = 0
 """Channel of the contact microphone, the piezo on the finger pad."""

@@ -8,7 +8,10 @@ of the vibration, and the time after which a stale command fades, are the oscill
 import math
 from dataclasses import dataclass
 
-from tactophone.types import DEFAULT_CEILING, HapticCommand, Prediction, Profile, Touch
+from tactophone.types import HapticCommand, Prediction, Profile, Touch
+
+DEFAULT_CEILING = 0.5
+"""Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
 
 
 @dataclass(slots=True)

@@ -140,12 +140,13 @@ class ContactGate:
 
     def push(self, block: AudioBlock) -> list[Contact]:
         """Take sound; return each change of contact, and a heartbeat every ``HEARTBEAT`` s."""
-        if (self.threshold.dbfs, self.threshold.follows_floor) != (self._threshold_dbfs, self._following):
+        threshold = self.threshold
+        if threshold.dbfs != self._threshold_dbfs or threshold.follows_floor is not self._following:
             # Another was assigned. The steps that wait are from before, and change nothing by the threshold in force.
             if self._filled > self._slow:
                 self._evaluate()
             self._room = 0.0
-            self._set(self.threshold.dbfs, self.threshold.dbfs - RELEASE_DB)
+            self._set(threshold.dbfs, threshold.dbfs - RELEASE_DB)
         powers = self._levels.push(block)
         if len(powers) <= MOST_STEPS:
             return self._take(powers)
