@@ -149,6 +149,8 @@ class Oscillator(Renderer):
         """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         self._apply_changes()
         self.silent = True
+        # The newest command holds for so many samples more, counted as rendered: no clock is read, so that a late
+        # callback neither shortens nor lengthens a vibration. Silence never becomes stale.
         fresh = max(0, self._timeout - self._since_command) if self._amplitude else len(out)
         if fresh >= len(out):
             self._write(out)
@@ -184,6 +186,7 @@ class Oscillator(Renderer):
         # The closed form restarts here: the present state becomes the initial state of the new segment, and each gap
         # is the distance from the new target that has yet to decay.
         here = self._amplitude + self._amplitude_gap * decay
+        # From silence a vibration begins at phase 0 and at its own frequency: nothing is left to glide from.
         if here < NEGLIGIBLE:
             here, self._phase, self._frequency_gap = 0.0, 0.0, 0.0
         else:

@@ -285,6 +285,7 @@ class PassthroughRenderer(Renderer):
 
     def _write(self, out: FloatArray) -> None:
         target = self._target(len(out))
+        # The gate's gain falls towards its target as the oscillator's amplitude does: target + (gain - target) r^n.
         np.multiply(self._gain - target, self._decay[: len(out)], out=out)
         out += target
         last = float(out[-1])
@@ -298,6 +299,8 @@ class PassthroughRenderer(Renderer):
         slot = self._slot
         if slot is not self._seen:
             self._seen, self._since_command = slot, 0
+        # A period counts as a whole: it fades from its beginning if the command becomes stale anywhere in it. The
+        # fault is counted once, in the period that crosses the limit.
         before, self._since_command = self._since_command, self._since_command + size
         if self._since_command > self._timeout:
             self.faults["stale"] += before <= self._timeout and slot[0].amplitude > 0
