@@ -22,7 +22,7 @@ OFFLINE, LIVE = 30.0, 20.0
 
 BLOCK = 128
 
-_START = "from tactophone.simulation import demonstration; demonstration().render(128)"
+_START = "from tactophone.simulation.demonstration import demonstration; demonstration().render(128)"
 
 
 def offline(name: str) -> float:

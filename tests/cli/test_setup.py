@@ -69,7 +69,7 @@ def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: p
         def __exit__(self, *_: object) -> None:
             pass
 
-    monkeypatch.setattr("tactophone.pages.serve_guide", Ended)
+    monkeypatch.setattr("tactophone.pages.server.serve_guide", Ended)
     with GuidePage(wait=True) as page:
         page.show(instruction="slide")
         assert not page.pressed()

@@ -46,7 +46,7 @@ def test_it_serves_before_there_is_a_run_and_not_after_its_end() -> None:
 def test_it_ends_when_its_parent_is_killed() -> None:
     program = (
         "import os, signal, sys\n"
-        "from tactophone.pages import watch\n"
+        "from tactophone.pages.server import watch\n"
         "if __name__ == '__main__':\n"
         "    print(watch('none').url, flush=True)\n"
         "    sys.stdin.read()\n"

@@ -56,7 +56,7 @@ def shown(
 
 
 def place(settings: Settings) -> dict[str, Any]:
-    """Return where and how the page is served, as arguments of `tactophone.pages.Page`.
+    """Return where and how the page is served, as arguments of `tactophone.pages.server.Page`.
 
     Raises `TactophoneError` if there is no network, or no certificate.
     """

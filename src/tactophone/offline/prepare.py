@@ -109,7 +109,7 @@ class PreparedSource:
 
     Examples
     --------
-    >>> from tactophone.capture import FileSource
+    >>> from tactophone.capture.files import FileSource
     >>> def prepared(path):
     ...     return PreparedSource(FileSource(path), Preparation.of(FileSource(path)))
     """

@@ -190,7 +190,7 @@ def read_results(path: Path) -> list[RoundResult]:
 
 
 def serve_game(game: GameSettings, address: str | None = None, **place: Any) -> Page:
-    """Serve the stone box's page in a process of its own; ``place`` as in `tactophone.pages.Page`.
+    """Serve the stone box's page in a process of its own; ``place`` as in `tactophone.pages.server.Page`.
 
     Raises `TactophoneError` if the address is not available, or the web server is not installed.
     """

@@ -35,7 +35,7 @@ class SimulatedParticipant(AlwaysOpen):
 
     Examples
     --------
-    >>> from tactophone.simulation import find
+    >>> from tactophone.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))
     >>> participant.stroke(1.0)
     >>> next(iter(participant)).size

@@ -94,7 +94,8 @@ class SimulatedFinger(AlwaysOpen):
 
     Examples
     --------
-    >>> from tactophone.simulation import find, single
+    >>> from tactophone.simulation.catalogue import find
+    >>> from tactophone.simulation.motion import single
     >>> finger = SimulatedFinger(single(find("lava stone")), place=(0.02, 0.03))
     >>> finger.move(0.06, 0.03, 1.5)
     >>> block = finger.render(480)

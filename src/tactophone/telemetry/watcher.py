@@ -79,7 +79,7 @@ class Watcher:
 
     Examples
     --------
-    >>> from tactophone.telemetry import Telemetry
+    >>> from tactophone.telemetry.writer import Telemetry
     >>> with Telemetry("doctest-watcher") as telemetry:
     ...     telemetry.count("xruns")
     ...     watcher = Watcher("doctest-watcher")
@@ -268,7 +268,7 @@ def _newest(rows: NDArray[Any], count: NDArray[Any], *, slack: int, since: int =
 def running() -> list[str]:
     """Return the names of the runs on this machine whose processes exist.
 
-    >>> from tactophone.telemetry import Telemetry
+    >>> from tactophone.telemetry.writer import Telemetry
     >>> with Telemetry("doctest-running"):
     ...     "doctest-running" in running()
     True
