@@ -68,7 +68,9 @@ class Setting:
             fits = type(value) is kind or (kind, type(value)) == (float, int)  # True is no number
             allowed = self.range if self.choices or fits else f"a {_KINDS[kind]}"
             hint = did_you_mean(str(value), self.choices)
-            raise ConfigError(f"{where}: {self.name} = {value!r}, but it is {allowed}{hint}") from None
+            by_option = f"{where} {value}: must be"
+            found = by_option if where == self.flag else f"{where}: {self.name} = {value!r}, but it is"
+            raise ConfigError(f"{found} {allowed}{hint}") from None
 
 
 _KINDS = {str: "text", int: "whole number", float: "number", bool: "switch: true or false"}
@@ -113,7 +115,7 @@ class Capture:
         "tip that touches: it chooses the model where none is named, and is the simulated finger's",
         choices=TIP_NAMES,
         flag="--tip",
-        verbs="demo loopback play receive send setup",
+        verbs="demo feel loopback play receive send setup",
     )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
@@ -170,7 +172,7 @@ class Detector:
         "",
         "name of a shipped model, or path of a model file; empty: the shipped model for the tip",
         flag="--model",
-        verbs="demo latency loopback play receive send try",
+        verbs="demo feel latency loopback play receive replay send try",
     )
     calibration: str = _setting(
         "",
@@ -183,13 +185,15 @@ class Detector:
     )
     threshold_dbfs: float = _setting(
         math.nan,
-        "level of the contact gate; nan: from the calibration, or just over the noise floor, which is followed",
+        "level of the contact gate; nan: from the calibration, or just over the noise floor",
         unit="dBFS",
         span=(-120, 0),
         flag="--threshold",
-        verbs="try",
+        verbs="feel try",
     )
-    events: bool = _setting(False, "detect taps, strokes and slips too; the profile events always does")
+    events: bool = _setting(
+        False, "detect taps, strokes and slips too; the profile events always does", flag="--events", verbs="feel"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +205,7 @@ class Rendering:
         "rendering profile: paper, perceptual, erm, lra, piezo, dualsense, events; or the sound itself: direct, pitch, "
         "median-frequency",
         flag="--profile",
-        verbs="demo loopback play receive try",
+        verbs="demo loopback play receive replay try",
     )
     ceiling: float = _setting(
         DEFAULT_CEILING,
@@ -209,7 +213,7 @@ class Rendering:
         unit="of full drive",
         span=(0, 1),
         flag="--ceiling",
-        verbs="loopback receive try",
+        verbs="feel loopback receive replay try",
     )
     output_level: float = _setting(1.0, "volume below the ceiling", unit="of the profile's amplitude", span=(0, 1))
     muted: bool = _setting(False, "start muted, until armed")

@@ -30,10 +30,7 @@ EXAMPLES = {
         "tactophone devices --json",
         "tactophone devices measure --actuator portaudio:DualSense --source portaudio:2",
     ),
-    "settings": (
-        "tactophone settings > robot.toml",
-        "tactophone send --settings robot.toml --set link.port=48471",
-    ),
+    "settings": ("tactophone settings > robot.toml", "tactophone send --settings robot.toml --set link.port=48471"),
 }
 
 

@@ -1,6 +1,7 @@
 """``tactophone feel``: recordings in; the vibration that a finger would feel, and a timeline of predictions, out."""
 
 import argparse
+import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -12,7 +13,6 @@ from rich.markup import escape
 
 from tactophone.capture.files import FileSource
 from tactophone.cli import options, output, page
-from tactophone.cli.options import CEILING, Within
 from tactophone.dataset.read import ground_truth
 from tactophone.dataset.values import Segment
 from tactophone.errors import ConfigError, TactophoneError
@@ -23,10 +23,11 @@ from tactophone.offline.plot import draw_recording
 from tactophone.offline.prepare import Preparation, PreparedSource
 from tactophone.offline.recording import OutputFiles, RunSummary, process_recording
 from tactophone.perception.model_file import ModelCard, read_model
-from tactophone.perception.models import default_model, model_path, shipped_models, tip_mismatch
+from tactophone.perception.models import default_model, model_path, tip_mismatch
 from tactophone.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
 from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.types import DEFAULT_TIP, TIP_NAMES, PipelineStep, TouchEvent
+from tactophone.settings import Settings
+from tactophone.types import DEFAULT_TIP, PipelineStep, TouchEvent
 
 EXAMPLES = (
     "tactophone feel stroke.wav --plot",
@@ -141,51 +142,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
     add(
-        "--model", metavar="NAME|FILE",
-        help=f"a model file, or a shipped model ({', '.join(shipped_models()) or 'none'}); "
-        "default: the shipped model for the tip",
-    )  # fmt: skip
-    add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touched the surface")
-    add(
-        "--profile",
-        choices=(*PROFILES, *PASSTHROUGH),
-        default="paper",
-        metavar="NAME",
+        "--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="paper", metavar="NAME",
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
-    )
+    )  # fmt: skip
     add(
         "--contact", choices=("fast", "window"), default="fast",
         help="detect contact within milliseconds, or by the model's whole window as in the paper",
     )  # fmt: skip
-    add(
-        "--threshold", type=Within(float, -120, 0, unit="dBFS"), metavar="DBFS",
-        help="contact threshold, %(type)s; default: just over the recording's own noise floor",
-    )  # fmt: skip
-    add(
-        "--ceiling",
-        type=CEILING,
-        default=Limits().ceiling,
-        metavar="LEVEL",
-        help="greatest amplitude, %(type)s; profiles are scaled down to it",
-    )
-    add("--events", action="store_true", help="detect taps, strokes and slips, and write them as STEM.events.csv")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
     add(
         "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
         help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); repeatable",
     )  # fmt: skip
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
-    page.add_dashboard(parser, "feel")
+    for name in options.flags_of("feel"):
+        options.add_flag(parser, name)
+    page.add_dashboard(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Process each recording; a failure is reported, and the others continue."""
     output.make_folder(args.out)
     results = []
+    settings = options.settings_of(args)
     recordings, failed = _with_sound_of_logs(args)
     for path, stem in _unique_stems(recordings):
         try:
-            results.append(_process(path, stem, args))
+            results.append(_process(path, stem, args, settings))
         except (TactophoneError, OSError) as error:
             message = str(error)
             output.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
@@ -194,7 +177,6 @@ def run(args: argparse.Namespace) -> int:
             output.show(results[-1], as_json=False)
     if args.json:
         output.show(results, as_json=True)
-    settings = options.settings_of(args)
     if page.wanted(args, settings) and results:
         from tactophone.cli import playback
 
@@ -237,17 +219,17 @@ def _unique_stems(paths: Iterable[Path]) -> list[tuple[Path, str]]:
     return stems
 
 
-def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
-    source = FileSource(path)
-    model = args.model or default_model(args.tip)
+def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings) -> Result:
+    source, tip, profile = FileSource(path), settings.capture.tip, settings.rendering.profile
+    model = settings.detector.model or default_model(tip)
     card = read_model(model_path(model)).card
-    preparation, floor = _prepare(path, card, args)
+    preparation, floor = _prepare(path, card, settings)
     sound = PreparedSource(source, preparation)
-    pipeline = _open_pipeline(sound, model, floor, args)
-    if warning := tip_mismatch(card, args.tip):
+    pipeline = _open_pipeline(sound, model, floor, settings, fast_contact=args.contact == "fast")
+    if warning := tip_mismatch(card, tip):
         output.note(f"{path}: {warning}")
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
-    passthrough = PASSTHROUGH[args.profile](pipeline.limits) if args.profile in PASSTHROUGH else None
+    passthrough = PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None
     events: list[TouchEvent] = []
 
     def follow(step: PipelineStep) -> None:
@@ -257,7 +239,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
     with output.progress("processing", source.size, note=escape(path.name)) as update:
         summary, renderer = process_recording(sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
-    if args.events or args.profile == "events":
+    if settings.detector.events or profile == "events":
         files["events"] = _write_events(args.out / f"{stem}.events.csv", events)
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
@@ -276,10 +258,10 @@ def _process(path: Path, stem: str, args: argparse.Namespace) -> Result:
             title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
             truth=truth,
         )
-    mono = sound.channels == 1 and not args.model and args.tip == DEFAULT_TIP
+    mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
     notes = preparation.notes(source.channels) + _missing_treble(source, card)
-    return Result(path, pipeline, args.profile, mono, label, truth, summary, files, floor, notes, counts)
+    return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, counts)
 
 
 def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
@@ -288,14 +270,14 @@ def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
     return path
 
 
-def _prepare(path: Path, card: ModelCard, args: argparse.Namespace) -> tuple[Preparation, RecordingFloor | None]:
+def _prepare(path: Path, card: ModelCard, settings: Settings) -> tuple[Preparation, RecordingFloor | None]:
     """Read a recording before it is processed: what to correct in it, and its contact threshold if none is given."""
     preparation = Preparation.of(FileSource(path)).for_tip(card.tip)
-    if args.threshold is not None:
+    if not math.isnan(settings.detector.threshold_dbfs):
         return preparation, None
     floor = _measure_floor(path, preparation, card)
     # Sound that is rendered itself keeps its level.
-    louder = preparation if args.profile in PASSTHROUGH else preparation.amplified(floor.loudest_dbfs)
+    louder = preparation if settings.rendering.profile in PASSTHROUGH else preparation.amplified(floor.loudest_dbfs)
     return louder, floor if louder == preparation else _measure_floor(path, louder, card)
 
 
@@ -314,18 +296,19 @@ def _missing_treble(source: FileSource, card: ModelCard) -> list[str]:
 
 
 def _open_pipeline(
-    sound: PreparedSource, model: str, floor: RecordingFloor | None, args: argparse.Namespace
+    sound: PreparedSource, model: str, floor: RecordingFloor | None, settings: Settings, *, fast_contact: bool
 ) -> Pipeline:
+    profile = settings.rendering.profile
     pipeline = open_pipeline(
         model,
         sample_rate=sound.sample_rate,
         channels=sound.channels,
-        profile="paper" if args.profile in PASSTHROUGH else args.profile,
-        limits=Limits(ceiling=args.ceiling),
-        fast_contact=args.contact == "fast",
+        profile="paper" if profile in PASSTHROUGH else profile,
+        limits=Limits(ceiling=settings.rendering.ceiling),
+        fast_contact=fast_contact,
         follow_floor=False,
-        events=args.events,
-        tip=args.tip,
+        events=settings.detector.events,
+        tip=settings.capture.tip,
     )
-    pipeline.detector.threshold.dbfs = floor.threshold_dbfs if floor else args.threshold
+    pipeline.detector.threshold.dbfs = floor.threshold_dbfs if floor else settings.detector.threshold_dbfs
     return pipeline

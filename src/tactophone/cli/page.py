@@ -27,7 +27,8 @@ def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
         "--dashboard", action="store_true", help="serve a page that shows the run, and print its address"
     )
     for name in options.flags_of(verb):
-        options.add_flag(parser, name)
+        if name.startswith("page."):
+            options.add_flag(parser, name)
 
 
 def wanted(args: argparse.Namespace, settings: Settings) -> bool:

@@ -13,11 +13,7 @@ if TYPE_CHECKING:
     pass
 
 
-EXAMPLES = (
-    "tactophone pair init",
-    "tactophone pair show",
-    "tactophone pair trust robot 0123:4567:89ab:cdef",
-)
+EXAMPLES = ("tactophone pair init", "tactophone pair show", "tactophone pair trust robot 0123:4567:89ab:cdef")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,7 @@ from tactophone.errors import ConfigError
 from tactophone.settings import change
 
 EXAMPLES = {
-    "play": (
-        "tactophone play",
-        "tactophone play --seed 3 --results rounds.jsonl",
-        "tactophone play --lan --https",
-    ),
+    "play": ("tactophone play", "tactophone play --seed 3 --results rounds.jsonl", "tactophone play --lan --https"),
     "try": (
         "tactophone try",
         "tactophone try --lan --https",
@@ -115,9 +111,6 @@ def _try(args: argparse.Namespace) -> int:
     source = audio.source_of(settings)
     with watch(name, microphone=source.microphone, **page.place(settings)) as served:
         page.announce(served, "try")
-        with (
-            both_sides(settings, name=name, open_source=source.open) as sides,
-            live.recorded(args, settings, name),
-        ):
+        with both_sides(settings, name=name, open_source=source.open) as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)

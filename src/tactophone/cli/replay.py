@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import extras, options, output, page
-from tactophone.cli.options import CEILING
 from tactophone.errors import ConfigError
 from tactophone.settings import Finger, Settings, change
 
@@ -15,7 +14,8 @@ if TYPE_CHECKING:
     from tactophone.bridges.mcap import LogEntry
     from tactophone.offline.replay import RenderedFinger, Replay
 
-CHANGES = {"model": "detector.model", "profile": "rendering.profile", "ceiling": "rendering.ceiling"}
+CHANGES = ("detector.model", "rendering.profile", "rendering.ceiling")
+"""What may differ from the run that was logged."""
 
 
 EXAMPLES = (
@@ -29,9 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
     add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
-    add("--model", metavar="NAME|FILE", help="compute with another model")
-    add("--profile", metavar="NAME", help="compute with another rendering profile")
-    add("--ceiling", type=CEILING, metavar="LEVEL", help="compute with another ceiling, %(type)s")
+    for name in CHANGES:
+        options.add_flag(parser, name, "")
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
     add(
         "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
@@ -54,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError("--to-rosbag writes no other files: leave --out away, or call replay twice")
     if (args.plot or args.to) and args.out is None:
         raise ConfigError("--plot and --to need a folder for their files: add --out DIR")
-    changes = [f"{name}={value}" for option, name in CHANGES.items() if (value := getattr(args, option)) is not None]
+    changes = [f"{name}={value}" for name in CHANGES if (value := vars(args)[name]) is not None]
 
     def changed(settings: Settings) -> Settings:
         common, names = change(settings, changes), [text.partition("=")[0] for text in changes]
