@@ -41,6 +41,10 @@ class Touch(enum.IntEnum):
     ROUGH = 2
 
 
+SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
+"""Touches that a surface can be labelled as, smoothest first. A further class begins here."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AudioBlock:
     """Consecutive samples of sound as they arrived.

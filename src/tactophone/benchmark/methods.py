@@ -27,7 +27,7 @@ from tactophone.training.export import tip_of
 from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
 from tactophone.training.tracks import FeatureSpec, extract_features
-from tactophone.types import AIR, Touch
+from tactophone.types import AIR
 
 VERSION = 1
 """Raise it when a class here changes in a way that its settings do not show, so that cached folds are trained anew."""
@@ -134,7 +134,7 @@ class RegressionMethod:
         features = REGRESSION_FEATURES[self.name]
         rows = [features(recording)[1] for recording in recordings]
         sizes, names = [len(windows) for windows in rows], sorted({recording.surface for recording in recordings})
-        rough = np.repeat([recording.label is Touch.ROUGH for recording in recordings], sizes)
+        rough = np.repeat([recording.rough for recording in recordings], sizes)
         surface = np.repeat([names.index(recording.surface) for recording in recordings], sizes)
         model = make_pipeline(StandardScaler(), LogisticRegression(C=0.03, solver="newton-cholesky"))
         model.fit(np.concatenate(rows), rough, logisticregression__sample_weight=even_weights(rough, surface))

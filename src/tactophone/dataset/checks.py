@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tactophone.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.errors import DatasetError
-from tactophone.types import CONTACT, Touch
+from tactophone.types import CONTACT, SURFACE_LABELS
 
 MIN_RATE = 2000
 """Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""
@@ -193,7 +193,7 @@ def _manifest_faults(recording: Recording, measured: _Measurements) -> Iterator[
 def _label_conflicts(dataset: Dataset) -> Iterator[Problem]:
     seen: dict[str, Recording] = {}
     for recording in dataset.recordings:
-        if recording.label not in (Touch.SMOOTH, Touch.ROUGH):
+        if not recording.labelled:
             continue
         first = seen.setdefault(recording.surface, recording)
         if first.label is not recording.label:
@@ -220,7 +220,7 @@ def check_consistency(
         if measured is not None:
             digest, contact = measured
             problems += _duplicate(recording, seen.setdefault(digest, recording))
-            if recording.label in (Touch.SMOOTH, Touch.ROUGH) and contact < MIN_CONTACT:
+            if recording.labelled and contact < MIN_CONTACT:
                 found = f"over {threshold_dbfs:.0f} dBFS for only {contact:.0%} of the time"
                 message = f"{found}; record it again, or label it none"
                 problems.append(Problem(recording.path, "no contact", message, fatal=False))
@@ -240,13 +240,9 @@ def _leaks(dataset: Dataset) -> Iterator[Problem]:
 
 
 def _imbalance(dataset: Dataset) -> Iterator[Problem]:
-    surfaces = {
-        recording.surface: recording.label
-        for recording in dataset.recordings
-        if recording.label in (Touch.SMOOTH, Touch.ROUGH)
-    }
+    surfaces = {recording.surface: recording.label for recording in dataset.recordings if recording.labelled}
     counts = Counter(surfaces.values())
-    for label in (Touch.SMOOTH, Touch.ROUGH):
+    for label in SURFACE_LABELS:
         if surfaces and counts[label] < MIN_LABEL_SHARE * len(surfaces):
             message = f"{counts[label]} of {len(surfaces)} surfaces are {label.name.lower()}; record more of them"
             yield Problem(dataset.root, "unbalanced", message, fatal=False)

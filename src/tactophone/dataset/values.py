@@ -12,7 +12,7 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import AudioBlock, FloatArray, Touch
+from tactophone.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
 """Samples read at once: more is no faster, and memory must not grow with a recording's length."""
@@ -86,6 +86,16 @@ class Recording:
     """Labels that change with time."""
     properties: Mapping[str, str] = field(default_factory=dict, hash=False)
     """All other columns of the manifest, such as ``pressure``, ``stroke``, ``material`` or ``licence``."""
+
+    @property
+    def labelled(self) -> bool:
+        """True if the whole recording is of one surface with a label."""
+        return self.label in SURFACE_LABELS
+
+    @property
+    def rough(self) -> bool:
+        """True if the label is rough."""
+        return self.label is Touch.ROUGH
 
     def with_properties(self, **properties: str) -> "Recording":
         """Return the recording with further properties, or other values of those that it has."""
@@ -222,7 +232,7 @@ class Dataset:
 
         Raises `DatasetError` if there are none.
         """
-        kept = self.where(lambda recording: recording.label in (Touch.SMOOTH, Touch.ROUGH))
+        kept = self.where(lambda recording: recording.labelled)
         if not self.recordings:
             raise DatasetError(f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`")
         if not kept.recordings:

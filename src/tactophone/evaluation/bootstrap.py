@@ -25,7 +25,6 @@ from tactophone.evaluation.metrics import (
     rough_score,
 )
 from tactophone.evaluation.predict import TakePredictions
-from tactophone.types import Touch
 
 DRAWS = 1000
 COVERAGE = 0.90
@@ -227,7 +226,7 @@ def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str
     table = np.zeros((len(names), 2, 2))
     for take in predictions:
         called_rough = rough_score(take.probabilities[take.contact], "two-class") >= 0.5
-        row = table[names.index(by(take.recording)), int(take.recording.label is Touch.ROUGH)]
+        row = table[names.index(by(take.recording)), int(take.recording.rough)]
         row += np.bincount(called_rough, minlength=2)
     return table
 

@@ -159,7 +159,7 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
     """
     takes = [(rough_score(take.probabilities[take.contact], "two-class"), take) for take in predictions]
     share = np.concatenate([score for score, _ in takes])
-    rough = np.concatenate([np.full(len(score), take.recording.label is Touch.ROUGH) for score, take in takes])
+    rough = np.concatenate([np.full(len(score), take.recording.rough) for score, take in takes])
     place = np.minimum((share * BINS).astype(int), BINS - 1)
     count = np.bincount(place, minlength=BINS)
     # Sums, not means: a bin's gap times its count, so that bins weigh as many windows as they hold.

@@ -110,7 +110,7 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
 
     Raises `DatasetError` if the contact gate never opened.
     """
-    takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH) and take.contact.any()]
+    takes = [take for take in predictions if take.recording.labelled and take.contact.any()]
     if not takes:
         raise DatasetError(
             "the contact gate never opened, so there is nothing to score: the recordings are quieter than the model's "
@@ -121,7 +121,7 @@ def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
     sizes = [int(take.contact.sum()) for take in takes]
     return sort_scores(
         np.concatenate([rough_score(take.probabilities[take.contact], rule) for take in takes]),
-        rough=np.repeat([take.recording.label is Touch.ROUGH for take in takes], sizes),
+        rough=np.repeat([take.recording.rough for take in takes], sizes),
         surface=np.repeat([number[take.recording.surface] for take in takes], sizes),
         names=names,
     )

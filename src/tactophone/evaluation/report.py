@@ -85,13 +85,13 @@ def rendered_scores(
 
     Raises `DatasetError` if there is no labelled contact.
     """
-    takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
+    takes = [take for take in predictions if take.recording.labelled]
     # Updates by surface, label (smooth, rough) and what was rendered (none, smooth, rough).
     names = sorted({take.recording.surface for take in takes})
     table = np.zeros((len(names), 2, 3))
     for take in takes:
         rendered = decided_touches(take, rule)[true_contact(take)]
-        row = table[names.index(take.recording.surface), int(take.recording.label is Touch.ROUGH)]
+        row = table[names.index(take.recording.surface), int(take.recording.rough)]
         row += np.bincount(rendered, minlength=3)
     if not table.any():
         raise DatasetError("no recording has contact with a surface labelled smooth or rough: nothing can be scored")
@@ -125,7 +125,7 @@ def make_report(
 
     Raises `DatasetError` if no recording has labelled contact.
     """
-    labelled = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH)]
+    labelled = [take for take in predictions if take.recording.labelled]
     rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}
     opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
@@ -147,7 +147,7 @@ def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:
     touching = [in_true_contact(take) for take in takes]
     right = [
         np.concatenate([
-            (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.label is Touch.ROUGH)
+            (rough_score(take.probabilities[take.contact], rule) >= 0.5) == (take.recording.rough)
             for take in touching
         ])
         for rule in RULES

@@ -21,7 +21,7 @@ from tactophone.evaluation.bootstrap import Estimate, bootstrap
 from tactophone.evaluation.metrics import Floats, rough_score
 from tactophone.evaluation.predict import TakePredictions
 from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
-from tactophone.types import Touch
+from tactophone.types import SURFACE_LABELS, Touch
 
 Goal = Literal["false_bumps_per_minute", "false_positive_rate"]
 
@@ -54,7 +54,7 @@ class RuleOutcomes:
     @property
     def is_rough(self) -> NDArray[np.bool_]:
         """Which recordings are of a rough surface."""
-        return np.array([recording.label is Touch.ROUGH for recording in self.recordings])
+        return np.array([recording.rough for recording in self.recordings])
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +98,8 @@ def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRu
 
     Raises `DatasetError` if there is no contact on smooth or on rough surfaces.
     """
-    takes = [take for take in predictions if take.recording.label in (Touch.SMOOTH, Touch.ROUGH) and take.contact.any()]
-    for touch in (Touch.SMOOTH, Touch.ROUGH):
+    takes = [take for take in predictions if take.recording.labelled and take.contact.any()]
+    for touch in SURFACE_LABELS:
         if not any(take.recording.label is touch for take in takes):
             raise DatasetError(f"no {touch.name.lower()} recording with contact: validation needs both classes")
     runs = [_run(take, rules) for take in takes]
@@ -142,7 +142,7 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
 
 def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule, *, seed: int = 0) -> OperatingPoint:
     """Compute the rates of one rule, each with its 90 % interval over draws of the surfaces."""
-    keys = [(take.label is Touch.ROUGH, take.surface) for take in outcomes.recordings]
+    keys = [(take.rough, take.surface) for take in outcomes.recordings]
     rows = sorted(set(keys))
     # A surface's row says which recordings are of it, so that rows that are drawn sum to weights of recordings.
     table = np.array([[float(key == row) for key in keys] for row in rows])

@@ -8,7 +8,7 @@ of the vibration, and the time after which a stale command fades, are the oscill
 import math
 from dataclasses import dataclass
 
-from tactophone.types import HapticCommand, Prediction, Profile, Touch
+from tactophone.types import SURFACE_LABELS, HapticCommand, Prediction, Profile
 
 DEFAULT_CEILING = 0.5
 """Greatest amplitude of a vibration, 0 to 1 of full drive, unless the user of this machine allows another."""
@@ -75,7 +75,7 @@ def peak_amplitude(profile: Profile) -> float:
     """
     commands = (
         profile.command(Prediction((0.0, 1.0 - roughness, roughness), touch, roughness, 0.0, 0.0, 0.0))
-        for touch in (Touch.SMOOTH, Touch.ROUGH)
+        for touch in SURFACE_LABELS
         for roughness in (step / 100 for step in range(101))
     )
     return max((min(command.amplitude, 1.0) for command in commands if is_finite(command)), default=0.0)

@@ -26,7 +26,7 @@ from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.layout import STEP
 from tactophone.telemetry.records import TimelineWriter
 from tactophone.telemetry.watcher import Snapshot
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, PipelineStep, Source, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, PipelineStep, Source, Touch
 
 TAIL = 0.1
 """Seconds of vibration after the end of the sound: the fade that follows the last command, to its last sample."""
@@ -296,7 +296,7 @@ class RunScores:
 def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> RunScores:
     """Score a run's timeline against its labelled segments; a score without data is NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
-    smooth, rough = (_inside(time, truth, label) for label in (Touch.SMOOTH, Touch.ROUGH))
+    smooth, rough = (_inside(time, truth, label) for label in SURFACE_LABELS)
     bumps = smooth & (touch == Touch.ROUGH)
     pairs = list(itertools.pairwise(truth))
     touched = [after.start for before, after in pairs if after.contact and not before.contact]

@@ -15,7 +15,7 @@ from tactophone.simulation.render import RenderMetadata, read_render_metadata, t
 from tactophone.simulation.source import SimulatedFinger, Truth
 from tactophone.simulation.strokes import Script, Visit, explore, log_uniform
 from tactophone.simulation.takes import shuffled
-from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
 
 VERSION = "2"
 """Raise it when the same seed gives other sound."""
@@ -114,7 +114,7 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
     written = []
     for day in sorted({run.day for run in runs}):
         rendered = [render_run(run) for run in runs if run.day == day]
-        for label in (Touch.SMOOTH, Touch.ROUGH):
+        for label in SURFACE_LABELS:
             sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
             write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)

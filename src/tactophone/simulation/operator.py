@@ -33,7 +33,7 @@ from tactophone.simulation.modes import Mounting
 from tactophone.simulation.motion import row
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.strokes import Script, Visit, explore, log_uniform
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 INTEGRATION = 0.03
 """Seconds; the shortest burst that people perceive as a vibration."""
@@ -145,7 +145,7 @@ _OBSERVATION = GLANCE * INTEGRATION
 """Seconds of an observation."""
 
 
-_LABELS = (Touch.SMOOTH, Touch.ROUGH)
+_LABELS = SURFACE_LABELS
 
 
 @dataclass(frozen=True, slots=True)

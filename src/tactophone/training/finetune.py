@@ -21,7 +21,7 @@ from tactophone.perception.model_file import Gate, read_model
 from tactophone.training.export import read_weights, write_model
 from tactophone.training.recipes import Variant, network_settings, silent
 from tactophone.training.trainer import NetworkRecipe, Progress
-from tactophone.types import FloatArray, Touch
+from tactophone.types import SURFACE_LABELS, FloatArray
 
 Strategy = Literal["blend", "fine-tuned"]
 
@@ -125,7 +125,7 @@ def train_on_both(
     Raises `DatasetError` if the recordings do not hold both smooth and rough.
     """
     recordings = [*data.new, *data.replay]
-    if {recording.label for recording in recordings} != {Touch.SMOOTH, Touch.ROUGH}:
+    if {recording.label for recording in recordings} != set(SURFACE_LABELS):
         raise DatasetError("new and general recordings together hold one label only; smooth and rough are needed")
     count = len(recordings)
     return recipe.fit(recipe.read_windows(recordings, report=lambda done: reading(done, count)), report=report)

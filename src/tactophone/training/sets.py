@@ -29,7 +29,7 @@ from tactophone.training.tracks import (
     extract_features,
     mean_shifts,
 )
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 HARD_TIPS = ("plastic", "stylus")
 """Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
@@ -229,7 +229,7 @@ def build_training_set(
     threshold_dbfs = contact_threshold(tracks)
     masks = [track.touching() & (track.level_dbfs >= _threshold_for(track, threshold_dbfs)) for track in tracks]
     sizes = [int(mask.sum()) for mask in masks]
-    rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
+    rough = np.repeat([track.recording.rough for track in tracks], sizes)
     if not 0 < rough.sum() < len(rough):
         found = f"on {'rough' if rough.any() else 'smooth'} surfaces alone" if len(rough) else "nowhere"
         raise DatasetError(
@@ -249,7 +249,7 @@ def build_training_set(
     rng = np.random.default_rng(seed)
     features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
     sizes = [len(rows) for rows in features]
-    rough = np.repeat([track.recording.label is Touch.ROUGH for track in tracks], sizes)
+    rough = np.repeat([track.recording.rough for track in tracks], sizes)
     names = sorted({kin_of(track.recording) for track in tracks})
     surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
     simulated = np.array([is_simulation(track.recording) for track in tracks])
