@@ -1,14 +1,17 @@
 import asyncio
 import base64
 import json
+import socket
 import struct
 import subprocess
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import pytest
 
+from tactophone.bridges.connections import TIMEOUT
 from tactophone.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
 from tactophone.bridges.topics import TOPICS
 from tactophone.errors import ConfigError
@@ -150,3 +153,36 @@ def test_the_layout_shows_topics_that_exist() -> None:
 def test_an_address_in_use_is_one_line(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
     with pytest.raises(ConfigError, match="choose another address"):
         FoxgloveBridge(telemetry.name, f"127.0.0.1:{bridge.port}")
+
+
+def test_half_a_header_is_cut_off_and_keeps_no_viewer_away(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
+    with ExitStack() as stack:
+        for _ in range(300):
+            half = stack.enter_context(socket.create_connection(("127.0.0.1", bridge.port)))
+            half.sendall(b"GET / HTTP/1.1\r\nHost: x")
+        asyncio.run(watch(bridge, telemetry, PROTOCOLS[0]))
+        half.settimeout(2 * TIMEOUT)
+        with suppress(ConnectionResetError):
+            assert half.recv(1) == b""
+
+
+def test_malformed_requests_leave_the_viewer_connected(bridge: FoxgloveBridge, telemetry: Telemetry) -> None:
+    wild = [
+        '{"op":"subscribe","subscriptions":[{"id":1,"channelId":1e999}]}', "[" * 60_000, "[]",
+        '{"op":"subscribe","subscriptions":["ab"]}', '{"op":"unsubscribe","subscriptionIds":[1e999]}',
+    ]  # fmt: skip
+    bridge.read()
+    assert len(asyncio.run(watch(bridge, telemetry, PROTOCOLS[0], *wild))[1]) == 2
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "http://localhost:1.evil.example"])
+def test_other_origins_are_refused(bridge: FoxgloveBridge, origin: str) -> None:
+    async def attempt() -> int:
+        async with aiohttp.ClientSession() as session:
+            try:
+                await session.ws_connect(f"http://127.0.0.1:{bridge.port}/secret/", origin=origin)
+            except aiohttp.WSServerHandshakeError as error:
+                return error.status
+        return 101
+
+    assert asyncio.run(attempt()) == 403

@@ -12,9 +12,10 @@ import pytest
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 
+from tactophone.bridges.connections import TIMEOUT
 from tactophone.pages.security import HEADERS
 from tactophone.pages.server import Page
-from tactophone.pages.views import CREDIT, HEADER_TIMEOUT, admit
+from tactophone.pages.views import CREDIT, admit
 from tests.pages.running import Run
 from tests.pages.test_message import parse
 
@@ -112,7 +113,7 @@ def test_a_header_that_never_ends_is_cut_off(page: Page) -> None:
     assert address.port
     with socket.create_connection(("127.0.0.1", address.port)) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
-        connection.settimeout(2 * HEADER_TIMEOUT)
+        connection.settimeout(2 * TIMEOUT)
         with contextlib.suppress(ConnectionResetError):
             assert connection.recv(100) == b""
 

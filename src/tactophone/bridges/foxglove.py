@@ -8,6 +8,7 @@ only the first, new ones only the second. A viewer can subscribe, and nothing el
 import asyncio
 import base64
 import json
+import re
 import secrets
 import socket
 import struct
@@ -16,6 +17,7 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor, FloodGate
 from tactophone.bridges.reader import RunReader
 from tactophone.bridges.sound import SoundMessages
 from tactophone.bridges.topics import PACKETS, Message, Topic, topics_of
@@ -40,6 +42,9 @@ BACKLOG = 500
 
 VIEWERS = 8
 """Greatest number of viewers."""
+
+MESSAGES_PER_SECOND = 100.0
+"""From a viewer: it subscribes once."""
 
 LAYOUT = Path(__file__).with_name("foxglove_layout.json")
 """A layout to import in Foxglove or Lichtblick."""
@@ -66,6 +71,7 @@ class FoxgloveBridge:
             {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
         )
         self._listening = _listen(address)
+        self._acceptor = Acceptor()
         self._viewers: set[_Viewer] = set()
         # A viewer that comes later needs the start of the run and its state too.
         self._latched: dict[str, Message] = {}
@@ -112,11 +118,12 @@ class FoxgloveBridge:
         app = web.Application(client_max_size=1 << 14)
         app.router.add_get("/{token}/", self._view)
         app.router.add_get("/{token}", self._view)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.5)
+        runner = web.AppRunner(app, **RUNNER)
         self._loop.run_until_complete(runner.setup())
-        self._loop.run_until_complete(web.SockSite(runner, self._listening).start())
+        accepting = self._loop.create_task(self._acceptor.serve(runner, self._listening))
         self._ready.set()
         self._loop.run_forever()
+        accepting.cancel()
         for viewer in list(self._viewers):
             self._loop.run_until_complete(viewer.socket.close())
         self._loop.run_until_complete(runner.cleanup())
@@ -127,6 +134,7 @@ class FoxgloveBridge:
 
         if refused := self._refusal(request):
             return web.Response(status=403, text=f"Refused: {refused}.\n")
+        self._acceptor.known.add(request.protocol)
         if len(self._viewers) >= VIEWERS:
             return web.Response(status=503, text=f"{VIEWERS} viewers are connected already: close one.\n")
         view = web.WebSocketResponse(protocols=PROTOCOLS, max_msg_size=1 << 16, heartbeat=20)
@@ -139,9 +147,12 @@ class FoxgloveBridge:
         await view.send_str(self._advertised)
         self._viewers.add(viewer)
         sending = asyncio.ensure_future(viewer.send())
+        gate = FloodGate(MESSAGES_PER_SECOND)
         try:
             async for message in view:
-                if message.type is web.WSMsgType.TEXT:
+                if gate.overflows():
+                    await view.close(code=1008, message=b"too many messages")
+                elif message.type is web.WSMsgType.TEXT:
                     viewer.obey(message.data)
         finally:
             self._viewers.discard(viewer)
@@ -152,7 +163,7 @@ class FoxgloveBridge:
         if not secrets.compare_digest(request.match_info["token"].encode(), self.token.encode()):
             return "the token is wrong"
         origin = request.headers.get("Origin")
-        local = origin is not None and origin.startswith(("http://127.0.0.1:", "http://localhost:"))
+        local = re.fullmatch(r"http://(127\.0\.0\.1|localhost):[0-9]+", origin or "")
         return "" if origin is None or origin in ORIGINS or local else "Origin is another page"
 
 
@@ -184,7 +195,7 @@ class _Viewer:
                 self._subscribed = {
                     channel: number for channel, number in self._subscribed.items() if number not in ended
                 }
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
             return
 
     async def send(self) -> None:
@@ -230,6 +241,6 @@ def _listen(address: str) -> socket.socket:
     if not host or not port.isdecimal():
         raise ConfigError(f"--bridge foxglove={address}: wanted HOST:PORT, such as {ADDRESS}")
     try:
-        return socket.create_server((host.strip("[]"), int(port)))
+        return socket.create_server((host.strip("[]"), int(port)), backlog=QUEUE)
     except (OSError, OverflowError) as error:
         raise ConfigError(f"--bridge foxglove cannot listen at {address} ({error}): choose another address") from None

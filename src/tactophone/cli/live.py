@@ -139,6 +139,9 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
             extras.require_modules("aiohttp")
             from tactophone.bridges.foxglove import ADDRESS, LAYOUT, FoxgloveBridge
 
+            if address.endswith(":0"):
+                raise ConfigError(f"--bridge {text}: a viewer has to know the port: name one, such as {ADDRESS}")
+
             token = secrets.token_urlsafe(24)
             yield partial(FoxgloveBridge, name, address or ADDRESS, token=token)
             output.note(f"Foxglove: ws://{address or ADDRESS}/{token}/")

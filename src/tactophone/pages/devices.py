@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from aiohttp import WSMsgType, web
 
+from tactophone.bridges.connections import FloodGate
 from tactophone.pages.feed import WatchedRun, pack
-from tactophone.pages.views import TAKEN, FloodGate, admit, end_flood, finger_of, messages_of
+from tactophone.pages.views import TAKEN, admit, end_flood, finger_of, messages_of
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE
 

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor
 from tactophone.errors import TactophoneError
 from tactophone.pages.security import AccessControl
 from tactophone.processes import Child, Parent
@@ -152,7 +153,7 @@ def _listen(address: str) -> socket.socket:
         raise TactophoneError(f"{address!r} is not an address: write HOST:PORT, such as {ADDRESS}")
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, int(port)), family=family)
+        return socket.create_server((host, int(port)), family=family, backlog=QUEUE)
     except (OSError, OverflowError) as error:
         raise TactophoneError(f"the page cannot listen at {address} ({error}): choose another address") from None
 
@@ -180,15 +181,15 @@ async def _run(
 ) -> None:
     from aiohttp import web
 
-    from tactophone.pages.views import close_idle_connections, protect
+    from tactophone.pages.views import protect
 
-    runner = web.AppRunner(protect(build(), access), access_log=None, shutdown_timeout=0.5)
+    acceptor = Acceptor(tls)
+    runner = web.AppRunner(protect(build(), access, acceptor), **RUNNER)
     await runner.setup()
-    for listener in listening:
-        await web.SockSite(runner, listener, ssl_context=tls).start()
+    accepting = [asyncio.create_task(acceptor.serve(runner, listener)) for listener in listening]
     ended = asyncio.Event()
     asyncio.get_running_loop().add_reader(parent, ended.set)
-    idle = asyncio.create_task(close_idle_connections(runner))
     await ended.wait()
-    idle.cancel()
+    for task in accepting:
+        task.cancel()
     await runner.cleanup()

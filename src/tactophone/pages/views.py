@@ -6,7 +6,6 @@ it is accepted and closed at once, with a reason that it shows.
 
 import asyncio
 import json
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sized
 from contextlib import suppress
 from importlib.resources import files
@@ -16,6 +15,7 @@ from typing import Any
 
 from aiohttp import WSMessage, web
 
+from tactophone.bridges.connections import Acceptor, FloodGate
 from tactophone.pages.security import HEADERS, AccessControl
 
 VERSION = "1"
@@ -33,9 +33,6 @@ MAX_MESSAGE_BYTES = 4_096
 FLOOD_RATE = 500.0
 """Messages a second, twice what a page sends that acknowledges 125 a second and follows a fast pointer."""
 
-HEADER_TIMEOUT = 10.0
-"""Seconds that a connection may take to send a request; a browser sends one at once."""
-
 VIEWERS = 16
 """Greatest number of viewers, so that forgotten tabs cannot load the machine."""
 
@@ -47,7 +44,7 @@ STATIC = files("tactophone.pages") / "static"
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def protect(inner: web.Application, access: AccessControl) -> web.Application:
+def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -> web.Application:
     """Serve a page, and the files that all pages load, under the token and behind access control."""
 
     @web.middleware
@@ -58,7 +55,10 @@ def protect(inner: web.Application, access: AccessControl) -> web.Application:
             origin=request.headers.get("Origin"),
             websocket="Upgrade" in request.headers,
         )
-        return web.Response(status=403, text=f"Refused: {reason}.\n") if reason else await handler(request)
+        if reason:
+            return web.Response(status=403, text=f"Refused: {reason}.\n")
+        acceptor.known.add(request.protocol)
+        return await handler(request)
 
     async def add_headers(request: web.Request, response: web.StreamResponse) -> None:
         response.headers.update(HEADERS)
@@ -77,25 +77,6 @@ def page(path: Traversable) -> Handler:
         return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
 
     return handler
-
-
-async def close_idle_connections(runner: web.AppRunner, *, timeout: float = HEADER_TIMEOUT) -> None:
-    """Close connections that have had no request for a while: the web server waits for a request's header for ever.
-
-    A page's live connection is one request that goes on, and stays.
-    """
-    waiting: dict[int, float] = {}
-    while runner.server is not None:
-        now = time.monotonic()
-        handlers = {id(handler): handler for handler in runner.server.connections}
-        idle = {key: handler for key, handler in handlers.items() if handler._current_request is None}
-        waiting = {key: waiting.get(key, now) for key in idle}
-        for key, since in waiting.items():
-            if now - since > timeout:
-                idle[key].force_close()
-                if transport := idle[key].transport:
-                    transport.abort()
-        await asyncio.sleep(timeout / 5)
 
 
 def is_local(request: web.Request) -> bool:
@@ -126,27 +107,6 @@ def finger_of(request: web.Request) -> int:
     """Return which finger of a hand a page shows and controls, counted from 0."""
     text = request.query.get("finger", "")
     return int(text) if len(text) == 1 and text.isascii() and text.isdecimal() else 0
-
-
-class FloodGate:
-    """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds one second of it.
-
-    Examples
-    --------
-    >>> gate = FloodGate(10.0)
-    >>> [gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=1.0)]
-    [False, False, True, False]
-    """
-
-    def __init__(self, rate: float) -> None:
-        self._rate, self._level, self._time = rate, 0.0, 0.0
-
-    def overflows(self, amount: float = 1.0, *, now: float | None = None) -> bool:
-        """Add an amount; true if that is too much."""
-        now = time.monotonic() if now is None else now
-        self._level = max(0.0, self._level - self._rate * (now - self._time)) + amount
-        self._time = now
-        return self._level > self._rate
 
 
 async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
