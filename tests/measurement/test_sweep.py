@@ -92,9 +92,8 @@ def test_the_verb_measures_through_virtual_sound_cards(tmp_path: Path) -> None:
         resonator.open()
         try:
             command = [
-                "devices", "measure", "--jack-server", server.name, "--out", str(tmp_path / "actuator.toml"),
-                "--actuator", "jack", "--actuator-port", "resonator:in",
-                "--source", "jack", "--contact", "resonator:out",
+                "devices", "measure", "--out", str(tmp_path / "actuator.toml"), "--actuator", "jack:resonator:in",
+                "--set", f"process.jack_server={server.name}", "--set", "capture.contact=resonator:out",
             ]  # fmt: skip
             assert main(command) == 0
         finally:
