@@ -102,7 +102,7 @@ class Capture:
         "recording, the simulated finger, or a ROS 2 topic",
         choices=("jack", "portaudio", "microphone", "browser", "file", "finger", "ros"),
         flag="--source",
-        verbs="devices loopback record send setup",
+        verbs="answer call devices loopback record send setup",
         device="capture.device",
     )
     device: str = _setting(
@@ -115,7 +115,7 @@ class Capture:
         "tip that touches: it chooses the model where none is named, and is the simulated finger's",
         choices=TIP_NAMES,
         flag="--tip",
-        verbs="demo feel loopback play receive send setup",
+        verbs="answer call demo feel loopback play receive send setup",
     )
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
@@ -162,6 +162,22 @@ class Link:
         flag="--send-predictions",
         verbs="latency send",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Call:
+    """The servers of `tactophone call` and `answer`: docs/guide/apart.md."""
+
+    mailbox: str = _setting(
+        "ws://relay.magic-wormhole.io:4000/v1",
+        "magic-wormhole mailbox that passes a call's encrypted first words; the default is one person's, best effort",
+    )
+    stun: str = _setting(
+        "stun.l.google.com:19302,stun.cloudflare.com:3478",
+        "STUN servers, HOST or HOST:PORT with commas between them; from two, --check learns the kind of router",
+    )
+    turn: str = _setting("", "TURN relay, USER:PASSWORD@HOST or USER:PASSWORD@HOST:PORT; empty: none")
+    relay_only: bool = _setting(False, "never take a direct way, so that the other end learns no address of this one")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +244,7 @@ class Output:
         "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
         choices=("jack", "portaudio", "gamepad", "file", "none"),
         flag="--actuator",
-        verbs="devices loopback receive try",
+        verbs="answer call devices loopback receive try",
         device="output.device",
     )
     device: str = _setting(
@@ -265,7 +281,7 @@ class Process:
         "",
         "name of this run for `status`, `stop`, `mute` and `arm`; empty: the verb",
         flag="--name",
-        verbs="demo latency loopback play receive send try",
+        verbs="answer call demo latency loopback play receive send try",
     )
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
@@ -356,6 +372,7 @@ class Settings:
 
     capture: Capture = Capture()
     link: Link = Link()
+    call: Call = Call()
     detector: Detector = Detector()
     rendering: Rendering = Rendering()
     output: Output = Output()

@@ -30,6 +30,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "pair": "create this machine's key, and choose which other machine to trust",
         "send": "the robot's side: capture the finger's sound and send it encrypted to the operator",
         "receive": "the operator's side: receive sound, detect roughness and drive the actuator",
+        "call": "ring the other end, in any network: a code to speak, then as send or receive",
+        "answer": "answer a call with its code, or with a name that both ends remember",
         "status": "list the runs of this machine",
         "stop": "emergency stop: all vibration on this machine ends until an operator arms it again",
         "mute": "mute the vibration until an operator arms it again",
@@ -64,6 +66,7 @@ GROUPS: dict[str, dict[str, str]] = {
 VERBS: dict[str, str] = {verb: line for group in GROUPS.values() for verb, line in group.items()}
 
 _SHARED_MODULES = {
+    "answer": "call",
     **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
     **dict.fromkeys(("send", "receive", "loopback"), "send_receive"),
     **dict.fromkeys(("model", "set-threshold"), "model"),

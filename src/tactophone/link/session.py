@@ -220,6 +220,8 @@ class Session:
         Why the newest handshake failed, or ``None``.
     sent_away
         Name of the trusted caller that was sent away last, and when; ``None`` before the first.
+    hung_up
+        Name of the peer that ended the last session without a reason; empty if none has.
     """
 
     def __init__(
@@ -234,6 +236,7 @@ class Session:
         self.faults: Counter[str] = Counter()
         self.failure: str | None = None
         self.sent_away: tuple[str, float] | None = None
+        self.hung_up = ""
         self._identity = identity
         self._handshakes = Handshakes(identity, peers)
         self._admission = Admission()
@@ -373,6 +376,8 @@ class Session:
             if reason:
                 # Sent away, not forgotten: the caller shows why, and calls again after a pause.
                 self.failure, self._call_after = reason, now + BUSY_PAUSE
+            else:
+                self.hung_up = peer or ""
             return [*events, *self._end(f"{peer} hung up: {reason}" if reason else f"{peer} hung up")]
         if report and (version := introduced_version(packet)) is not None:
             self._peer_version = version

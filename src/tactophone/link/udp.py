@@ -18,7 +18,8 @@ from tactophone.errors import DeviceError
 from tactophone.link.packet import DatagramKind
 
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
-_LOAD_BYTE, _LOAD_WORD, _AND, _JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x30, 0x20, 0x54, 0x05, 0x15, 0x35, 0x06
+_LOAD_BYTE, _LOAD_HALF, _LOAD_WORD, _AND = 0x30, 0x28, 0x20, 0x54
+_JUMP, _JUMP_EQUAL, _JUMP_AT_LEAST, _RETURN = 0x05, 0x15, 0x35, 0x06
 _FIRST_BYTE, _SECOND_BYTE, _SSRC_OF_RTCP, _SSRC_OF_RTP = 8, 9, 12, 16
 _DTLS_VERSION = 0xFE
 """First byte of every DTLS version; the second byte of a record."""
@@ -29,8 +30,12 @@ Instruction = tuple[int, int, int, int]
 """Code, instructions to skip if true and if false, and operand."""
 
 
-def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: bool = True) -> None:
+def set_filter(
+    target: socket.socket, streams: Collection[int], *, handshakes: bool = True, channel: int | None = None
+) -> None:
     """Let DTLS (with ``handshakes``) and the SSRCs ``streams`` alone pass to a UDP socket; everything without any SSRC.
+
+    With ``channel`` the socket belongs to a `Way`: STUN passes too, and where it is not 0, what is in that channel.
 
     Notes
     -----
@@ -43,14 +48,23 @@ def set_filter(target: socket.socket, streams: Collection[int], *, handshakes: b
             target.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
             return
         # Two structures of the kernel, sock_filter and sock_fprog: it copies both during the call.
-        program = [struct.pack("HBBI", *each) for each in _program(sorted(streams), handshakes=handshakes)]
-        instructions = ctypes.create_string_buffer(b"".join(program))
-        pointer = struct.pack("HP", len(program), ctypes.addressof(instructions))
+        instructions = _program(sorted(streams), handshakes=handshakes, channel=channel)
+        program = [struct.pack("HBBI", *each) for each in instructions]
+        buffer = ctypes.create_string_buffer(b"".join(program))
+        pointer = struct.pack("HP", len(program), ctypes.addressof(buffer))
         target.setsockopt(socket.SOL_SOCKET, _SO_ATTACH_FILTER, pointer)
 
 
-def _program(streams: Collection[int], *, handshakes: bool) -> Iterator[Instruction]:
+def _program(streams: Collection[int], *, handshakes: bool, channel: int | None = None) -> Iterator[Instruction]:
     """Yield the filter's instructions. A load beyond the end of a datagram drops it."""
+    header = CHANNEL_HEADER if channel else 0
+    if channel is not None:
+        yield from _accept_stun(0)
+    if channel:
+        yield (_LOAD_HALF, 0, 0, _FIRST_BYTE)
+        yield (_JUMP_EQUAL, 1, 0, channel)
+        yield (_RETURN, 0, 0, _NOTHING)
+        yield from _accept_stun(header)
     rtp, compare, dtls = 11, 12, 13 + len(streams)
     drop, accept = dtls + 2, dtls + 3
     handshake = dtls if handshakes else drop
@@ -58,26 +72,39 @@ def _program(streams: Collection[int], *, handshakes: bool) -> Iterator[Instruct
     def skip(index: int, target: int) -> int:
         return target - index - 1
 
-    yield (_LOAD_BYTE, 0, 0, _FIRST_BYTE)
+    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
     yield (_JUMP_AT_LEAST, 0, skip(1, drop), 20)  # the ranges of RFC 7983: DTLS from 20 to 63, SRTP from 128 to 191
     yield (_JUMP_AT_LEAST, 0, skip(2, handshake), 64)
     yield (_JUMP_AT_LEAST, 0, skip(3, drop), 128)
     yield (_JUMP_AT_LEAST, skip(4, drop), 0, 192)
-    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
+    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
     yield (_AND, 0, 0, 0x7F)
     yield (_JUMP_AT_LEAST, 0, skip(7, rtp), 64)  # RTCP from 64 to 95 (RFC 5761 section 4), as `packet.is_report`
     yield (_JUMP_AT_LEAST, skip(8, rtp), 0, 96)
-    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTCP)
+    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTCP)
     yield (_JUMP, 0, 0, skip(10, compare))
-    yield (_LOAD_WORD, 0, 0, _SSRC_OF_RTP)
+    yield (_LOAD_WORD, 0, 0, header + _SSRC_OF_RTP)
     for index, stream in enumerate(streams, compare):
         yield (_JUMP_EQUAL, skip(index, accept), 0, stream)
     yield (_JUMP, 0, 0, skip(dtls - 1, drop))
-    yield (_LOAD_BYTE, 0, 0, _SECOND_BYTE)
+    yield (_LOAD_BYTE, 0, 0, header + _SECOND_BYTE)
     yield (_JUMP_EQUAL, skip(dtls + 1, accept), skip(dtls + 1, drop), _DTLS_VERSION)
     yield (_RETURN, 0, 0, _NOTHING)
     yield (_RETURN, 0, 0, _WHOLE)
 
+
+def _accept_stun(header: int) -> Iterator[Instruction]:
+    """Let a datagram pass whose first byte after ``header`` is one of STUN (RFC 7983)."""
+    yield (_LOAD_BYTE, 0, 0, header + _FIRST_BYTE)
+    yield (_JUMP_AT_LEAST, 1, 0, END_OF_STUN)
+    yield (_RETURN, 0, 0, _WHOLE)
+
+
+CHANNEL_HEADER = 4
+"""Bytes before each datagram in a TURN channel: the channel's number and the datagram's length (RFC 8656, 12.4)."""
+
+END_OF_STUN = 4
+"""First byte from which a datagram is no STUN message any more (RFC 7983 section 7)."""
 
 Address: TypeAlias = tuple[str, int]
 """Host and port, as the socket expects and returns them."""
@@ -123,8 +150,11 @@ class UdpSocket:
     in use.
     """
 
-    def __init__(self, host: str = "", port: int = 0) -> None:
-        self._socket = _open(host, port)
+    channel: int | None = None
+    """That the filter lets pass, as in `set_filter`."""
+
+    def __init__(self, host: str = "", port: int = 0, *, bound: socket.socket | None = None) -> None:
+        self._socket = bound or _open(host, port)
         self._followed: tuple[Address, frozenset[int]] | None = None
         self._peer_socket: socket.socket | None = None
         self._peer_poll = select.poll()
@@ -158,7 +188,7 @@ class UdpSocket:
             self._connect(remote[0] if remote else None)
         self._closed_reads, self._closed = 0, False
         for each in filter(None, (self._socket, self._peer_socket)):
-            set_filter(each, remote[1] if remote else ())
+            set_filter(each, remote[1] if remote else (), channel=self.channel)
 
     def receive(self, timeout: float) -> list[tuple[bytes, Address]]:
         """Return the datagrams received, each with its source, oldest first; wait up to ``timeout`` s for the first."""
@@ -223,7 +253,7 @@ class UdpSocket:
     def _accept_handshakes(self, accepted: bool) -> None:
         if accepted == self._closed and self._peer_socket and self._followed:
             self._closed = not accepted
-            set_filter(self._peer_socket, self._followed[1], handshakes=accepted)
+            set_filter(self._peer_socket, self._followed[1], handshakes=accepted, channel=self.channel)
 
     def _address_of(self, target: Address) -> tuple[Any, ...]:
         """Return the address as the socket takes it; that of the last call is kept, as most go to one peer."""
@@ -274,15 +304,20 @@ def _open(host: str, port: int) -> socket.socket:
 
 def _socket(family: int, *, only: bool) -> socket.socket:
     opened = socket.socket(family, socket.SOCK_DGRAM)
-    opened.setblocking(False)
     if family == socket.AF_INET6:
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, only)
+    prepare(opened)
+    return opened
+
+
+def prepare(opened: socket.socket) -> None:
+    """Never let a UDP socket wait; give it a large queue, and its packets the priority of voice."""
+    opened.setblocking(False)
     opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
     with contextlib.suppress(OSError):  # works without, where a system does not support it
         opened.setsockopt(socket.IPPROTO_IP, socket.IP_TOS, _EXPEDITED)
     with contextlib.suppress(OSError, AttributeError):
         opened.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_TCLASS, _EXPEDITED)
-    return opened
 
 
 def _share(first: socket.socket, peer: Address) -> socket.socket:

@@ -21,9 +21,10 @@ from tactophone.hand import each_finger, names_of
 from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.stream import DecodedAudio
 from tactophone.link.udp import UdpSocket
+from tactophone.link.way import Way, WaySocket
 from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.runtime.latency import LocalPeer, operator_stages
-from tactophone.runtime.supervisor import ProcessInfo, Side
+from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
 from tactophone.runtime.wiring import (
     microphone_faults,
     open_actuator,
@@ -64,6 +65,9 @@ SILENT_LINK = 0.5
 SENT_AWAY_SHOWN = 10.0
 """Seconds for which a second robot is reported after its call; it calls every few seconds."""
 
+START_ROBOT = "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
+"""Advice where no robot ever calls."""
+
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
 
@@ -75,12 +79,15 @@ class Operator(Side):
     robot
         Name of the robot's run, where that is on this machine: source of the true touch and of the robot's part of
         the latency budget.
+    way
+        That was found to the robot, instead of the port of the settings; it hangs up for good.
     """
 
     interval = HOUSEKEEPING_INTERVAL
 
-    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "") -> None:
+    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", way: Way | None = None) -> None:
         super().__init__(settings, info, role="operator")
+        self._way = way
         fingers = each_finger(settings)
         renderers = [open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
         self._actuator = open_actuator(
@@ -118,7 +125,8 @@ class Operator(Side):
 
     def __enter__(self) -> Self:
         with self._resources:
-            self._socket = self._resources.enter_context(UdpSocket(self._settings.link.host, self._settings.link.port))
+            link, way = self._settings.link, self._way
+            self._socket = self._resources.enter_context(WaySocket(way) if way else UdpSocket(link.host, link.port))
             self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
@@ -156,6 +164,14 @@ class Operator(Side):
         self._update_counts()
         self._update_budget(now, self._stages)
         self._telemetry.update(self._state(now), now=now)
+        if self._hung_up:
+            self._silence()
+            self._end_soon(now)
+
+    @property
+    def _hung_up(self) -> str:
+        """Name of the robot that has ended the call; empty otherwise."""
+        return self._session.session.hung_up if self._way else ""
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
@@ -202,15 +218,21 @@ class Operator(Side):
         )  # fmt: skip
 
     def _state(self, now: float) -> State:
-        peer = self._session.peer
         return State(
             role="operator",
             profiles=self._fingers[0].profiles,
-            link=f"connected to {peer}" if peer else f"listening at port {self._socket.address[1]}",
+            link=self._link(),
             output=self._settings.output.actuator,
             faults=tuple(self._faults(now)),
             fingers=tuple(finger.state() for finger in self._fingers),
         )
+
+    def _link(self) -> str:
+        if self._hung_up:
+            return f"{self._hung_up} hung up"
+        if peer := self._session.peer:
+            return f"connected to {peer}"
+        return "waiting for the robot" if self._way else f"listening at port {self._socket.address[1]}"
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
@@ -221,9 +243,9 @@ class Operator(Side):
         silent = now - self._received_at
         if self._endpoint.refusal:
             yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
-        if self._session.peer is None and silent > LONGEST_CALL:
+        if self._session.peer is None and silent > LONGEST_CALL and not self._hung_up:
             failure = self._session.session.failure
-            yield Fault("link", f"no robot is connected: {failure or 'start `tactophone send` there'}")
+            yield Fault("link", f"no robot is connected: {failure or (NO_ANSWER if self._way else START_ROBOT)}")
         elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
             yield Fault("silence", reason)
         if conflict := self._session.session.version_conflict:
@@ -327,11 +349,11 @@ class Operator(Side):
             telemetry.mark(_RENDERED, submitted, now=time.monotonic())
 
 
-def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "") -> None:
+def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", way: Way | None = None) -> None:
     """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency stop."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
-    with Operator(settings, info, robot=robot) as operator:
+    with Operator(settings, info, robot=robot, way=way) as operator:
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         operator.run(terminated)
 

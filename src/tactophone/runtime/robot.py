@@ -20,9 +20,10 @@ from tactophone.errors import ConfigError
 from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link.events import Event
 from tactophone.link.udp import UdpSocket
+from tactophone.link.way import Way, WaySocket
 from tactophone.runtime.latency import robot_stages
 from tactophone.runtime.priority import name_thread, prioritize_thread
-from tactophone.runtime.supervisor import ProcessInfo, Side
+from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
 from tactophone.runtime.wiring import (
     OpenSource,
     finger_fault,
@@ -64,6 +65,9 @@ MAX_SLOW_READS = 8
 interrupt a fast source at any block, but not at each: 0.1 s of reading, the limit before, could pass in one
 interruption, and everything after it lay beside its labels."""
 
+START_OPERATOR = "start `tactophone receive` there; or a router blocks the port: use `tactophone call`"
+"""Advice where an operator never answers."""
+
 _CAPTURED, _SENT = MARKS.index("captured"), MARKS.index("sent")
 
 
@@ -74,12 +78,17 @@ class Robot(Side):
     ----------
     open_source
         Opens the microphones, or what replaces them.
+    way
+        That was found to the only operator, instead of a socket of its own; it hangs up for good.
     """
 
     interval = HOUSEKEEPING_INTERVAL
 
-    def __init__(self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
+    def __init__(
+        self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, way: Way | None = None
+    ) -> None:
         super().__init__(settings, info, role="robot")
+        self._way = way
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once: whether an object fits a protocol takes 25 us.
@@ -111,7 +120,10 @@ class Robot(Side):
     def __enter__(self) -> Self:
         with self._resources:
             self._resources.enter_context(self._source)
-            self._sockets = [self._resources.enter_context(UdpSocket()) for _ in self._operators]
+            self._sockets = [
+                self._resources.enter_context(WaySocket(self._way) if self._way else UdpSocket())
+                for _ in self._operators
+            ]
             self._open_telemetry()
             self._group.tap = self._log
             self._resources = self._resources.pop_all()
@@ -138,6 +150,7 @@ class Robot(Side):
             group = self._group
             counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
             peers, link_faults = group.peers, list(self._link_faults())
+            hung_up = group.members[0].session.hung_up if self._way else ""
         self._count(counters)
         self._telemetry.gauge("loss_ratio", loss)
         self._telemetry.gauge("operators", len(peers))
@@ -153,18 +166,24 @@ class Robot(Side):
             role="robot",
             source=self._settings.capture.source,
             channels=2 if self._settings.is_hand else self._source.channels,
-            link=f"connected to {', '.join(peers)}{of_all}" if peers else "calling",
+            link=f"{hung_up} hung up"
+            if hung_up
+            else f"connected to {', '.join(peers)}{of_all}"
+            if peers
+            else "calling",
             faults=(*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults()),
             fingers=tuple(FingerState(name, muted_because="", detector=detector) for name, detector in names),
         )
         self._telemetry.update(state, now=now)
+        if hung_up:
+            self._end_soon(now)
 
     def _link_faults(self) -> Iterator[Fault]:
         """Yield which operators are not connected, and why, and which run another version."""
         for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
             which = "" if len(self._operators) == 1 else f"-{number}"
-            if member.session.peer is None:
-                reason = member.session.failure or "start `tactophone receive` there"
+            if member.session.peer is None and not (self._way and member.session.hung_up):
+                reason = member.session.failure or (NO_ANSWER if self._way else START_OPERATOR)
                 yield Fault(f"link{which}", f"no operator at {host}:{port} yet: {reason}")
             elif conflict := member.session.version_conflict:
                 yield Fault(f"version{which}", conflict)
@@ -243,12 +262,14 @@ class Robot(Side):
             send_outgoing(member.session, socket)
 
 
-def run_robot(settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device) -> None:
-    """Run the robot's side in this process until SIGTERM or the end of the sound."""
+def run_robot(
+    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, way: Way | None = None
+) -> None:
+    """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
     terminated = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: terminated.set())
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
-    with Robot(settings, info, open_source=open_source) as robot:
+    with Robot(settings, info, open_source=open_source, way=way) as robot:
         robot.run(terminated)
 
 

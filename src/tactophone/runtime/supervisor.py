@@ -6,6 +6,7 @@ by the watchdog is replaced by a new one, which starts muted: nothing restores v
 """
 
 import contextlib
+import math
 import os
 import signal
 import threading
@@ -52,6 +53,12 @@ SLOW_START = 5.0
 
 BUDGET_INTERVAL = 1.0
 """Seconds between two updates of the latency budget."""
+
+LAST_WORDS = 0.5
+"""Seconds for which a side whose call has ended still shows that: more than between two updates of a console."""
+
+NO_ANSWER = "the other end is silent; if it stays so, hang up and call again"
+"""Advice where a call's other end does not answer."""
 
 END_TIMEOUT = 3.0
 """Seconds that a process may take to end in order."""
@@ -287,6 +294,7 @@ class Side:
         self._resources = contextlib.ExitStack()
         self._warnings: tuple[Fault, ...] = ()
         self._budgeted_at = 0.0
+        self._ends_at = math.inf
 
     def housekeep(self, now: float) -> None:
         """Apply requests and update telemetry; ``now`` is in s of the monotonic clock."""
@@ -307,6 +315,12 @@ class Side:
             self.ended.wait(self.interval)
         if self.failure is not None:
             raise self.failure
+
+    def _end_soon(self, now: float) -> None:
+        """End the side once everybody who watches has seen why."""
+        self._ends_at = min(self._ends_at, now + LAST_WORDS)
+        if now >= self._ends_at:
+            self.ended.set()
 
     def _open_telemetry(self) -> None:
         name, fingers = self._info.name, len(self._settings.fingers)

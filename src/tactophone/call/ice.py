@@ -1,0 +1,215 @@
+"""Finds a way between two ends behind routers, with aioice, and keeps it open for the process that uses it.
+
+aioice has no words for handing over a socket, so this file alone reaches into its private parts; its version is pinned.
+After the hand-over the live side reads the socket and passes STUN back (`Finder.keep`): aioice goes on to ask for
+consent (RFC 7675), to answer the other end's checks, and to refresh the relay's allocation and channel.
+"""
+
+import asyncio
+import contextlib
+import socket
+from typing import Any
+
+import aioice
+from aioice import stun
+from aioice.turn import TurnTransport
+
+from tactophone.call.messages import Address, Nat, Offer
+from tactophone.errors import DeviceError
+from tactophone.link.way import Way, read_kept
+
+CONNECT_TIMEOUT = 12.0
+"""Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
+
+CHANNEL_REFRESH = 240
+"""Seconds until a relay's channel is bound again: before its permission ends after 300 (RFC 8656 section 9)."""
+
+_CHOSEN = b"\x03"
+"""First byte of the word by which the controlling end says which way it has chosen: in STUN's range (RFC 7983), so that
+it passes every filter, but no STUN message."""
+
+CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
+"""Seconds from one repetition of that word to the next, and until the end gives up."""
+
+
+class Server:
+    """A TURN or STUN server as the settings name it: ``[USER:PASSWORD@]HOST[:PORT]``.
+
+    Examples
+    --------
+    >>> found = Server("1790000000:lab:k3y=@[2001:db8::1]:3479")
+    >>> found.host, found.port, found.user, found.password
+    ('2001:db8::1', 3479, '1790000000:lab', 'k3y=')
+    """
+
+    def __init__(self, text: str) -> None:
+        credentials, _, place = text.strip().rpartition("@")
+        self.user, _, self.password = credentials.rpartition(":")
+        host, colon, port = place.rpartition(":")
+        if not colon or place.endswith("]") or (":" in host and not host.endswith("]")):
+            host, port = place, "3478"
+        if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
+            raise DeviceError(f"call.stun or call.turn has {place!r}: wanted HOST or HOST:PORT")
+        self.host, self.port = host.strip("[]"), int(port)
+
+    async def resolve(self) -> tuple[str, int] | None:
+        """Return the IPv4 address, which is all that aioice asks servers at; ``None`` if there is none."""
+        with contextlib.suppress(OSError):
+            found = await asyncio.get_running_loop().getaddrinfo(
+                self.host, self.port, family=socket.AF_INET, type=socket.SOCK_DGRAM
+            )
+            return str(found[0][4][0]), self.port
+        return None
+
+
+class Finder:
+    """One search for a way. ``controls`` is true for the end that called."""
+
+    def __init__(self, *, controls: bool, stun: tuple[str, int] | None, turn: Server | None, relay_only: bool) -> None:
+        self._turn = turn
+        self._controls, self._stun, self._relay_only = controls, stun, relay_only
+        self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = asyncio.get_running_loop().create_future()
+        self._word = b""
+
+    async def gather(self, nat: Nat) -> Offer:
+        """Ask the servers where this end may be reached; sockets are open from now on."""
+        turn = await self._turn.resolve() if self._turn else None
+        policy = aioice.TransportPolicy.RELAY if self._relay_only else aioice.TransportPolicy.ALL
+        self._ice = aioice.Connection(
+            ice_controlling=self._controls,
+            stun_server=self._stun,
+            turn_server=turn,
+            turn_username=self._turn.user if self._turn else None,
+            turn_password=self._turn.password if self._turn else None,
+            transport_policy=policy,
+        )
+        await self._ice.gather_candidates()
+        for protocol in self._ice._protocols:
+            self._listen(protocol)
+        found = [
+            Address(each.type, each.host, each.port, each.priority, each.foundation)
+            for each in self._ice.local_candidates
+        ]
+        relay = any(each.kind == "relay" for each in found)
+        return Offer(self._ice.local_username, self._ice.local_password, found, nat, relay)
+
+    async def connect(self, offer: Offer, keeper: socket.socket) -> Way:
+        """Find the way to the end that made the offer, and hand its socket over; ``keeper`` is as in `Way`.
+
+        Raises `ConnectionError` or `TimeoutError` if there is none.
+        """
+        ice = self._ice
+        ice.remote_username, ice.remote_password = offer.user, offer.password
+        for each in offer.addresses:
+            candidate = aioice.Candidate(each.foundation, 1, "udp", each.priority, each.host, each.port, each.kind)
+            await ice.add_remote_candidate(candidate)
+        await ice.add_remote_candidate(None)
+        # Known to the two ends alone, as it came through the mailbox under their key.
+        self._word = _CHOSEN + (ice.local_password if self._controls else offer.password).encode()
+        async with asyncio.timeout(CONNECT_TIMEOUT):
+            await ice.connect()
+        protocol, peer = await self._agree()
+        return self._hand_over(protocol, peer, keeper)
+
+    async def keep(self, keeper: socket.socket) -> None:
+        """Keep the way open, fed with the STUN messages that the live side passes on, until it is lost."""
+        loop = asyncio.get_running_loop()
+        keeper.setblocking(False)
+        loop.add_reader(keeper, self._feed, keeper)
+        try:
+            # Also ended by the first failed refresh of the relay's allocation, or without consent for half a minute.
+            await self._ice.get_event()
+        finally:
+            loop.remove_reader(keeper)
+
+    async def close(self) -> None:
+        """Free the relay's allocation and close all sockets."""
+        with contextlib.suppress(Exception):
+            async with asyncio.timeout(1.0):
+                await self._ice.close()
+
+    def _listen(self, protocol: Any) -> None:
+        """Notice the word of the controlling end, and on which way it came."""
+        received = protocol.datagram_received
+
+        def notice(data: bytes, source: tuple[Any, ...]) -> None:
+            if not (self._word and data == self._word):
+                received(data, source)
+                return
+            address = str(source[0]), int(source[1])
+            if not self._heard.done():
+                self._heard.set_result((protocol, address))
+            # The other end repeats its word until it is returned; ours may be lost, so each is answered.
+            if not self._controls:
+                protocol.transport.sendto(data, address)
+
+        protocol.datagram_received = notice
+
+    async def _agree(self) -> tuple[Any, tuple[str, int]]:
+        """Agree on one way: each end may have found several, and each another one first."""
+        async with asyncio.timeout(CHOICE_TIMEOUT):
+            if not self._controls:
+                return await self._heard
+            pair = self._ice._nominated[1]
+            chosen = pair.protocol, pair.remote_addr
+            while not self._heard.done():
+                pair.protocol.transport.sendto(self._word, pair.remote_addr)
+                await asyncio.wait([self._heard], timeout=CHOICE_INTERVAL)
+            return chosen
+
+    def _hand_over(self, protocol: Any, peer: tuple[str, int], keeper: socket.socket) -> Way:
+        # From here on aioice asks for consent on this way alone, and knows it for the only one.
+        pairs = [each for each in self._ice._check_list if each.protocol is protocol and each.remote_addr == peer]
+        if not pairs:
+            raise ConnectionError("the other end has chosen a way that this one has not checked")
+        self._ice._nominated[1] = pairs[0]
+        self._ice.check_incoming = lambda *_: None
+        channel = 0
+        self._reader, transport = protocol, protocol.transport
+        if isinstance(transport, TurnTransport):
+            self._reader = transport._TurnTransport__inner_protocol
+            transport = self._reader.transport
+            channel = self._reader.peer_to_channel[peer]
+            self._reader.channel_refresh_time = CHANNEL_REFRESH
+            self._reader.channel_refresh_at[channel] = 0.0  # with the next question for consent
+        self._read_by = transport._loop, transport._sock_fd
+        # Also of a relay whose allocation is not needed: it is freed.
+        for other in [each for each in self._ice._protocols if each is not protocol]:
+            self._ice._protocols.remove(other)
+            other.transport.close()
+        return Way(transport.get_extra_info("socket").dup(), peer, keeper, channel)
+
+    def _feed(self, keeper: socket.socket) -> None:
+        # Both processes have the socket, and only one may read it: the live one from its first message on.
+        loop, descriptor = self._read_by
+        loop._remove_reader(descriptor)
+        with contextlib.suppress(OSError, ValueError):
+            if message := keeper.recv(1 << 16):
+                self._reader.datagram_received(*read_kept(message))
+            else:
+                loop.remove_reader(keeper)
+
+
+async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> dict[tuple[str, int], tuple[str, int]]:
+    """Return under which address each STUN server that answers sees one and the same socket of this machine."""
+    loop, answers = asyncio.get_running_loop(), dict[bytes, tuple[str, int]]()
+
+    class Probe(asyncio.DatagramProtocol):
+        def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
+            with contextlib.suppress(ValueError, KeyError):
+                message = stun.parse_message(data)
+                if message.transaction_id in asked:
+                    answers[message.transaction_id] = message.attributes["XOR-MAPPED-ADDRESS"]
+
+    transport, _ = await loop.create_datagram_endpoint(Probe, local_addr=("0.0.0.0", 0))
+    requests = [stun.Message(stun.Method.BINDING, stun.Class.REQUEST) for _ in servers]
+    asked = {request.transaction_id for request in requests}
+    began = loop.time()
+    while len(answers) < len(servers) and loop.time() - began < timeout:
+        for request, server in zip(requests, servers, strict=True):
+            if request.transaction_id not in answers:
+                transport.sendto(bytes(request), server)
+        await asyncio.sleep(0.1)
+    transport.close()
+    pairs = zip(servers, requests, strict=True)
+    return {server: answers[each.transaction_id] for server, each in pairs if each.transaction_id in answers}
