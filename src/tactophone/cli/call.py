@@ -55,8 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(
             "--check", action="store_true", help="only say which router is here, and which way a call would take"
         )
-    other = "the one that the caller is not" if answers else "operator"
-    parser.add_argument("--robot", action="store_const", const="robot", dest="role", help=f"be the robot ({other})")
+    usual = "what the caller is not" if answers else "the operator"
+    parser.add_argument(
+        "--robot", action="store_const", const="robot", dest="role", help=f"be the robot (default: {usual})"
+    )
     parser.add_argument("--operator", action="store_const", const="operator", dest="role", help="be the operator")
     parser.add_argument(
         "--remember", default="", metavar="NAME", help="keep the other end's fingerprint and a secret: then no code"
