@@ -132,7 +132,6 @@ class OperatorEndpoint:
         return self._steps(self.session.poll(now))
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
 
     def _steps(self, events: Iterable[ReceiveEvent]) -> Iterator[EventStep]:

@@ -92,7 +92,6 @@ def of_finger(settings: Settings, index: int) -> Settings:
 
 
 def each_finger(settings: Settings) -> list[Settings]:
-    """Return the settings of every finger, in order."""
     return [of_finger(settings, index) for index in range(len(settings.fingers))]
 
 

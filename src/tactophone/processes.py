@@ -30,7 +30,6 @@ class _ChildProcess(SpawnProcess):
     """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
 
     def start(self) -> None:
-        """Start the process."""
         resource_tracker.ensure_running()  # which unblocks SIGINT when it begins
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -94,7 +93,6 @@ class Child:
 
     @property
     def alive(self) -> bool:
-        """Whether the process still runs."""
         return self._process.is_alive()
 
     def messages(self, timeout: float | None = 0.0) -> Iterator[Message]:
@@ -125,7 +123,6 @@ class Child:
         self.kill()
 
     def terminate(self) -> None:
-        """Send SIGTERM."""
         self._process.terminate()
 
     def kill(self) -> None:

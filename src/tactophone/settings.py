@@ -48,7 +48,6 @@ class Setting:
 
     @property
     def help(self) -> str:
-        """Return the words, and what may be written."""
         if self.choices:
             return f"{self.words}: {', '.join(self.choices)}"
         return ", ".join(filter(None, (self.words, self.range)))
@@ -466,6 +465,5 @@ def set_value(settings: Settings, name: str, value: Any, *, where: str) -> Setti
 
 
 def value_of(settings: Settings, name: str) -> Any:
-    """Return the value of a setting by its dotted name."""
     section, _, key = name.partition(".")
     return getattr(getattr(settings, section), key)

@@ -90,7 +90,6 @@ class FeatureMethod:
 
     @property
     def name(self) -> str:
-        """The recipe's name, and what is dropped."""
         return self.recipe.name if self.dropped is None else f"{self.recipe.name}/no-{('contact', 'air')[self.dropped]}"
 
     @property

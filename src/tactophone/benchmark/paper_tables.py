@@ -221,7 +221,6 @@ def _over_threshold_db(
 
 
 def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
-    """A segment for each stretch of windows that is on."""
     begins_and_ends = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
     for begin, end in (NETWORK_WINDOW_SIZE + STEP * begins_and_ends) / NETWORK_RATE:
         yield Segment(float(begin) - STEP / NETWORK_RATE, float(end) - STEP / NETWORK_RATE, label)

@@ -141,7 +141,6 @@ class HeightMethod:
 
     @property
     def identity(self) -> str:
-        """The features, and the version of the recipe ``surface``."""
         return f"height {RECIPES['surface'].version} {self.spec!r}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:

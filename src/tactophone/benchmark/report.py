@@ -257,7 +257,6 @@ def draw_reliability(results: Sequence[MethodResult]) -> Any:
 
 
 def draw_surfaces(results: Sequence[MethodResult]) -> Any:
-    """Draw the share of updates classified correctly, by method and surface."""
     pyplot = load_pyplot()
     names = sorted(results[0].by_surface, key=lambda name: (results[0].by_surface[name], name))
     shares = np.array([[100 * result.by_surface.get(name, np.nan) for name in names] for result in results])

@@ -384,7 +384,6 @@ def _import(
     microphone: str,
     progress: Callable[[int], None],
 ) -> Imported:
-    """Convert each file in which something is found, and write the manifest."""
     problems: list[Problem] = []
     labels: dict[str, Touch | None] = {}
     if (folder / LABELS).is_file():

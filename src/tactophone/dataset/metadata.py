@@ -21,7 +21,6 @@ _COLUMNS = ("file_name", "surface", "label", "channels", "take", "scenario", "se
 
 
 def holds_metadata(folder: Path) -> bool:
-    """Return whether a folder is a data set of this format."""
     return bool(_manifests(folder))
 
 

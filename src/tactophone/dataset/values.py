@@ -50,7 +50,6 @@ class Segment:
 
     @property
     def contact(self) -> bool:
-        """Whether the finger is in contact."""
         return self.label is not Touch.NONE
 
 
@@ -224,7 +223,6 @@ class Dataset:
         return tuple(sorted({recording.surface for recording in self.recordings}))
 
     def where(self, keep: Callable[[Recording], bool]) -> "Dataset":
-        """Return the data set with only the recordings for which ``keep`` is true."""
         return Dataset(self.name, self.root, tuple(filter(keep, self.recordings)), self.problems)
 
     def labelled(self) -> "Dataset":

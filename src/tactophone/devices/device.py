@@ -91,7 +91,6 @@ class ThreadedDevice:
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
-        """Start the thread."""
         self._ended.clear()
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()

@@ -92,7 +92,6 @@ class DummyServer:
         raise DeviceError(f"jackd did not answer for {_ATTEMPTS * _BETWEEN_ATTEMPTS:g} s: {self._last_line()}")
 
     def stop(self) -> None:
-        """Stop the server in order."""
         if self._process is not None and self._process.poll() is None:
             self._process.terminate()
             try:
@@ -101,7 +100,6 @@ class DummyServer:
                 self.kill()
 
     def kill(self) -> None:
-        """Kill the server, as in a crash."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()

@@ -99,7 +99,6 @@ class GamepadDevice(ThreadedDevice):
                 self._pad = self._choose()
 
     def close(self) -> None:
-        """Stop the motors."""
         super().close()
         if self._pad is not None:
             self._play(0.0, 0.0)

@@ -180,7 +180,6 @@ class JackClient:
                 self._connect_ports()
 
     def close(self) -> None:
-        """Leave the graph."""
         if self._lost:
             self._abandon()
         client, self._client = self._client, None

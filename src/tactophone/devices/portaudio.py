@@ -96,7 +96,6 @@ class PortAudioStream:
             self.open()
 
     def close(self) -> None:
-        """Stop the stream."""
         stream, self._stream = self._stream, None
         if stream is not None:
             with contextlib.suppress(_sounddevice().PortAudioError):
@@ -154,7 +153,6 @@ class PortAudioStream:
 
 
 def devices() -> list[PortAudioDevice]:
-    """All devices that PortAudio finds."""
     sound = _sounddevice()
     systems = [system["name"] for system in sound.query_hostapis()]
     return [

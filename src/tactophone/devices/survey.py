@@ -37,7 +37,6 @@ class SurveyedDevice:
 
 
 def survey(*, jack_server: str = "") -> list[SurveyedDevice]:
-    """Return the JACK server and all devices that PortAudio finds."""
     return [_jack(jack_server), *_portaudio()]
 
 

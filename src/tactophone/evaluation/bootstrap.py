@@ -74,7 +74,6 @@ class Change:
     difference: Estimate
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain dictionaries."""
         return asdict(self)
 
 

@@ -74,7 +74,6 @@ class Report:
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
 
     def as_json(self) -> dict[str, Any]:
-        """Return plain dictionaries and lists."""
         return asdict(self)
 
 

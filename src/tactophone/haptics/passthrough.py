@@ -96,7 +96,6 @@ class Passthrough:
         return (TAPS // 2 + STEP_SIZE + grain) / LIVE_SAMPLE_RATE
 
     def reset(self) -> None:
-        """Return to silence and the initial state."""
         self._past: Floats = np.zeros(GRAIN + 1)
         self._count = 0
         self._waiting: Floats = np.zeros(TAPS - 1)
@@ -267,7 +266,6 @@ class PassthroughRenderer(Renderer):
 
     @property
     def latency(self) -> float:
-        """Seconds from sound to its vibration."""
         return self._passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
 
     def reset(self) -> None:

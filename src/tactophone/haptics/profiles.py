@@ -108,7 +108,6 @@ class ActuatorResponse:
         return float(np.interp(math.log(frequency), np.log(frequencies), levels))
 
     def within(self, frequency: float) -> float:
-        """Return the nearest frequency in the band."""
         return min(max(frequency, known(self.lowest, -math.inf)), known(self.highest, math.inf))
 
 

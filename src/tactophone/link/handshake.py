@@ -50,7 +50,6 @@ _CERTIFICATE_ALERTS = range(42, 50)
 
 
 def is_hello(datagram: bytes) -> bool:
-    """Whether a datagram is a ClientHello, which begins a handshake."""
     return (
         len(datagram) >= _HELLO_RANDOM.stop
         and datagram[0] == _HANDSHAKE

@@ -82,7 +82,6 @@ class Identity:
 
     @property
     def name(self) -> str:
-        """Common name in the certificate."""
         return _common_name(self.certificate)
 
     @property

@@ -151,7 +151,6 @@ class ReceiveSession:
         return [*self._handle(events, now), *self._depacketizer.poll(now)]
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams to send, each with its address."""
         return self.session.outgoing()
 
     def _begin(self, past: Counter[str], *, start: int = 0) -> None:
@@ -164,7 +163,6 @@ class ReceiveSession:
         self._depth, self._loss = 0, 0.0
 
     def _handle(self, events: list[Event], now: float) -> list[ReceiveEvent]:
-        """Turn session events into sound, predictions and connection events."""
         received: list[ReceiveEvent] = []
         # Packets of sound are collected, because those that arrived together are put in order together.
         packets: list[Packet] = []

@@ -91,7 +91,6 @@ class SendGroup:
 
     @property
     def codec(self) -> Codec:
-        """How the sound is encoded."""
         return self._encoder.codec
 
     @property
@@ -164,7 +163,6 @@ class SendGroup:
         return self._handle(member, member.session.poll(now), now)
 
     def hang_up(self) -> None:
-        """Send a goodbye to each operator."""
         for member in self.members:
             member.session.hang_up()
 

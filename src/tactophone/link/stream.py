@@ -208,7 +208,6 @@ class Packetizer:
         return [self.packet(encoded) for encoded in self.encoder.push(block)]
 
     def packet(self, encoded: EncodedSound) -> Packet:
-        """Make the stream's next packet from encoded sound."""
         # A gap in the sound is announced by the marker.
         self._marker |= encoded.after_gap
         packet = self.wrap(encoded.kind, encoded.start, encoded.content)

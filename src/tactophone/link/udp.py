@@ -171,7 +171,6 @@ class UdpSocket:
 
     @property
     def address(self) -> Address:
-        """Local host and port."""
         return _address(self._socket.getsockname())
 
     def fileno(self) -> int:
@@ -366,7 +365,6 @@ def _address(address: tuple[Any, ...]) -> Address:
 
 
 def _socket_address(address: Address, family: int) -> tuple[Any, ...]:
-    """Return the inverse of `_address`, for a socket of ``family``."""
     host, port = address
     if family == socket.AF_INET6 and ":" not in host:
         return _MAPPED + host, port

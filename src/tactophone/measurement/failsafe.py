@@ -87,7 +87,6 @@ class PeakRecorder:
 
 
 def kill_robot(sides: Sides) -> None:
-    """Kill the robot's process."""
     os.kill(sides.robot.pid, signal.SIGKILL)
 
 
@@ -97,7 +96,6 @@ def freeze_robot(sides: Sides) -> None:
 
 
 def kill_operator(sides: Sides) -> None:
-    """Kill the operator's process."""
     os.kill(sides.operator.pid, signal.SIGKILL)
 
 

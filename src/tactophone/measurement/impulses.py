@@ -74,7 +74,6 @@ class ImpulseLatency:
 
     @property
     def missed(self) -> int:
-        """Number of impulses that caused no vibration."""
         return self.impulses - len(self.end_to_end)
 
 
@@ -285,5 +284,4 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
 
 
 def vibration_port(graph: Graph, sides: Sides) -> str:
-    """Return the JACK port of the vibration."""
     return graph.vibration_port or f"{sides.operator.name}:vibration"

@@ -84,7 +84,6 @@ class Preparation:
         return replace(self, gain_db=LEVEL_DBFS - loudest_dbfs if quiet else 0.0)
 
     def notes(self, channels: int) -> list[str]:
-        """Say what is changed in a recording of so many channels."""
         notes = []
         if len(self.channels) < channels:
             notes.append(f"channel {2 - self.channels[0]} of 2 is silent: taken as a recording of one channel")

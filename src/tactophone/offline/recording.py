@@ -121,7 +121,6 @@ class RunSummary:
 
     @property
     def speed(self) -> float:
-        """How many times faster than real time."""
         return self.duration / self.elapsed if self.elapsed else float("inf")
 
 
@@ -315,7 +314,6 @@ def _share(right: NDArray[np.bool_]) -> float:
 
 
 def _inside(time: NDArray[Any], truth: tuple[Segment, ...], label: Touch) -> NDArray[np.bool_]:
-    """Return which times lie in segments of a label."""
     inside = np.zeros(len(time), bool)
     for segment in truth:
         if segment.label is label:

@@ -86,7 +86,6 @@ def wake_ups(entries: Iterable[LogEntry]) -> Iterator[LoggedItem]:
 
 
 def _open_session() -> tuple[LoggedSession, ReceiveSession]:
-    """Return what repeats the events of a log, and what receives them as from a `Session`."""
     logged = LoggedSession()
     return logged, ReceiveSession(cast(Session, logged))
 
@@ -176,7 +175,6 @@ class LoggedEndpoint:
 
 
 def _differences(settings: Settings, logged: Settings) -> set[str]:
-    """Return which of these differ, of the settings that a replay may change."""
     pairs = {
         "ceiling": (settings.rendering.ceiling, logged.rendering.ceiling),
         "profile": (settings.rendering.profile, logged.rendering.profile),
@@ -225,7 +223,6 @@ class Comparison:
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
 
     def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
-        """Compare one."""
         # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
         if entries_of(logged.prediction, logged.command) == entries_of(computed.prediction, computed.command):
             self.equal += 1

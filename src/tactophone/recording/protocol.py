@@ -46,7 +46,6 @@ class TakePlan:
 
     @property
     def instruction(self) -> str:
-        """Instruction shown to the person who records."""
         if not self.pressure:
             return "wiggle to and fro without a pause, at any pressure"
         lengths = {"long": "long strokes, from end to end", "short": "short strokes, a centimetre or two"}

@@ -53,7 +53,6 @@ class TakeQuality:
 
     @property
     def good(self) -> bool:
-        """Whether the take can be kept as it is."""
         return not self.complaints
 
     def __str__(self) -> str:
@@ -72,7 +71,6 @@ class TakeMeter:
         self._size = 0
 
     def push(self, block: AudioBlock) -> None:
-        """Add sound."""
         self._size += block.size
         self._history += self._statistics.push(block)
         self._watch.push(block)
@@ -80,7 +78,6 @@ class TakeMeter:
 
     @property
     def levels(self) -> TakeLevels:
-        """Measurements of the take so far."""
         duration = self._size / self._rate
         if not self._history:
             return TakeLevels(duration, 0.0, 0.0, -np.inf)

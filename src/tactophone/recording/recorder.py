@@ -35,7 +35,6 @@ class RecordedObject:
     session: str = ""
 
     def recording(self, root: Path, take: TakePlan, channels: int) -> Recording:
-        """Return the manifest's entry of a take."""
         properties = {"object": self.name, "material": self.material, "stroke": take.stroke, "pressure": take.pressure}
         return Recording(
             root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac",

@@ -54,7 +54,6 @@ class OutputGate:
 
     @property
     def armed(self) -> bool:
-        """Whether anything may vibrate."""
         return not self.muted_because
 
     def stop(self) -> None:
@@ -159,7 +158,6 @@ class FingerOutput:
 
     @property
     def pipeline(self) -> Pipeline:
-        """The pipeline in use."""
         return self._endpoint.hand.pipelines[self.index]
 
     @property
@@ -247,7 +245,6 @@ class FingerOutput:
         )  # fmt: skip
 
     def state(self) -> FingerState:
-        """Return what watchers are shown of this finger."""
         pipeline, gate = self.pipeline, self.gate
         return FingerState(
             name=self.name,

@@ -287,7 +287,6 @@ class MicrophoneCheck:
         self._waiting: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
 
     def collect(self, step: PipelineStep) -> None:
-        """Take a step's sound, to be checked later."""
         if self._checks[step.finger]:
             self._waiting.append(step)
 

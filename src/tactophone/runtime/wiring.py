@@ -123,7 +123,6 @@ def open_actuator(
 
 
 def actuator_response(settings: Settings) -> ActuatorResponse:
-    """Return what the settings say of the actuator."""
     own = settings.actuator
     return ActuatorResponse(
         own.resonance, own.lowest, own.highest, own.slowest, own.fastest, parse_levels(own.response)
@@ -353,7 +352,6 @@ def rehearse_decoders(codecs: Iterable[Codec]) -> None:
 
 
 def rehearse_statistics() -> None:
-    """Load what medians and quantiles need."""
     np.median(np.zeros(2))
     np.quantile(np.zeros(2), 0.5)
 

@@ -33,7 +33,6 @@ class RunFollower:
         self.read()
 
     def read(self) -> None:
-        """Process what is new in ``self.watcher``."""
         raise NotImplementedError
 
     def _run(self) -> None:

@@ -73,7 +73,6 @@ class Memory:
 
     @property
     def writer_alive(self) -> bool:
-        """Whether the writing process exists."""
         return is_alive(int(self["pid"]))
 
     @property
@@ -194,7 +193,6 @@ def _run(path: Path) -> str:
 
 
 def is_alive(pid: int) -> bool:
-    """Return whether a process exists."""
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):  # overwritten memory states numbers that no process has

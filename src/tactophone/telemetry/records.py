@@ -196,12 +196,10 @@ class TimelineWriter:
         self._resources.close()
 
     def write(self, step: PipelineStep) -> None:
-        """Add the predictions of one step."""
         for prediction, command in zip(step.predictions, step.commands, strict=True):
             self.write_row(prediction, command, finger=step.finger)
 
     def write_row(self, prediction: Prediction, command: HapticCommand, *, finger: int = 0) -> None:
-        """Add one prediction and its command."""
         entries = ({FINGER: self.fingers[finger]} if self.fingers else {}) | row(prediction, command)
         self._csv.writerow(entries)
         if self._json:

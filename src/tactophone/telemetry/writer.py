@@ -86,20 +86,16 @@ class Telemetry:
         self.close()
 
     def count(self, name: str, n: int = 1) -> None:
-        """Add to a counter of `COUNTERS`."""
         index = _COUNTER[name]
         self._counters[index] = self._totals[index] = self._totals[index] + n
 
     def counter(self, name: str) -> int:
-        """Read a counter back."""
         return self._totals[_COUNTER[name]]
 
     def gauge(self, name: str, value: float) -> None:
-        """Set a gauge of `GAUGES`."""
         self._gauges[_GAUGE[name]] = value
 
     def vibration_count(self, finger: int = 0) -> int:
-        """Return the samples of vibration written so far."""
         return self._counts["vibration"][finger]
 
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1, vibration_count: int | None = None) -> None:
@@ -243,7 +239,6 @@ class Telemetry:
 
 
 def _view(array: Any) -> Any:
-    """Return the memory of an array of numbers."""
     return memoryview(array)
 
 
