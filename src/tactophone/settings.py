@@ -284,7 +284,6 @@ class Process:
     )
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
-    lock_memory: bool = _setting(False, "lock the process in memory (mlockall)")
     watchdog: bool = _setting(True, "silence a late process; kill a stalled one and start a new one, muted")
     stall_timeout: float = _setting(
         0.05,

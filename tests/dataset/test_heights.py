@@ -86,15 +86,11 @@ def test_measured_profiles_keep_the_order_of_their_materials(name: str, ra_um: f
 
 def test_every_format_holds_the_same_heights(tmp_path: Path) -> None:
     profile = ridges()[0]
-    place = np.arange(SIZE) * STEP
     np.save(tmp_path / "a.npy", profile * 1e6)
     np.savez(tmp_path / "b.npz", heights=profile * 1e6, step=STEP)
     np.savetxt(tmp_path / "c.csv", profile * 1e6)
-    header = "place;height"
-    np.savetxt(
-        tmp_path / "d.csv", np.stack([place * 1e6, profile * 1e6], axis=1), delimiter=";", header=header, comments=""
-    )
-    for name, stated in (("a.npy", None), ("b.npz", STEP), ("c.csv", None), ("d.csv", STEP)):
+    np.savetxt(tmp_path / "d.csv", profile * 1e6, header="height", comments="")
+    for name, stated in (("a.npy", None), ("b.npz", STEP), ("c.csv", None), ("d.csv", None)):
         heights, step = read_heights(tmp_path / name, unit="um")
         np.testing.assert_allclose(heights, profile, atol=1e-12)
         assert step == (stated and pytest.approx(stated))
@@ -112,7 +108,7 @@ def test_a_grey_image_spans_the_height_range(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.csv", "0,1\n1,2\n3,4\n", "not equally spaced"),
+        ("a.csv", "0,1\n1,2\n3,4\n", "two columns"),
         ("a.csv", "words\n", "cannot be read"),
         ("a.obj", "x", "only .npy"),
     ],

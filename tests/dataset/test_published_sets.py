@@ -9,7 +9,7 @@ import soundfile
 from tactophone import Touch
 from tactophone.cli import main
 from tactophone.dataset.checks import check
-from tactophone.dataset.layouts import PAC, import_biotac, import_cluster, import_sens3
+from tactophone.dataset.layouts import PAC, import_biotac, import_cluster
 from tactophone.dataset.read import open_dataset
 from tactophone.errors import DatasetError
 from tests.dataset.folders import write_sound, write_text
@@ -56,25 +56,6 @@ def test_of_a_sound_with_and_without_noise_cancelling_one_is_taken(tmp_path: Pat
     made, problems = import_cluster(tmp_path / "theirs", tmp_path / "ours")
     assert [take.path.parent.name for take in made.recordings] == ["audio", "raw_audio"]
     assert (made.surfaces, problems) == (("1", "2"), ())
-
-
-def test_sens3_brings_the_sound_of_sliding_and_names_what_it_leaves_out(tmp_path: Path) -> None:
-    theirs = tmp_path / "theirs"
-    for name in (
-        "sandpaper/Sliding/p1_sound.wav",
-        "sandpaper/Tapping/p1_sound.wav",
-        "glass/p2_sliding.wav",
-        "sliding.wav",
-    ):
-        write_sound(theirs / name, channels=1)
-    write_text(theirs / "labels.csv", "surface,label", "sandpaper,rough", "glass,smooth")
-    made, problems = import_sens3(theirs, tmp_path / "ours")
-    assert {take.surface: take.label for take in made.recordings} == {"sandpaper": Touch.ROUGH, "glass": Touch.SMOOTH}
-    assert all(take.channels == ("air",) for take in made.recordings)
-    assert [str(problem.path.relative_to(theirs)) for problem in problems] == [
-        "sandpaper/Tapping/p1_sound.wav",
-        "sliding.wav",
-    ]
 
 
 def test_the_command_names_the_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

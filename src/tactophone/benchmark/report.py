@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tactophone.benchmark.regression import Heights
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
 from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
 from tactophone.evaluation.events import HALF
@@ -68,9 +67,7 @@ def _section(folder: Path, results: Sequence[MethodResult], split: str, of_datas
     figures = {"scores": draw_scores(results), "curves": draw_curves(results)}
     if any(math.isfinite(result.contact_ms[0]) or math.isfinite(result.edge_ms[0]) for result in results):
         figures["delays"] = draw_delays(results)
-    figures |= {"reliability": draw_reliability(results), "surfaces": draw_surfaces(results)}
-    if split in of_dataset.heights:
-        figures["heights"] = draw_heights(of_dataset.heights[split])
+    figures["surfaces"] = draw_surfaces(results)
     rules = [(rule, name) for rule in ("authors", "two-class") for name in ("balanced", "smooth", "rough")]
     accuracies = [
         (result.method, *(str(result.scores[rule][f"{name}_accuracy"]) for rule, name in rules)) for result in results
@@ -242,20 +239,6 @@ def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, col
     )  # fmt: skip
 
 
-def draw_reliability(results: Sequence[MethodResult]) -> Any:
-    """Draw the share truly rough over P(rough); calibrated methods follow the diagonal."""
-    pyplot = load_pyplot()
-    kept = [result for result in results if not result.control and result.reliability]
-    figure, axis = pyplot.subplots(figsize=(6.4, 4.2), layout="constrained")
-    axis.plot([0, 1], [0, 1], color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
-    for result in kept:
-        confidence, share = np.array(result.reliability).T
-        axis.plot(confidence, share, marker="o", markersize=3, label=result.method, **_line(result))
-    axis.set(xlim=(0, 1), ylim=(0, 1), xlabel="P(rough)", ylabel="share truly rough")
-    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    return figure
-
-
 def draw_surfaces(results: Sequence[MethodResult]) -> Any:
     pyplot = load_pyplot()
     names = sorted(results[0].by_surface, key=lambda name: (results[0].by_surface[name], name))
@@ -269,21 +252,6 @@ def draw_surfaces(results: Sequence[MethodResult]) -> Any:
     axis.set_yticks(range(len(results)), [result.method for result in results], fontsize=7)
     axis.tick_params(length=0)
     figure.colorbar(image, label="updates classified correctly (%)", pad=0.01)
-    return figure
-
-
-def draw_heights(heights: Heights) -> Any:
-    """Draw each surface's true Ra and its estimate from sound, smoothest at the bottom."""
-    pyplot = load_pyplot()
-    rows = sorted(heights.surfaces, key=lambda row: row[1])
-    figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.2 * len(rows)), layout="constrained")
-    names, true, estimated = zip(*rows, strict=True)
-    axis.hlines(range(len(rows)), true, estimated, color=GREY, linewidth=1)
-    axis.plot(true, range(len(rows)), "o", color="black", markerfacecolor="white", markersize=5, label="true")
-    axis.plot(estimated, range(len(rows)), "o", color=ORANGE, markersize=5, label="estimated from sound, held out")
-    axis.set(xscale="log", xlabel="Ra (\u00b5m)", ylim=(-0.6, len(rows) - 0.4))
-    axis.set_yticks(range(len(rows)), names, fontsize=7)
-    axis.legend(frameon=False, fontsize=8, loc="lower right")
     return figure
 
 

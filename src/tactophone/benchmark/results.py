@@ -57,8 +57,6 @@ class MethodResult:
     """Share of updates classified correctly."""
     curve: tuple[tuple[float, float], ...]
     """Points of the ROC curve: false positive rate, recall."""
-    reliability: tuple[tuple[float, float], ...]
-    """Mean P(rough) and share truly rough, in ten bins of P(rough)."""
     height_correlation: float
     """Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown."""
 
@@ -153,7 +151,6 @@ def _result(
         {name: differences[name] for name in MEASURES if name in differences},
         {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
         _curve(scores),
-        _reliability(scores),
         height_correlation(labelled),
     )
 
@@ -167,12 +164,3 @@ def _curve(scores: Scores, points: int = 120) -> tuple[tuple[float, float], ...]
     shares = np.concatenate((np.geomspace(1e-3, 0.1, points // 2), np.linspace(0.1, 1, points // 2)))
     limits = np.quantile(smooth, 1 - shares)
     return tuple((float(share), float((rough > limit).mean())) for share, limit in zip(shares, limits, strict=True))
-
-
-def _reliability(scores: Scores, bins: int = 10) -> tuple[tuple[float, float], ...]:
-    place = np.minimum((scores.score * bins).astype(int), bins - 1)
-    return tuple(
-        (float(scores.score[place == number].mean()), float(scores.rough[place == number].mean()))
-        for number in range(bins)
-        if (place == number).sum() >= 20
-    )

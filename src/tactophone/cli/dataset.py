@@ -72,8 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
     sub.add_argument(
         "--format", choices=FORMATS,
-        help="of a published set: biotac (CSV files with pac1 to pac22), cluster (Cluster Haptic Texture Database), or "
-        "sens3 (SENS3: a folder a surface, the sound of sliding)",
+        help="of a published set: biotac (CSV files with pac1 to pac22), or cluster (Cluster Haptic Texture Database)",
     )  # fmt: skip
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")

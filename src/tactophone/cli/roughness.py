@@ -48,7 +48,7 @@ class Heights:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", type=Path, metavar="FILE",
-        help="profile or height map: .npy, .npz (heights, step), .csv (a column, place and height, or a map), .png",
+        help="profile or height map: .npy, .npz (heights, step), .csv (a column, or a map), .png",
     )  # fmt: skip
     parser.add_argument(
         "--pixel", type=Within(float, 0, over=True, unit="m"), metavar="M",

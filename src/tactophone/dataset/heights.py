@@ -270,9 +270,9 @@ def read_heights(path: Path, *, unit: str = "m", height_range: float | None = No
     """Read a profile or a height map: heights in m, and the step in m where the file states it.
 
     The file is ``.npy``; ``.npz`` with an array ``heights``, or with one array alone, and perhaps ``step`` in m;
-    ``.csv`` (one column: a profile; two: place and height in the same unit; more: a map), its numbers in ``unit``, one
-    of :data:`UNITS`; or ``.png`` in grey, where white is ``height_range`` m over black. Raises `DatasetError` if it
-    cannot be read as heights, or holds values that are no numbers.
+    ``.csv`` (one column: a profile; more: a map), its numbers in ``unit``, one of :data:`UNITS`; or ``.png`` in grey,
+    where white is ``height_range`` m over black. Raises `DatasetError` if it cannot be read as heights, or holds
+    values that are no numbers.
     """
     if not path.is_file():
         raise DatasetError(f"{path}: no such file; name a height map or profile: .npy, .npz, .csv or .png")
@@ -300,7 +300,7 @@ def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights
                     raise ValueError(f"arrays {', '.join(names)}; name one heights")
                 return np.asarray(arrays[name], float) * scale, float(arrays["step"]) if "step" in arrays else None
         case ".csv" | ".txt":
-            return _read_csv(path, scale)
+            return _read_csv(path, scale), None
         case ".png":
             if height_range is None:
                 raise ValueError("grey has no unit: give --height-range, the height of white over black")
@@ -311,7 +311,7 @@ def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights
     raise ValueError(f"{path.suffix or 'no suffix'}: only .npy, .npz, .csv and .png are read")
 
 
-def _read_csv(path: Path, scale: float) -> tuple[Heights, float | None]:
+def _read_csv(path: Path, scale: float) -> Heights:
     text = path.read_text(encoding="utf-8-sig").replace(";", ",").replace("\t", ",")
     lines = text.splitlines()
     try:
@@ -321,14 +321,9 @@ def _read_csv(path: Path, scale: float) -> tuple[Heights, float | None]:
     if not lines:
         raise ValueError("it holds no numbers")
     rows = np.loadtxt(lines, delimiter=",", ndmin=2)
-    if rows.shape[1] == 1:
-        return rows[:, 0] * scale, None
-    if rows.shape[1] > 2:
-        return rows * scale, None
-    steps = np.diff(rows[:, 0])
-    if steps.min() <= 0 or np.ptp(steps) > 0.01 * steps.mean():
-        raise ValueError("two columns are place and height, and the places are not equally spaced")
-    return rows[:, 1] * scale, float(steps.mean() * scale)
+    if rows.shape[1] == 2:
+        raise ValueError("two columns; keep the heights alone, and state their distance with --pixel")
+    return (rows[:, 0] if rows.shape[1] == 1 else rows) * scale
 
 
 def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float) -> list[str]:

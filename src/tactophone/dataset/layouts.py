@@ -9,8 +9,8 @@
 microphone (``x_contact.wav`` beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
 all else equal are a pair, which conversion joins into a file of two channels.
 
-**Published sets** are BioTac vibration as CSV, the Cluster Haptic Texture Database, and SENS3. None has labels rough
-and smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and ``label`` in the folder adds
+**Published sets** are BioTac vibration as CSV and the Cluster Haptic Texture Database. Neither has labels rough and
+smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and ``label`` in the folder adds
 them; without it recordings are imported without a label.
 """
 
@@ -301,9 +301,6 @@ CLUSTER_NAME = re.compile(r"(?P<surface>[^_]+)_(?P<direction>[^_]+)_(?P<speed>[^
 RAW_AUDIO = "raw_audio"
 """Folder of the Cluster database with the sound before its noise was cancelled."""
 
-SLIDING = re.compile("slid|strok", re.IGNORECASE)
-"""In the name of what SENS3 recorded while a finger slid; it has taps, presses and static contact besides."""
-
 LABELS = "labels.csv"
 
 Imported = tuple[Dataset, tuple[Problem, ...]]
@@ -346,26 +343,9 @@ def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] =
     return _import(folder, out, chosen, find, "air", progress)
 
 
-def import_sens3(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
-    """Convert the sound of sliding fingers: a folder a surface, with "sliding" in the path; see :func:`import_biotac`.
-
-    The microphone was in the air beside the surface (Balasubramanian et al., SENS3, EuroHaptics 2024). The paper names
-    no files, so a path is read for what it must say: the surface and the kind of touch.
-    """
-
-    def find(path: Path) -> Found | Problem:
-        place = path.relative_to(folder)
-        if len(place.parts) < 2 or not SLIDING.search(str(place)):
-            return Problem(path, "name", "is not surface/...sliding...: taps and presses have no texture; left out")
-        return place.parts[0], {}, None
-
-    return _import(folder, out, _files(folder, {".wav", ".flac"}), find, "air", progress)
-
-
 FORMATS: Mapping[str, Callable[..., Imported]] = {
     "biotac": import_biotac,
     "cluster": import_cluster,
-    "sens3": import_sens3,
 }
 """Importers by the name that `dataset import --format` takes."""
 

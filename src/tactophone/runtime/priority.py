@@ -2,11 +2,10 @@
 
 Measured (docs/guide/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO
 0.15 ms. A full garbage collection takes 42 ms after the imports and 2 us once they are frozen. Locking memory made no
-difference, and is off by default.
+difference.
 """
 
 import contextlib
-import ctypes
 import gc
 import os
 import sys
@@ -26,9 +25,6 @@ COLLECTION_INTERVAL = 10.0
 """Seconds between two collections of garbage: under 0.1 ms each once the imports are frozen. They also free the tuples
 that Python keeps for reuse, up to 2,000 of each size: a running operator filled these by 4 MB an hour for its first
 twenty minutes (counted with `sys._debugmallocstats`)."""
-
-_MCL_CURRENT_AND_FUTURE = 3
-"""``MCL_CURRENT | MCL_FUTURE`` of Linux's ``sys/mman.h``."""
 
 
 class GarbageCollection:
@@ -75,12 +71,4 @@ def prioritize_thread(priority: int) -> str:
             f"no right to real-time priority {priority}: expect late sound when the machine is busy "
             "(put this user into the group audio with rtprio 95 in /etc/security/limits.d, or set process.priority=0)"
         )
-    return ""
-
-
-def lock_memory() -> str:
-    """Lock this process in memory; returns a warning, or an empty text."""
-    libc = ctypes.CDLL(None, use_errno=True)
-    if not hasattr(libc, "mlockall") or libc.mlockall(_MCL_CURRENT_AND_FUTURE) != 0:
-        return "memory could not be locked: raise the limit memlock, or set process.lock_memory=false"
     return ""

@@ -22,7 +22,6 @@ from tactophone.processes import Child, Parent, orphaned
 from tactophone.runtime.priority import (
     MAIN_PRIORITY,
     GarbageCollection,
-    lock_memory,
     name_thread,
     prioritize_thread,
     share_interpreter,
@@ -216,9 +215,8 @@ class Supervisor:
         child, watcher = self._child, self._watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a busy machine may be late.
         harmless = self._settings.output.actuator in ("file", "none")
-        watchdog = Watchdog(
-            StallTimeouts(vibrating=SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout)
-        )
+        timeout = SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
+        watchdog = Watchdog(StallTimeouts(vibrating=timeout))
         while child and not self._ended.wait(CHECK_INTERVAL):
             if not child.alive:
                 failures = [text for kind, text in child.messages() if kind in ("error", "bug")]
@@ -352,9 +350,7 @@ class Side:
     def _prepare_thread(self, name: str, **warnings: str) -> None:
         """Name and prioritise the calling thread; what the system refuses is a fault from now on, as are warnings."""
         name_thread(name)
-        process = self._settings.process
-        warnings["priority"] = prioritize_thread(process.priority)
-        warnings["memory"] = lock_memory() if process.lock_memory else ""
+        warnings["priority"] = prioritize_thread(self._settings.process.priority)
         self._warnings = tuple(Fault(code, warning) for code, warning in warnings.items() if warning)
 
     def _count(self, totals: Mapping[str, int]) -> None:
