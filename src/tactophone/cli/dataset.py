@@ -131,10 +131,10 @@ class Surfaces:
     _figure: Path | None
 
     def parts(self) -> Iterator[output.Part]:
-        yield self.name
+        yield escape(self.name)
         yield self.surfaces
         if self._figure:
-            yield str(self._figure)
+            yield escape(str(self._figure))
 
 
 def _split(args: argparse.Namespace) -> int:

@@ -5,9 +5,12 @@ sends the sound, a simulated network loses some of it, another process predicts 
 """
 
 import argparse
+import fcntl
 import math
+import os
+import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from pathlib import Path
@@ -86,16 +89,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run both sides over the recording, or one for each finger; write picture and sound, print scores."""
+    output.make_folder(args.out)
+    settings = _with_sound(args, options.settings_of(args, USUAL))
+    with nullcontext(settings.process.name) if settings.process.name else _free_name() as name:
+        return _demonstrate(args, change(settings, [*RECORDED, f"process.name={name}"]), name)
+
+
+def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int:
     from tactophone.capture.files import FileSource
     from tactophone.cli.send_receive import both_sides
     from tactophone.dataset.read import ground_truth
     from tactophone.offline.recording import RunRecorder, score_run
     from tactophone.telemetry.records import read_timeline
 
-    output.make_folder(args.out)
-    settings = _with_sound(args, options.settings_of(args, USUAL))
-    name = settings.process.name or _free_name()
-    settings = change(settings, [*RECORDED, f"process.name={name}"])
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)
     timeline = args.out / "timeline.csv"
@@ -125,10 +131,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _free_name() -> str:
-    """Return a name that no run of this machine has, so that two demonstrations run side by side."""
-    taken = running()
-    return next(name for number in count(1) if (name := "demo" if number == 1 else f"demo-{number}") not in taken)
+@contextmanager
+def _free_name() -> Iterator[str]:
+    """Yield a name that no run of this machine has, so that two demonstrations run side by side.
+
+    A run shows its name only after seconds of starting; until then, a locked file keeps it from other demonstrations.
+    """
+    for number in count(1):
+        name = "demo" if number == 1 else f"demo-{number}"
+        path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
+        with os.fdopen(os.open(path, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW, 0o600), "w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            if name not in running():
+                yield name
+                return
 
 
 def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
+
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import SEED
@@ -76,7 +78,7 @@ class Finetuned:
             output.log().print(
                 "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
             )
-        yield str(self.file)
+        yield escape(str(self.file))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

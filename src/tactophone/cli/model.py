@@ -91,22 +91,18 @@ class ModelFile:
 def _lines(card: ModelCard) -> list[tuple[str, str]]:
     duration, hop = card.window_size / card.sample_rate, float(card.hop) / card.sample_rate
     gate, rule = card.gate, card.decision
+    waits = 1000 * (rule.confirm - 1) * hop
+    confirming = f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"
     lines = [
         ("model", f"{card.name}, of kind {card.kind}"),
         ("input", f"{card.channels} channel{'s' * (card.channels > 1)} at {card.sample_rate} Hz"),
         ("window", f"{card.window_size} samples, {1000 * duration:.1f} ms; one every {1000 * hop:.2f} ms"),
-        ("delay", f"of {card.name}: a change fills its window after {1000 * duration:.0f} ms; {_confirming(card)}"),
+        ("delay", f"of {card.name}: a change fills its window after {1000 * duration:.0f} ms; {confirming}"),
         ("contact", f"from {gate.threshold_dbfs:.1f} dBFS, {gate.rule.replace('_', ' ')}, over the window"),
         ("rough", f"from {rule.rough_on:g}, until under {rule.rough_off:g}, after {rule.confirm} in a row"),
     ]
     known = {name: getattr(card, name) for name in ("settings", "training", "scores")}
     return [*lines, *_outline(known), ("licence", card.licence or "not stated")]
-
-
-def _confirming(card: ModelCard) -> str:
-    """Say how long the decision rule waits besides."""
-    waits = 1000 * (card.decision.confirm - 1) * float(card.hop) / card.sample_rate
-    return f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"
 
 
 def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, str]]:
@@ -166,7 +162,8 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
 
 def _set_threshold(args: argparse.Namespace) -> int:
     """Choose the rule, draw the trade-off, write the model file."""
-    goal, limit = _goal(args)
+    goal: Goal = "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
+    limit = args.false_positives if args.false_bumps is None else per_minute(args.false_bumps)
     from tactophone.evaluation.rules import (
         candidate_rules,
         choose_rule,
@@ -194,12 +191,6 @@ def _set_threshold(args: argparse.Namespace) -> int:
         set_decision(path, chosen.rule, scores, out=out)
     output.show(Rules(before, chosen, [picture] if args.dry_run else [out, picture]), as_json=args.json)
     return 0
-
-
-def _goal(args: argparse.Namespace) -> "tuple[Goal, float]":
-    if args.false_bumps is not None:
-        return "false_bumps_per_minute", per_minute(args.false_bumps)
-    return "false_positive_rate", args.false_positives
 
 
 def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
@@ -237,7 +228,7 @@ class Rules:
             row("rough as rough", lambda point: _brief(point.rough_recall)),
             row("touch to rough, p50", lambda point: f"{1000 * point.delay:.0f} ms"),
         ]
-        yield from map(str, self.files)
+        yield from (escape(str(file)) for file in self.files)
 
 
 _RULE = ("rough_on", "rough_off", "confirm")

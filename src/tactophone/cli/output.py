@@ -51,7 +51,7 @@ def show(result: Any, *, as_json: bool) -> None:
         # JSON has neither infinities nor NaN: they become null.
         print(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False))
         return
-    parts: Iterable[Part] = result.parts() if hasattr(result, "parts") else [[_fields(row) for row in result]]
+    parts: Iterable[Part] = result.parts() if hasattr(result, "parts") else [[_cells(row) for row in result]]
     for part in parts:
         if isinstance(part, Sequence) and not isinstance(part, str):
             if part:
@@ -76,6 +76,10 @@ def as_values(result: Any) -> Any:
     if isinstance(result, list | tuple):
         return [as_values(value) for value in result]
     return str(result) if isinstance(result, Path) else result
+
+
+def _cells(row: Any) -> dict[str, Any]:
+    return {name.replace("_", " "): value for name, value in _fields(row).items()}
 
 
 def _fields(result: Any) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group
+from rich.markup import escape
 from rich.text import Text
 
 from tactophone.cli import console, options, output
@@ -65,7 +66,7 @@ class Session:
             }
             for take in self.takes
         ]
-        folder = self._folder
+        folder = escape(str(self._folder))
         yield f"{len(self.takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
 
 

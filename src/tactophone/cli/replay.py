@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
+
 from tactophone.cli import extras, options, output, page
 from tactophone.errors import ConfigError
 from tactophone.settings import Finger, Settings, change
@@ -185,6 +187,6 @@ class Replayed:
         if self.replay.missed:
             yield f"the recorder missed {self.replay.missed} bytes or predictions on a busy machine"
         for note in self.replay.notes:
-            yield f"! {note}"
+            yield escape(f"! {note}")
         for kind, path in self.files.items():
-            yield f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}"
+            yield escape(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from rich.markup import escape
 
 from tactophone.cli import console, options, output
 from tactophone.cli.audio import AudioInput, SimulatedAct
@@ -127,7 +128,7 @@ class Fitted:
         fit, start = self.fit, self.start
         before, after = fit.balanced_accuracy_before, fit.balanced_accuracy
         yield from _words(self.findings)
-        rows = [(e.name, "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
+        rows = [(escape(e.name), "rough" if e.rough else "smooth", e.before, e.after) for e in fit.left_out]
         yield [
             {"object": name, "is": kind, f"right, {start} as it ships": output.percent(shipped),
              "right, left out of the fit": output.percent(own)}
@@ -139,7 +140,7 @@ class Fitted:
         yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
         if not after >= 0.75:  # also where it is NaN
             yield f"[yellow]note:[/] {_estimate(fit)}"
-        yield f"[green]written:[/] {self.file}; use it as --model of `feel` and `receive`"
+        yield f"[green]written:[/] {escape(str(self.file))}; use it as --model of `feel` and `receive`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +174,8 @@ class Checked:
         )
         yield from _words(self.diagnosis.findings)
         if self.diagnosis.passed:
-            yield f"[green]good:[/] written to {self.file}; use it as --calibration of `record`, `train` and `receive`"
+            file = escape(str(self.file))
+            yield f"[green]good:[/] written to {file}; use it as --calibration of `record`, `train` and `receive`"
         else:
             yield "nothing was written: correct what is refused above, and check again"
 

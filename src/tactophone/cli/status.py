@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from tactophone.cli import options, output
 from tactophone.errors import TactophoneError, did_you_mean
-from tactophone.telemetry.layout import Action, State
+from tactophone.telemetry.layout import Action
 from tactophone.telemetry.watcher import Watcher, running
 
 EXAMPLES = {
@@ -45,19 +45,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """List the runs; or send the request, wait until it is carried out, and return 1 if a process did not obey."""
     if args.verb == "status":
-        runs = [_run(Watcher(name)) for name in running()]
+        runs = [_run(watcher) for name in running() if (watcher := Watcher.find(name))]
         if not runs:
             output.note("no run on this machine: `tactophone demo` makes one")
         output.show(runs, as_json=args.json)
         return 0
     names = running()
     if args.name and args.name not in names:
-        there = f"there are {', '.join(names)}" if names else "there is none: start `tactophone receive` or loopback"
-        raise TactophoneError(f"no run called {args.name}; {there}{did_you_mean(args.name, names)}")
+        there = f"; there are {', '.join(names)}{did_you_mean(args.name, names)}" if names else ""
+        raise TactophoneError(f"no run called {args.name}: start `tactophone receive` or loopback{there}")
     chosen = [args.name] if args.name else names
     watchers = [watcher for name in chosen if (watcher := Watcher(name)).snapshot().state.role == "operator"]
     if not watchers:
-        others = f"; running here: {', '.join(names)}, none of them an operator's" if names else ""
+        others = f"; of {', '.join(names)} none is an operator's" if names else ""
         raise TactophoneError(f"no operator process here to ask: start `tactophone receive` or loopback{others}")
     return max([_ask(watcher, args.verb) for watcher in watchers])
 
@@ -75,14 +75,10 @@ def _ask(watcher: Watcher, action: Action) -> int:
         with contextlib.suppress(ProcessLookupError):
             os.kill(watcher.pid, signal.SIGUSR1)
     deadline = time.monotonic() + TIMEOUT
-    while not _done(state := watcher.snapshot().state, action):
+    while (state := watcher.snapshot().state).armed is not (action == "arm"):
         if time.monotonic() > deadline:
             output.print_error(f"{watcher.name} did not {action} within {TIMEOUT:g} s: end process {watcher.pid}")
             return 1
         time.sleep(0.01)
     output.out().print(f"{watcher.name}: {state.muted_because or 'armed'}")
     return 0
-
-
-def _done(state: State, action: Action) -> bool:
-    return state.armed if action == "arm" else not state.armed
