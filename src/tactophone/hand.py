@@ -21,7 +21,7 @@ from typing import Any
 
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.settings import SETTINGS, Finger, Settings, read_tables, set_value, value_of
-from tactophone.types import FINGER_NAMES, MOST_FINGERS
+from tactophone.types import FINGER_NAMES, FINGER_PATTERN, MOST_FINGERS
 
 OWN_SETTINGS: Mapping[str, str] = {
     "contact": "capture.contact",
@@ -37,7 +37,6 @@ OWN_SETTINGS: Mapping[str, str] = {
 }
 """What a finger's table may hold, and the setting that it replaces for this finger."""
 
-_NAME = re.compile(r"[a-z][a-z0-9_-]{0,15}")
 _UNSHARED = ("contact", "air", "port", "channel")
 
 
@@ -127,7 +126,7 @@ def _checked(tables: Mapping[str, Mapping[str, Any]], *, where: str) -> tuple[Fi
 
 
 def _own(name: str, place: int, table: Mapping[str, Any], *, where: str) -> Iterator[tuple[str, Any]]:
-    if not _NAME.fullmatch(name):
+    if not re.fullmatch(FINGER_PATTERN, name):
         raise ConfigError(
             f"{where}: a finger called {name!r}, but a name has up to 16 small letters, digits, hyphens, as in [index]"
         )

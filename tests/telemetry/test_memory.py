@@ -39,7 +39,8 @@ def test_a_name_is_taken_while_its_process_lives(name: str) -> None:
 
 def test_the_memory_of_a_killed_process_is_replaced(name: str) -> None:
     killed = (
-        "import os, sys; from tactophone.telemetry import Telemetry; Telemetry(sys.argv[1]).count('xruns'); os.abort()"
+        "import os, sys; from tactophone.telemetry.writer import Telemetry; "
+        "Telemetry(sys.argv[1]).count('xruns'); os.abort()"
     )
     subprocess.run([sys.executable, "-c", killed, name])
     watcher = Watcher(name)
@@ -88,7 +89,7 @@ def test_a_symbolic_link_is_not_opened(name: str) -> None:
 
 OUT_OF_SPACE = """
 import os, sys
-from tactophone.telemetry import Telemetry, memory
+from tactophone.telemetry.writer import Telemetry
 def refuse(*_):
     raise OSError(28, "No space left on device")
 os.posix_fallocate = refuse
@@ -145,7 +146,8 @@ def test_a_run_goes_on_when_its_memory_is_removed_and_takes_nobody_elses(name: s
 def test_what_killed_runs_left_is_removed_after_a_while(name: str) -> None:
     path = folder() / f"{PREFIX}{name}"
     killed = (
-        "import os, sys, time; from tactophone.telemetry import State, Telemetry; "
+        "import os, sys, time; from tactophone.telemetry.layout import State; "
+        "from tactophone.telemetry.writer import Telemetry; "
         "Telemetry(sys.argv[1]).update(State(), now=time.monotonic() - float(sys.argv[2])); os.abort()"
     )
     subprocess.run([sys.executable, "-c", killed, name, "1"])

@@ -15,7 +15,8 @@ from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 WRITER = """
 import sys, time
 import numpy as np
-from tactophone.telemetry import MARKS, State, Telemetry
+from tactophone.telemetry.layout import MARKS, State
+from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep
 
 ends = time.monotonic() + float(sys.argv[2])

@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Self, TypeAlias
 
@@ -19,7 +20,7 @@ from tactophone.bridges.reader import RunReader
 from tactophone.bridges.topics import Message, Topic, topics_of
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
-from tactophone.types import EVENT_KINDS, HapticCommand, Prediction, Touch, prediction_of
+from tactophone.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch, prediction_of
 
 READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps 10 s of packets and over a minute of predictions."""
@@ -32,6 +33,10 @@ FORMAT = "tactophone 5"
 
 MAGIC = b"\x89MCAP0\r\n"
 
+LARGEST_CHUNK = 64 << 20
+"""Bytes of a chunk once it is decompressed, and of a record outside of chunks; the writer's own have 1 MB or little
+more. Nothing of a larger one is made."""
+
 
 class LogFile:
     """An MCAP file of the library's own writer, with chunks (zstd) and an index; a context manager.
@@ -43,6 +48,7 @@ class LogFile:
         from mcap.writer import Writer
 
         self.metadata: dict[str, str] = {"format": FORMAT}
+        path.touch(0o600)  # nobody else on this machine hears the sound in it
         self._file = path.open("wb")
         self._writer: Any = Writer(self._file)
         self._writer.start(profile=FORMAT, library="tactophone")
@@ -168,8 +174,8 @@ def read_log(path: Path) -> Iterator[LogEntry]:
             elif topic.name == topics.CONTROLS.name:
                 yield msgspec.json.decode(data, type=Controls)
             elif topic.kind == topics.PREDICTION.kind:
-                yield _prediction_of(json.loads(data), topic.finger)
-        except (ValueError, KeyError, TypeError, RecursionError) as error:
+                yield _prediction_of(msgspec.json.decode(data, type=dict[str, float | str | None]), topic.finger)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise DatasetError(
                 f"{path}: a message of {topic.name} cannot be read ({error}); was the file changed?"
             ) from error
@@ -191,7 +197,6 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
     from mcap.records import Channel, DataEnd, Header, Metadata, Schema
     from mcap.records import Message as Record
-    from mcap.stream_reader import StreamReader
 
     if file.read(len(MAGIC)) != MAGIC:
         raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
@@ -200,7 +205,7 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     channels: dict[int, Topic] = {}
     complete, missed, found = False, 0, False
     try:
-        for record in StreamReader(file, record_size_limit=path.stat().st_size).records:
+        for record in _records(path, file):
             match record:
                 case Header(profile=profile):
                     _check_profile(path, profile)
@@ -208,12 +213,14 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                     schemas[number] = topics.Schema(name, encoding, data)
                 case Channel(id=number, topic=name, schema_id=schema, metadata=metadata):
                     finger = int(metadata.get("finger", "0"))
+                    if not (0 <= finger < MOST_FINGERS and name.isprintable()):
+                        raise ValueError(f"a topic {name!r} of finger {finger}")
                     channels[number] = Topic(name, schemas[schema], metadata.get("description", ""), finger)
                 case Record(channel_id=number, log_time=time, data=data) if number in channels:
                     found = True
                     yield Message(channels[number], time / 1e9, data)
                 case Metadata(name="tactophone", metadata=metadata):
-                    missed = sum(json.loads(metadata.get("missed", "{}")).values())
+                    missed = sum(msgspec.json.decode(metadata.get("missed", "{}"), type=dict[str, int]).values())
                 case DataEnd():
                     complete = True
                     break
@@ -222,11 +229,48 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     except (McapError, struct.error, ValueError, KeyError, EOFError, OverflowError, MemoryError) as error:
         if not found:
             raise DatasetError(f"{path}: a damaged MCAP file ({error}); nothing in it can be read") from error
-    except Exception as error:
-        # The decompressor of a damaged chunk raises an exception of its own library.
-        if type(error).__module__.partition(".")[0] not in ("zstandard", "lz4", "zstd"):
-            raise
     yield LogEnd(complete, missed)
+
+
+def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
+    """Return the records of a file, those in chunks too: the library would make of a chunk whatever it claims to be."""
+    from mcap.exceptions import EndOfFile
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader
+
+    size = min(path.stat().st_size, LARGEST_CHUNK)
+    for record in StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        data = _decompressed(record)
+        if len(data) > LARGEST_CHUNK:
+            raise DatasetError(
+                f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but those of --record have 1 MB; was it changed?"
+            )
+        with suppress(EndOfFile):
+            yield from StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=size).records
+
+
+def _decompressed(chunk: Any) -> bytes:
+    """Return at most one byte more than `LARGEST_CHUNK` of a chunk; raises `ValueError` for a damaged one."""
+    if chunk.compression == "zstd":
+        import zstandard
+
+        try:
+            return zstandard.ZstdDecompressor().stream_reader(chunk.data).read(LARGEST_CHUNK + 1)
+        except zstandard.ZstdError as error:
+            raise ValueError(str(error)) from error
+    if chunk.compression == "lz4":  # of other programs that rewrite a log
+        from lz4 import frame  # type: ignore[import-untyped]
+
+        try:
+            return bytes(frame.LZ4FrameDecompressor().decompress(chunk.data, LARGEST_CHUNK + 1))
+        except RuntimeError as error:
+            raise ValueError(str(error)) from error
+    if chunk.compression:
+        raise ValueError(f"a chunk compressed with {chunk.compression!r}")
+    return bytes(chunk.data)
 
 
 def _check_profile(path: Path, profile: str) -> None:

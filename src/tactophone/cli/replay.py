@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from tactophone.cli import extras, options, output, page
 from tactophone.errors import ConfigError
+from tactophone.haptics.limits import DEFAULT_CEILING
 from tactophone.settings import Finger, Settings, change
 
 if TYPE_CHECKING:
@@ -65,7 +66,10 @@ def run(args: argparse.Namespace) -> int:
         )
         return replace(common, fingers=tuple(fingers))
 
-    replay = Replay(_with_progress(args.log, read_log(args.log)), changed)
+    # A log is compared at its own ceiling; what is written and felt keeps to this machine's.
+    ceiling = DEFAULT_CEILING if vars(args)["rendering.ceiling"] is None else 1.0
+    written = args.to_rosbag or args.out
+    replay = Replay(_with_progress(args.log, read_log(args.log)), changed, ceiling if written else 1.0)
     files: dict[str, Path] = {}
     rendered: list[RenderedFinger] = []
     if args.to_rosbag:
@@ -75,6 +79,13 @@ def run(args: argparse.Namespace) -> int:
             pass
     else:
         rendered = _write(replay, args, files)
+    if replay.lowered:
+        replay = Replay(read_log(args.log), changed)
+        for _ in replay.steps():
+            pass
+        replay.notes.append(
+            f"the ceiling of the run was above {ceiling:g}, to which what is written is bounded: --ceiling raises that"
+        )
     if args.audio:
         from tactophone.offline.replay import add_sound
 
@@ -82,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     output.show(Replayed(args.log, replay, rendered, files, bool(changes)), as_json=args.json)
     own = options.settings_of(args)
     if page.wanted(args, own):
-        _play(args.log, own, changed)
+        _play(args.log, own, changed, ceiling)
     return 1 if replay.comparison.different and not changes else 0
 
 
@@ -123,7 +134,7 @@ def _write_bag(replay: "Replay", args: argparse.Namespace, files: dict[str, Path
     files["bag"] = args.to_rosbag
 
 
-def _play(log: Path, own: Settings, change: Callable[[Settings], Settings]) -> None:
+def _play(log: Path, own: Settings, change: Callable[[Settings], Settings], ceiling: float) -> None:
     """Play the sound of the log on the page, through a pipeline with the settings and calibration of the replay."""
     from tempfile import TemporaryDirectory
 
@@ -136,7 +147,7 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings]) -> N
 
     run = next(entry for entry in read_log(log) if isinstance(entry, RunStart))
     with TemporaryDirectory(prefix="tactophone-") as folder:
-        endpoint = LoggedEndpoint(run, change)
+        endpoint = LoggedEndpoint(run, change, ceiling=ceiling)
         sounds, takes = write_sound(log, Path(folder)), []
         for number in dict.fromkeys(sound.session for sound in sounds):
             paths = [sound.path for sound in sounds if sound.session == number]

@@ -34,7 +34,7 @@ from tactophone.link.session import Session
 from tactophone.link.stream import DecodedAudio
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.recording import OfflineRenderer, OutputFiles, RunSummary
-from tactophone.perception.models import model_path
+from tactophone.perception.models import default_model, model_path, shipped_models
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.gate import FingerOutput
 from tactophone.runtime.wiring import open_pipeline_for
@@ -46,7 +46,7 @@ from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCom
 Change = Callable[[Settings], Settings]
 
 _NOWHERE: Address = ("", 0)
-_CALIBRATION = "detector.calibration"
+_CALIBRATION, _MODEL, _CEILING = "detector.calibration", "detector.model", "rendering.ceiling"
 
 
 @dataclass(slots=True)
@@ -94,24 +94,30 @@ class LoggedEndpoint:
     """The operator's end of one logged process.
 
     ``change`` changes its settings: another model, another profile. Controls in the log then no longer set them.
+    ``ceiling`` bounds that of the log, which may come from a machine that allows more, or from anybody.
 
     Attributes
     ----------
     notes
         What differs here from the machine of the run.
+    lowered
+        Whether the bound did anything.
     """
 
-    def __init__(self, run: RunStart, change: Change) -> None:
+    def __init__(self, run: RunStart, change: Change, *, ceiling: float = 1.0) -> None:
         logged = settings_of(run)
-        self.settings, self.notes = change(logged), list[str]()
-        if self.settings.detector.model == logged.detector.model:
-            for name, digest in run.models.items():
-                if hashlib.sha256(model_path(name).read_bytes()).hexdigest() != digest:
-                    self.notes.append(f"the model {name} here is not the one that the run used")
-        self._calibrations = [finger["calibration"] for finger in run.fingers]
-        own = each_finger(self.settings)
+        settings, self.notes = change(logged), list[str]()
         # What was chosen for the replay, finger by finger, stays as it is.
-        self._chosen = [_differences(*pair) for pair in zip(own, each_finger(logged), strict=True)]
+        self._chosen = [_differences(*pair) for pair in zip(each_finger(settings), each_finger(logged), strict=True)]
+        self.settings = _bounded(settings, ceiling)
+        self.lowered = self.settings != settings
+        own = each_finger(self.settings)
+        names = dict.fromkeys(each.detector.model or default_model(each.capture.tip) for each in own)
+        for name in names if settings.detector.model == logged.detector.model else ():
+            with model_path(name).open("rb") as file:
+                if hashlib.file_digest(file, "sha256").hexdigest() != run.models.get(name):
+                    self.notes.append(f"the model {name} here is not the one that the run used")
+        self._calibrations = [finger["calibration"] for finger in run.fingers] or [""]
         self._session, session = _open_session()
         channels = channels_of(self.settings, alone=2)
         hand = Hand([self.open(count, finger=finger) for finger, count in enumerate(channels)], channels=channels)
@@ -163,7 +169,7 @@ class LoggedEndpoint:
             Request("output_level", controls.output_level),
         ]
         if "ceiling" not in chosen:
-            requests.append(Request("ceiling", controls.ceiling))
+            requests.append(Request("ceiling", min(controls.ceiling, output.gate.local_ceiling)))
         if "profile" not in chosen and output.pipeline.profile.name != controls.profile:
             requests.append(Request("profile", text=controls.profile))
         # Without a threshold in the log the pipeline follows the noise floor, as it did in the run; to assign one would
@@ -187,7 +193,7 @@ def settings_of(run: RunStart) -> Settings:
     """Return the settings of a logged process; raises `ConfigError` if they name what this version does not know."""
     tables = {f"{section}.{name}": value for section, table in run.settings.items() for name, value in table.items()}
     settings = _with(Settings(), tables)
-    fingers = []
+    fingers: list[Finger] = []
     for finger in run.fingers:
         own = {name: value for name, value in finger["settings"].items() if name != _CALIBRATION and value is not None}
         _with(settings, own)  # checked here, where the log can be named
@@ -198,9 +204,24 @@ def settings_of(run: RunStart) -> Settings:
 def _with(settings: Settings, values: dict[str, Any]) -> Settings:
     for name, value in values.items():
         # None stands for NaN, which is the default where it may occur; the text of the calibration is in the log.
-        if value is not None and name != _CALIBRATION:
-            settings = set_value(settings, name, value, where="the log")
+        if value is None or name == _CALIBRATION:
+            continue
+        if isinstance(value, str) and not value.isprintable():
+            raise ConfigError(f"the log: {name} = {value!r} holds what is no text; was the log changed?")
+        if name == _MODEL and value and value not in shipped_models() and Path(value).suffix != ".onnx":
+            raise ConfigError(f"the log: {name} = {value!r}, but a model is shipped or a file that ends in .onnx")
+        settings = set_value(settings, name, value, where="the log")
     return settings
+
+
+def _bounded(settings: Settings, ceiling: float) -> Settings:
+    """Return settings with no ceiling above this one."""
+    rendering = replace(settings.rendering, ceiling=min(settings.rendering.ceiling, ceiling))
+    fingers = (
+        Finger(each.name, tuple((name, min(own, ceiling) if name == _CEILING else own) for name, own in each.settings))
+        for each in settings.fingers
+    )
+    return replace(settings, rendering=rendering, fingers=tuple(fingers))
 
 
 @dataclass(slots=True)
@@ -245,17 +266,22 @@ class Replay:
         Whether the log has its end; the writer of one without was killed, or its disk was full.
     missed
         Bytes and predictions that the log lacks, because they were not read in time.
+    lowered
+        Whether a ceiling in the log was above the bound; the comparison then says nothing.
     """
 
     entries: Iterable[LogEntry]
     change: Change = lambda settings: settings
     """Changes the settings of each process in it."""
+    ceiling: float = 1.0
+    """Bounds that of the log."""
     comparison: Comparison = field(default_factory=Comparison)
     role: str = ""
     complete: bool = True
     missed: int = 0
     processes: int = 0
     notes: list[str] = field(default_factory=list)
+    lowered: bool = False
     endpoint: LoggedEndpoint | None = None
     _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
     _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))
@@ -284,7 +310,8 @@ class Replay:
             raise DatasetError("the log holds no run: was it written by --record?")
 
     def _begin(self, run: RunStart) -> None:
-        self.endpoint = LoggedEndpoint(run, self.change)
+        self.endpoint = LoggedEndpoint(run, self.change, ceiling=self.ceiling)
+        self.lowered |= self.endpoint.lowered
         self.role, self.processes = run.role, self.processes + 1
         self.notes += [note for note in self.endpoint.notes if note not in self.notes]
         # What a killed process had no time to publish has no counterpart.

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias, TypedDict
 
 import msgspec
 import numpy as np
@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
 from tactophone.types import (
+    FINGER_PATTERN,
+    MOST_FINGERS,
     PREDICTION_FIELDS,
     HapticCommand,
     PipelineStep,
@@ -42,6 +44,23 @@ ARRIVAL_SIZE = 1 << 15
 """Bytes of events in one record; an arrival with more is split, the last part counting as its end."""
 
 
+# A log may come from anybody: these types hold what a run can have been, and nothing else.
+Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e10)]
+FingerIndex = Annotated[int, msgspec.Meta(ge=0, lt=MOST_FINGERS)]
+
+
+class FingerStart(TypedDict):
+    """A finger at the beginning of a process."""
+
+    name: Annotated[str, msgspec.Meta(pattern=f"^({FINGER_PATTERN})?$")]
+    """Empty for the only one."""
+    settings: dict[str, Any]
+    """Of its own, by dotted name."""
+    calibration: Annotated[str, msgspec.Meta(max_length=1 << 20)]
+    """Text of the calibration file; empty if there is none."""
+
+
 @dataclass(frozen=True, slots=True)
 class RunStart:
     """The beginning of a process."""
@@ -54,18 +73,17 @@ class RunStart:
     """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
     """Of Tactophone and of what its numbers depend on."""
-    epoch: float = 0.0
+    epoch: Seconds = 0.0
     """Seconds since 1970 at 0 of the monotonic clock, on which all other times are."""
-    fingers: list[dict[str, Any]] = field(default_factory=list)
-    """Name, settings of its own by dotted name, and text of the calibration file (empty if there is none) of each."""
+    fingers: Annotated[list[FingerStart], msgspec.Meta(max_length=MOST_FINGERS)] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class EventBatch:
     """Events that the end processed together, encoded as the link encodes them."""
 
-    time: float
-    """Of the monotonic clock, in s."""
+    time: Seconds
+    """Of the monotonic clock."""
     events: tuple[bytes, ...] = ()
     polled: bool = False
     """Whether they came with the passing of time, not from the network; there may then be none."""
@@ -78,16 +96,16 @@ class Controls:
     """What a person or the machine may change while the end runs; logged at each change."""
 
     armed: bool
-    ceiling: float
-    output_level: float
+    ceiling: Share
+    output_level: Share
     """`armed`, `ceiling` and `output_level`: of the output gate."""
     profile: str
-    threshold_dbfs: float | None
+    threshold_dbfs: Annotated[float, msgspec.Meta(ge=-1000, le=0)] | None
     """Contact threshold that was given or calibrated; ``None`` while it follows the noise floor by itself."""
     step: int = 0
     """0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
     from 1, was computed."""
-    finger: int = 0
+    finger: FingerIndex = 0
     """Of a hand: whose controls these are."""
 
 
