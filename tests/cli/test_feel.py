@@ -1,11 +1,15 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 import soundfile
 
 from tactophone.cli import main
+from tactophone.perception.model_file import read_model
+from tactophone.training.export import write_graph
 from tests.models import write_tiny_model
 from tests.sounds import tone
 
@@ -144,3 +148,18 @@ def test_digital_silence_is_said_to_be_that(model: str, tmp_path: Path, capsys: 
     soundfile.write(tmp_path / "a.wav", np.zeros((48_000, 2)), 48_000)
     assert main(["feel", str(tmp_path / "a.wav"), "--model", model, "--out", str(tmp_path)]) == 0
     assert "threshold  none: the recording is digital silence\n" in capsys.readouterr().out
+
+
+def test_sound_for_an_imported_model_stays_as_it_was_recorded(
+    model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sound = 1e-3 * tone(400) + 0.01
+    soundfile.write(tmp_path / "a.wav", sound, 48_000)
+    own = read_model(Path(model))
+    imported = replace(own.card, training={"source": "general.pt"})
+    write_graph(tmp_path / "imported.onnx", onnx.load(model), imported)
+    for name, notes in ((model, 2), (str(tmp_path / "imported.onnx"), 0)):
+        assert main(["feel", str(tmp_path / "a.wav"), "--model", name, "--out", str(tmp_path), "--json"]) == 0
+        (result,) = json.loads(capsys.readouterr().out)
+        changed = [note for note in result["notes"] if "removed" in note or "amplified" in note]
+        assert len(changed) == notes

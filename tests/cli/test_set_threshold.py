@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.values import Recording
+from tactophone.dataset.values import Recording, Segment
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
 from tactophone.types import Touch
@@ -66,3 +66,15 @@ def test_a_shipped_model_is_copied_not_changed(data: Path, tmp_path: Path, monke
     assert main(["set-threshold", "texture", "--data", str(data), "--false-positives", "1"]) == 0
     assert model_path("texture").read_bytes() == before
     assert read_model(tmp_path / "texture.onnx").card.scores["operating point"]["dataset"] == data.name
+
+
+def test_a_recording_of_both_labels_counts_by_its_segments(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    smooth, rough = (soundfile.read(data / f"{number}.wav")[0] for number in (0, 1))
+    soundfile.write(tmp_path / "run.wav", np.concatenate([smooth, rough]), 48_000)
+    parts = (Segment(0.0, 3.0, "smooth"), Segment(3.0, 6.0, "rough"))
+    write_metadata(tmp_path, [Recording(tmp_path / "run.wav", "run", None, ("contact", "air"), segments=parts)])
+    command = ["set-threshold", str(write_tiny_model(tmp_path / "tiny.onnx")), "--data", str(tmp_path), "--dry-run"]
+    assert main([*command, "--false-positives", "1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["chosen"]["rough_recall"][0] > 0.9

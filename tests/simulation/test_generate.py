@@ -5,6 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.dataset.read import open_dataset
+from tactophone.perception.health import CLIPPED_SHARE, clipped_samples
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.modes import Mounting
 from tactophone.simulation.render import RenderOptions, plan_dataset, render, render_dataset, write_manifest
@@ -74,3 +75,12 @@ def test_sound_is_complete_and_stereo(tmp_path: Path) -> None:
     info = soundfile.info(tmp_path / job.name)
     assert (info.samplerate, info.channels, info.frames, info.subtype) == (48_000, 2, 24_000, "PCM_24")
     assert not list(tmp_path.rglob(".*.flac"))
+
+
+def test_a_lower_gain_clips_less() -> None:
+    clipped = []
+    for gain_db in (0.0, -12.0):
+        options = RenderOptions(duration=2.0, gain_db=gain_db)
+        (job,) = plan_dataset([find("17")], options, takes=TAKES[2:3])
+        clipped.append(clipped_samples(render(job)[0].T).mean(axis=1)[0])
+    assert clipped[1] < CLIPPED_SHARE < clipped[0]

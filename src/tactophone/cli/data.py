@@ -46,10 +46,13 @@ def cache_of(args: argparse.Namespace) -> "Cache":
     return Cache(args.cache) if args.cache else default_cache()
 
 
-def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None) -> Dataset:
+def open_filtered(
+    folder: Path, filters: list[str] | None, *, channels: int = 1, kin: Path | None = None, segments: bool = False
+) -> Dataset:
     """Open a data set, apply the filters, and drop unusable recordings, each reported on stderr.
 
-    Recordings with fewer ``channels`` are dropped where others have as many. Raises `DatasetError` if nothing is left.
+    Recordings with fewer ``channels`` are dropped where others have as many; those of several labels are kept with
+    ``segments``. Raises `DatasetError` if nothing is left.
     """
     dataset = open_dataset(folder)
     for text in filters or ():
@@ -58,7 +61,7 @@ def open_filtered(folder: Path, filters: list[str] | None, *, channels: int = 1,
     for problem in problems:
         if problem.fatal:
             output.note(f"left out: {problem}")
-    kept, lacking = with_channels(kept.labelled(), channels)
+    kept, lacking = with_channels(kept.labelled(segments=segments), channels)
     for problem in lacking:
         output.note(f"left out: {problem}")
     return with_kin(kept, kin) if kin else kept

@@ -273,11 +273,14 @@ def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
 def _prepare(path: Path, card: ModelCard, settings: Settings) -> tuple[Preparation, RecordingFloor | None]:
     """Read a recording before it is processed: what to correct in it, and its contact threshold if none is given."""
     preparation = Preparation.of(FileSource(path)).for_tip(card.tip)
+    if card.imported:  # trained on sound as its authors recorded it
+        preparation = preparation.as_recorded()
     if not math.isnan(settings.detector.threshold_dbfs):
         return preparation, None
     floor = _measure_floor(path, preparation, card)
     # Sound that is rendered itself keeps its level.
-    louder = preparation if settings.rendering.profile in PASSTHROUGH else preparation.amplified(floor.loudest_dbfs)
+    level_counts = card.imported or settings.rendering.profile in PASSTHROUGH
+    louder = preparation if level_counts else preparation.amplified(floor.loudest_dbfs)
     return louder, floor if louder == preparation else _measure_floor(path, louder, card)
 
 

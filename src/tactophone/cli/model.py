@@ -176,7 +176,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
     # The package's own files stay as they are: other programs of this installation use them.
     out = args.out or (Path(path.name) if args.model in shipped_models() else path)
     model = read_model(path)
-    dataset = open_filtered(args.data, args.filter, channels=model.card.channels)
+    dataset = open_filtered(args.data, args.filter, channels=model.card.channels, segments=True)
     rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
     outcomes = try_rules(_predict(model, dataset), rules)
     place = choose_rule(outcomes, rules, goal=goal, limit=limit)
@@ -194,13 +194,13 @@ def _set_threshold(args: argparse.Namespace) -> int:
 
 
 def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
-    from tactophone.evaluation.predict import model_predictor
+    from tactophone.evaluation.predict import by_label, model_predictor
 
     if model.card.training.get("sha256") == dataset.fingerprint:
         output.log().print("beware: the model was trained on these recordings, so the rates are too good")
     predict = model_predictor(model)
     with output.tracked(dataset.recordings, "predicting") as takes:
-        return [predict(take) for take in takes]
+        return [part for take in takes for part in by_label(predict(take))]
 
 
 @dataclass(frozen=True, slots=True)

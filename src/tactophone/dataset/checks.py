@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tactophone.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.errors import DatasetError
+from tactophone.perception.health import CLIPPED_SHARE, clipped_samples
 from tactophone.types import CONTACT, SURFACE_LABELS
 
 MIN_RATE = 2000
@@ -29,10 +30,6 @@ SILENT_DBFS = -90.0
 
 MOST_CHANNELS = 2
 """Contact and air. Which two of more would be meant nobody has said."""
-
-CLIPPED_LEVEL = 0.999
-CLIPPED_SHARE = 1e-3
-"""A recording is clipped when more than this share of its samples is at full scale; single taps may reach it."""
 
 DEFAULT_CONTACT_DBFS = -60.0
 """RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""
@@ -75,7 +72,7 @@ class _Measurements:
     size: int
     promised: int
     peaks: tuple[float, ...]
-    clipped: int
+    clipped: tuple[int, ...]
     finite: bool
 
 
@@ -140,14 +137,15 @@ def check_recording(recording: Recording) -> Iterator[Problem]:
 
 def _measure(recording: Recording) -> _Measurements:
     with open_sound(recording.path) as file:
-        peaks, clipped, size, finite = np.zeros(file.channels), 0, 0, True
+        peaks, railed, size, finite = np.zeros(file.channels), np.zeros(file.channels, int), 0, True
         for samples in file.blocks(READ_SIZE, dtype="float32", always_2d=True):
             magnitude = np.abs(samples)
             finite = finite and bool(np.isfinite(magnitude).all())
             peaks = np.maximum(peaks, np.nan_to_num(magnitude.max(axis=0), posinf=0.0))
-            clipped += int((magnitude >= CLIPPED_LEVEL).sum())
+            railed += clipped_samples(samples.T).sum(axis=1)
             size += len(samples)
-        return _Measurements(file.samplerate, file.channels, size, len(file), tuple(peaks.tolist()), clipped, finite)
+        peak, counts = tuple(peaks.tolist()), tuple(railed.tolist())
+        return _Measurements(file.samplerate, file.channels, size, len(file), peak, counts, finite)
 
 
 def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
@@ -170,8 +168,8 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
         whole = len(silent) == measured.channels
         where = "every channel" if whole else f"channel {', '.join(silent)}"
         yield "silent", f"{where} stays under {SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
-    share = measured.clipped / (measured.size * measured.channels)
-    if share > CLIPPED_SHARE:
+    if max(measured.clipped) > CLIPPED_SHARE * measured.size:
+        share = sum(measured.clipped) / (measured.size * measured.channels)
         yield "clipped", f"{share:.2%} of its samples lie at full scale; record it again with less gain", False
 
 

@@ -225,12 +225,17 @@ class Dataset:
     def where(self, keep: Callable[[Recording], bool]) -> "Dataset":
         return Dataset(self.name, self.root, tuple(filter(keep, self.recordings)), self.problems)
 
-    def labelled(self) -> "Dataset":
-        """Return the data set with only the recordings labelled smooth or rough.
+    def labelled(self, *, segments: bool = False) -> "Dataset":
+        """Return the data set with only the recordings labelled smooth or rough; with ``segments`` also those of which
+        a segment is.
 
         Raises `DatasetError` if there are none.
         """
-        kept = self.where(lambda recording: recording.labelled)
+
+        def holds(recording: Recording) -> bool:
+            return recording.labelled or (segments and any(part.label in SURFACE_LABELS for part in recording.segments))
+
+        kept = self.where(holds)
         if not self.recordings:
             raise DatasetError(f"{self.root}: holds no usable recording; run `tactophone dataset check {self.root}`")
         if not kept.recordings:

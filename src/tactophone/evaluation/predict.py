@@ -105,6 +105,23 @@ def _as_arrays(recording: Recording, predictions: Sequence[Prediction]) -> TakeP
     )
 
 
+def by_label(take: TakePredictions) -> list[TakePredictions]:
+    """Return the predictions for a recording of several labels as one part a label, in contact in its segments alone.
+
+    A recording with a label of its own is returned as it is.
+    """
+    if take.recording.label is not None:
+        return [take]
+    parts = []
+    for label in (Touch.SMOOTH, Touch.ROUGH):
+        if segments := tuple(part for part in take.recording.segments if part.label is label):
+            inside = np.any([(take.time > part.start) & (take.time <= part.end) for part in segments], axis=0)
+            surface = f"{take.recording.surface}, {label.name.lower()}"
+            recording = replace(take.recording, label=label, surface=surface, segments=segments)
+            parts.append(replace(take, recording=recording, contact=take.contact & inside))
+    return parts
+
+
 def scores_of(predictions: Iterable[TakePredictions], rule: Rule) -> Scores:
     """Score the updates in contact of all labelled recordings.
 

@@ -93,7 +93,12 @@ LOWEST_DBFS = -150.0
 _BASS_RATE = 1000
 _TREBLE_STEPS = 8
 _HARMONICS = 7
-_FULL_SCALE = 0.99
+FULL_SCALE = 0.999
+"""From here a sample is at full scale; the page's lamps have the same figure (``pages/static/figures.js``)."""
+
+CLIPPED_SHARE = 5e-3
+"""A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
+
 _LOUD = 0.1
 """Neighbours that are equal over this level are against a rail; in quiet sound of few bits they are not."""
 
@@ -167,7 +172,7 @@ class SignalStatistics:
         cell = np.ascontiguousarray(np.concatenate(self._parts).T)
         self._parts, self._filled = [], 0
         with np.errstate(invalid="ignore", over="ignore"):
-            self._clipped.append(_clipped(cell))
+            self._clipped.append(clipped_samples(cell).mean(axis=1))
             finite = np.nan_to_num(cell, posinf=0.0, neginf=0.0).clip(-4, 4).astype(np.float64)
         self._decimated.append(_mean_of_neighbours(finite, self._decimation))
         if len(self._decimated) < CELLS:
@@ -194,11 +199,12 @@ def _measure(sound: NDArray[np.float64], clipped: NDArray[np.float64], *, rate: 
     )
 
 
-def _clipped(cell: FloatArray) -> NDArray[np.float64]:
-    loud = np.abs(cell)
-    railed = loud >= _FULL_SCALE
-    railed[:, 1:] |= (cell[:, 1:] == cell[:, :-1]) & (loud[:, 1:] > _LOUD)
-    return np.asarray(railed.mean(axis=1))
+def clipped_samples(sound: FloatArray) -> NDArray[np.bool_]:
+    """Return which samples are at full scale or flat against a rail, of sound and in shape ``(channels, samples)``."""
+    loud = np.abs(sound)
+    railed: NDArray[np.bool_] = loud >= FULL_SCALE
+    railed[:, 1:] |= (sound[:, 1:] == sound[:, :-1]) & (loud[:, 1:] > _LOUD)
+    return railed
 
 
 def _hum_powers(sound: NDArray[np.float64], rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

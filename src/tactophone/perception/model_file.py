@@ -95,6 +95,11 @@ class ModelCard:
         return str(self.settings.get("microphone", "contact"))
 
     @property
+    def imported(self) -> bool:
+        """Whether another program trained it: ``tactophone model import`` names its source."""
+        return "source" in self.training
+
+    @property
     def tip(self) -> str:
         """The tip that the model is for, one of :data:`tactophone.types.TIP_NAMES`; empty where it is unknown.
 

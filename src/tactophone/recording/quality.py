@@ -6,21 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactophone.perception.health import (
+    CLIPPED_SHARE,
     ChannelStatistics,
     FaultDetector,
     FaultKind,
     Reference,
     SensorFault,
     SignalStatistics,
+    clipped_samples,
 )
 from tactophone.recording.protocol import PROTOCOL, TakePlan
 from tactophone.types import CONTACT, AudioBlock
 
 MIN_CONTACT = 0.1
 """Share of a take: on the paper's set-up, light strokes on smooth objects exceed the threshold for a fifth of it."""
-
-CLIPPED_SHARE = 5e-3
-"""More than single peaks of hard strokes."""
 
 PRESSURE_STEP_DB = 1.5
 """By which a pressure must be louder than the next lighter: twice what two takes of equal pressure differ by."""
@@ -68,10 +67,11 @@ class TakeMeter:
         self._watch = FaultDetector(sample_rate, reference)
         self._history: list[ChannelStatistics] = []
         self._faults: dict[SensorFault, None] = {}  # a dict keeps the order in which they appeared
-        self._size = 0
+        self._size, self._clipped = 0, np.zeros(1)
 
     def push(self, block: AudioBlock) -> None:
         self._size += block.size
+        self._clipped = self._clipped + clipped_samples(block.samples.T).sum(axis=1)
         self._history += self._statistics.push(block)
         self._watch.push(block)
         self._faults |= dict.fromkeys(self._watch.faults)
@@ -85,7 +85,7 @@ class TakeMeter:
         return TakeLevels(
             duration,
             float(np.mean(levels >= self._threshold_dbfs)),
-            float(np.mean([max(statistics.clipped) for statistics in self._history])),
+            float(self._clipped.max() / self._size),
             float(np.percentile(levels, LEVEL_PERCENTILE)),
             tuple(self._faults),
         )

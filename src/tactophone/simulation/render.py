@@ -10,7 +10,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from tactophone.simulation.finger import tip_named
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.modes import Mounting
 from tactophone.simulation.motion import Hand, Move, Scene, single
+from tactophone.simulation.participant import amplified
 from tactophone.simulation.source import SimulatedFinger, Truth
 from tactophone.simulation.strokes import take_moves
 from tactophone.simulation.takes import TAKES, Take
@@ -140,6 +141,8 @@ class RenderOptions:
     """16 or 24 per sample."""
     tip: str = DEFAULT_TIP
     """What touches: one of `~tactophone.simulation.finger.TIPS`."""
+    gain_db: float = 0.0
+    """Of the contact microphone's preamplifier; at 0, strong strokes over rough objects clip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +229,7 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
     electronics = COMPETITION if job.options.hall else None
     session = SessionVariation.draw(job.session, electronics, tip=job.options.tip)
+    session = replace(session, electronics=amplified(session.electronics, job.options.gain_db))
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     return (through_opus(block.samples) if job.options.opus else block.samples), finger.truth

@@ -2,7 +2,7 @@
 
 import { Chart, line, stripes } from "./charts.js";
 import { Controls } from "./controls.js";
-import { dbfs, percent, put, showFaults, showLatency, showLink, formatNumber } from "./figures.js";
+import { FULL_SCALE, dbfs, percent, put, showFaults, showLatency, showLink, formatNumber } from "./figures.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Record } from "./record.js";
@@ -12,7 +12,6 @@ const SOUND_SPAN = 5; // s
 const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
 const REWOUND = 0.5; // s; a jump back by more means another recording or run
-const CLIPPED = 0.999;
 const CALM = 250; // ms between frames when the system asks for reduced motion
 const TOUCHES = ["no contact", "smooth", "rough"];
 // Columns of the table of steps: time, then STEP_COLUMNS of message.py.
@@ -48,7 +47,7 @@ function wave(id, name, low) {
     label: (value) => (value ? "" : "0"),
     over: (plot, [times, lows, highs]) => {
       times.forEach((time, k) => {
-        if (highs[k] < CLIPPED && lows[k] > -CLIPPED) return;
+        if (highs[k] < FULL_SCALE && lows[k] > -FULL_SCALE) return;
         [[0.88 * top, top], [-top, -0.88 * top]].forEach((edge) => plot.block([time - 0.02, time + 0.01], edge, "warn"));
       });
     },

@@ -4,6 +4,7 @@ const STAGES = {
   capture: "capture", encode: "encode", network: "network", playout: "playout",
   decode: "decode", detect: "detect", render: "render", device: "device",
 };
+export const FULL_SCALE = 0.999; // as perception/health.py
 const MINUS = "−";
 const formats = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }));
 

@@ -1,9 +1,8 @@
 // A level meter: bar, threshold, slowly falling peak, and a lamp that stays lit after clipping.
 
-import { dbfs, put } from "./figures.js";
+import { FULL_SCALE, dbfs, put } from "./figures.js";
 
 const LOWEST = -100; // dBFS
-const CLIPPED = 0.999;
 const LAMP = 3000; // ms
 const FALL = 0.25; // dB a frame
 
@@ -21,7 +20,7 @@ export class Meter {
 
   show(level, low, high, threshold) {
     this.#peak = Math.max(level, this.#peak - FALL);
-    if (high >= CLIPPED || low <= -CLIPPED) this.#clippedAt = performance.now();
+    if (high >= FULL_SCALE || low <= -FULL_SCALE) this.#clippedAt = performance.now();
     this.parts[".level"].style.transform = `scaleX(${share(level)})`;
     this.parts[".peak"].style.left = `${100 * share(this.#peak)}%`;
     this.parts[".mark"].hidden = !Number.isFinite(threshold);
