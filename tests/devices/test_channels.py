@@ -31,7 +31,7 @@ pcm.dualsense {{
 PLAY = """
 import threading
 import numpy as np
-from tactophone.haptics import portaudio_hand_actuator
+from tactophone.haptics.actuator import portaudio_hand_actuator
 
 played, enough = [], threading.Event()
 generator = np.random.default_rng(1)

@@ -25,7 +25,7 @@ def test_keys_are_fresh_each_time(tmp_path: Path) -> None:
 
 def test_keys_of_killed_runs_are_removed_by_the_next() -> None:
     program = (
-        "import os, signal; from tactophone.runtime import temporary_keys\n"
+        "import os, signal; from tactophone.runtime.pairing import temporary_keys\n"
         "with temporary_keys() as folder: print(folder, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
     )
     left = Path(subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True).stdout.strip())

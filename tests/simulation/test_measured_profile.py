@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tactophone.simulation.surface as module
 from tactophone.errors import ConfigError
 from tactophone.simulation.catalogue import measured_objects
-from tactophone.simulation.catalogue import surface as module
 from tactophone.simulation.render import RenderOptions, plan_dataset, render
 from tactophone.simulation.surface import FILES, SIZE, SPACING, STEP, measured_profile
 from tactophone.simulation.takes import TAKES

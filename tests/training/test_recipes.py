@@ -110,7 +110,7 @@ def test_graphs_predict_what_scikit_learn_does(name: str, dataset: Dataset, monk
 
 def test_listing_recipes_imports_no_classifier() -> None:
     script = (
-        "import sys; from tactophone.training import RECIPES; list(RECIPES); "
+        "import sys; from tactophone.training.recipes import RECIPES; list(RECIPES); "
         "print([name for name in ('torch', 'sklearn', 'onnx', 'scipy') if name in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "[]\n"

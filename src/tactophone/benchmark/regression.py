@@ -3,9 +3,9 @@
 The control uses only the band over 8 kHz of recordings whose microphone ends at 7.5 kHz, which carries the noise of the
 day and nothing of the surface. Where it scores above chance, it recognises days, and any other method might do so.
 
-A renderer of :data:`tactophone.haptics.PASSTHROUGH` has no detector: the finger itself must separate rough from smooth.
-The regression takes its place, on what a finger can perceive of the vibration: its level, its peaks, and its strength
-in bands from 35 Hz to 1 kHz.
+A renderer of :data:`~tactophone.haptics.passthrough.PASSTHROUGH` has no detector: the finger itself must separate rough
+from smooth. The regression takes its place, on what a finger can perceive of the vibration: its level, its peaks, and
+its strength in bands from 35 Hz to 1 kHz.
 
 Ra spans four decades from glass to lava, so its errors are in decades: 0.3 is a factor of two.
 """

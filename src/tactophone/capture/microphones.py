@@ -81,5 +81,5 @@ def portaudio_source(
 
 
 def browser_source(sound: Connection) -> LiveSource:
-    """Open the air microphone of the page whose messages ``sound`` delivers (`tactophone.devices.StreamDevice`)."""
+    """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
     return LiveSource(lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1)

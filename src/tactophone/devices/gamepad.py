@@ -49,7 +49,7 @@ def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[fl
 
 
 class GamepadDevice(ThreadedDevice):
-    """A `tactophone.devices.Device` on a gamepad's motors.
+    """A `tactophone.devices.device.Device` on a gamepad's motors.
 
     Parameters
     ----------

@@ -200,8 +200,8 @@ def _probability(logit: float) -> float:
 def _run(take: TakePredictions, rules: Sequence[DecisionRule]) -> tuple[Any, ...]:
     """Decide over a recording by all rules at once.
 
-    Beware: these are the steps of :class:`tactophone.perception.Decision` written again, for arrays of rules. A change
-    there belongs here too; a test holds them equal.
+    Beware: these are the steps of :class:`~tactophone.perception.decision.Decision` written again, for arrays of rules.
+    A change there belongs here too; a test holds them equal.
     """
     on, off, confirm, abstain = (
         np.array([getattr(rule, name) for rule in rules])

@@ -84,7 +84,7 @@ def gamepad_actuator(
     ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
 ) -> DeviceActuator:
-    """Turn the motors of a gamepad; arguments as of `tactophone.devices.GamepadDevice`."""
+    """Turn the motors of a gamepad; arguments as of `tactophone.devices.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
     return DeviceActuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
 

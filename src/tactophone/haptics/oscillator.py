@@ -138,6 +138,7 @@ class Oscillator(Renderer):
         return 0.0
 
     def reset(self) -> None:
+        """Return to silence and the initial state; a stop stays in force."""
         super().reset()
         self._seen = (self._slot, self.limits, self.limits.ceiling, self._stopped)
         self._amplitude = self._amplitude_gap = 0.0

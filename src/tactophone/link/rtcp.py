@@ -102,7 +102,7 @@ class Goodbye:
 
 @dataclass(frozen=True, slots=True)
 class Introduction:
-    """The version of the program that an end runs: a description with one item, TOOL (RFC 3550 section 6.5.6).
+    r"""The version of the program that an end runs: a description with one item, TOOL (RFC 3550 section 6.5.6).
 
     Examples
     --------

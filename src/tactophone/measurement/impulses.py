@@ -64,7 +64,7 @@ class ImpulseLatency:
     end_to_end: NDArray[np.float64]
     """By counted samples."""
     stages: dict[str, NDArray[np.float64]]
-    """By marks, for each stage of `tactophone.telemetry.STAGES`; only impulses with all marks."""
+    """By marks, for each stage of `tactophone.telemetry.layout.STAGES`; only impulses with all marks."""
     disagreement: float
     """Difference between the mean end-to-end latency of those impulses and the mean sum of their stages."""
     period: int

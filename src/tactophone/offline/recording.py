@@ -249,7 +249,7 @@ def process_recording(
 class RunRecorder(RunFollower):
     """Records an operator's run (of a hand: one finger's vibration); a context manager around the run.
 
-    Its predictions are written by `tactophone.telemetry.PredictionLog`.
+    Its predictions are written by `tactophone.telemetry.follower.PredictionLog`.
     """
 
     def __init__(self, name: str, *, finger: int = 0) -> None:

@@ -69,7 +69,7 @@ class ModelCard:
     name: Name
     """Shown to people; the file's name may differ."""
     kind: Name
-    """Of its features, a key of :data:`tactophone.perception.EXTRACTORS`."""
+    """Of its features, a key of :data:`tactophone.perception.features.EXTRACTORS`."""
     sample_rate: Annotated[int, msgspec.Meta(ge=2_000, le=192_000)]
     window_size: Annotated[int, msgspec.Meta(ge=1)]
     hop: Fraction
