@@ -1,14 +1,19 @@
 import argparse
+import contextlib
 import socket
+import struct
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from tactophone.bridges.osc import OscBridge
-from tactophone.bridges.reader import SILENCE, NewestReader
+from tactophone.bridges.process import BridgeProcess
+from tactophone.bridges.reader import BACKLOG, SILENCE, PredictionReader
 from tactophone.cli import live, options
 from tactophone.errors import ConfigError
 from tactophone.telemetry.layout import FingerState, State
@@ -93,10 +98,73 @@ def test_what_was_vibrating_is_sent_a_0_when(
 
 def test_what_a_run_did_before_is_not_passed_on(telemetry: Telemetry) -> None:
     telemetry.publish(STEP, now=time.monotonic())
-    reader = NewestReader(telemetry.name)
-    assert reader.read() == {}
+    reader = PredictionReader(telemetry.name)
+    assert reader.read() == []
     telemetry.publish(STEP, now=time.monotonic())
-    assert reader.read()["index"].command.amplitude == 0.5
+    assert [(passed.finger, passed.command.amplitude) for passed in reader.read()] == [("index", 0.5)]
+
+
+def predicted(number: int) -> PipelineStep:
+    """Return a step whose prediction has a number as its roughness, made of sound that ends 10 ms after the last."""
+    found = replace(STEP.predictions[0], roughness=float(number), end=number / 100)
+    return replace(STEP, predictions=(found,))
+
+
+def test_a_slow_reader_loses_the_oldest_first_and_counts_them(telemetry: Telemetry) -> None:
+    reader = PredictionReader(telemetry.name)
+    for number in range(BACKLOG + 20):
+        telemetry.publish(predicted(number), now=time.monotonic())
+    assert [passed.roughness for passed in reader.read()] == list(range(20, BACKLOG + 20))
+    assert reader.missed == 20
+    telemetry.publish(predicted(7), now=time.monotonic())
+    assert len(reader.read()) == 1
+    assert reader.missed == 20
+
+
+def test_each_prediction_has_the_times_of_its_sound_its_making_and_its_vibration(telemetry: Telemetry) -> None:
+    reader = PredictionReader(telemetry.name)
+    telemetry.gauge("latency_render", 0.002)
+    telemetry.gauge("latency_device", 0.004)
+    began, delays = time.monotonic() - 1.0, (0.009, 0.005, 0.030, 0.006)
+    for number, delay in enumerate(delays):
+        telemetry.publish(predicted(number), now=began + number / 100 + delay)
+    found = reader.read()
+    epoch = time.time() - time.monotonic()
+    # From the quickest on, the sound's times are as even as its own clock, and late by the least delay.
+    sound = [passed.sound - epoch - began for passed in found]
+    assert sound == pytest.approx([0.009, 0.015, 0.025, 0.035], abs=1e-4)
+    made = [passed.made - epoch - began for passed in found]
+    assert made == pytest.approx([number / 100 + delay for number, delay in enumerate(delays)], abs=1e-4)
+    assert [passed.rendered - passed.made for passed in found] == pytest.approx([0.006] * 4, abs=1e-4)
+
+
+@pytest.mark.realtime
+def test_every_prediction_arrives_within_10_ms_of_its_making(telemetry: Telemetry) -> None:
+    made: dict[float, float] = {}
+    arrived: dict[float, float] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.settimeout(1)
+
+        def receive_all() -> None:
+            with contextlib.suppress(TimeoutError):
+                while len(arrived) < 200:
+                    datagram = listening.recv(1 << 12)
+                    if datagram.startswith(b"/tactophone/index/roughness\0"):
+                        (number,) = struct.unpack(">f", datagram[-4:])
+                        arrived[number] = time.monotonic()
+
+        thread = threading.Thread(target=receive_all)
+        with BridgeProcess(partial(OscBridge, telemetry.name, f"127.0.0.1:{listening.getsockname()[1]}")):
+            thread.start()
+            for number in range(200):
+                made[number] = time.monotonic()
+                telemetry.publish(predicted(number), now=made[number])
+                time.sleep(0.0094)
+            thread.join()
+    assert set(arrived) == set(made)
+    delays = [arrived[number] - made[number] for number in made]
+    assert np.percentile(delays, 95) < 0.010
 
 
 def test_only_stop_is_obeyed_and_a_flood_is_counted(telemetry: Telemetry) -> None:

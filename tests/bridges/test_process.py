@@ -12,7 +12,7 @@ from tactophone.bridges.process import BridgeProcess
 class Idle:
     """A bridge that passes nothing on."""
 
-    interval = 0.05
+    interval, missed = 0.05, 0
 
     def __init__(self, answer: int = 0) -> None:
         self._answer = answer

@@ -22,6 +22,7 @@ from tests.bridges.test_osc import STEP
 
 URI = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
 DOMAIN = 87
+PACKAGE = Path(__file__).parents[2] / "ros/tactophone_msgs"
 
 ROBOT = """
 import sys, time
@@ -181,3 +182,24 @@ def test_a_source_is_named_with_its_topic() -> None:
     options.add_settings(parser, "send")
     settings = options.settings_of(parser.parse_args(["--source", "ros:/audio"]))
     assert (settings.capture.source, settings.capture.device) == ("ros", "/audio")
+
+
+def test_the_package_for_colcon_has_the_type_that_is_published() -> None:
+    pytest.importorskip("rosbags")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from tactophone.bridges import ros_messages as messages
+    from tactophone.bridges.reader import Passed
+
+    name, text = "tactophone_msgs/msg/Prediction", (PACKAGE / "msg/Prediction.msg").read_text()
+    others = get_typestore(Stores.ROS2_HUMBLE)
+    others.register(get_types_from_msg(text, name))
+    assert others.hash_rihs01(name) == messages.open_type_store().hash_rihs01(name)
+    passed = Passed("thumb", STEP.predictions[0], STEP.commands[0], 1e9 + 0.25, 1e9 + 0.5, float("nan"))
+    sent = messages.predicted(passed)["touch"]
+    assert messages.type_name(type(sent)) == name
+    read = others.deserialize_cdr(sent.serialize(), name)
+    assert (read.header.stamp.sec, read.header.stamp.nanosec, read.header.frame_id) == (10**9, 250_000_000, "thumb")
+    assert (read.made.nanosec, read.rendered.sec, read.touch, read.event) == (500_000_000, 0, read.ROUGH, "")
+    assert list(read.probabilities) == pytest.approx([0.1, 0.2, 0.7])
+    assert [read.roughness, read.level_dbfs, read.amplitude, read.frequency] == [0.75, -20, 0.5, 60]

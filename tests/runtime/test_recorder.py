@@ -48,16 +48,16 @@ def test_nothing_is_written_before_a_batch_is_full_and_then_all_in_order(run: Ru
     assert not recorder.due(2.0)
 
 
-def test_nothing_waits_for_long_and_a_change_of_touch_not_at_all(run: Run) -> None:
+def test_nothing_waits_for_long_and_a_prediction_not_at_all(run: Run) -> None:
     recorder, _ = run
-    recorder.publish(step(0, Touch.NONE), now=1.0)
+    recorder.publish(step(0), now=1.0)
     assert not recorder.due(1.0)
     assert recorder.due(1.0 + LONGEST_DEFERRAL + 1e-3)
     recorder.write()
     recorder.publish(step(1, Touch.ROUGH), now=2.0)
     assert recorder.due(2.0)
     recorder.write()
-    recorder.publish(step(2, Touch.ROUGH), now=3.0)
+    recorder.publish(step(2), now=3.0)
     assert not recorder.due(3.0)
 
 

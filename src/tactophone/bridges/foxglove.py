@@ -34,7 +34,7 @@ PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 ORIGINS = ("https://app.foxglove.dev", "null", "file://")
 """Origins of Foxglove's page and of the desktop programs; others only from this machine."""
 
-INTERVAL = 0.05
+INTERVAL = 0.02
 """Seconds between two reads of the run."""
 
 BACKLOG = 500
@@ -73,6 +73,7 @@ class FoxgloveBridge:
         self._listening = _listen(address)
         self._acceptor = Acceptor()
         self._viewers: set[_Viewer] = set()
+        self._dropped = 0
         # A viewer that comes later needs the start of the run and its state too.
         self._latched: dict[str, Message] = {}
         self._loop = asyncio.new_event_loop()
@@ -94,6 +95,11 @@ class FoxgloveBridge:
         self._thread.join(2)
         self._listening.close()
 
+    @property
+    def missed(self) -> int:
+        """What was not read in time, and what slow viewers did not get."""
+        return sum(self._reader.missed.values()) + self._dropped
+
     def read(self) -> None:
         """Send what is new to those who subscribed."""
         messages: list[Message] = []
@@ -109,7 +115,7 @@ class FoxgloveBridge:
             if message.topic.name in ("/tactophone/run", "/tactophone/state"):
                 self._latched[message.topic.name] = message
             for viewer in self._viewers:
-                viewer.offer(message)
+                self._dropped += viewer.offer(message)
 
     def _serve(self) -> None:
         from aiohttp import web
@@ -177,11 +183,14 @@ class _Viewer:
         self._waiting: deque[Message] = deque(maxlen=BACKLOG)
         self._wake = asyncio.Event()
 
-    def offer(self, message: Message) -> None:
-        """Queue a message that it subscribed to."""
-        if self._shown[message.topic.name] in self._subscribed:
-            self._waiting.append(message)
-            self._wake.set()
+    def offer(self, message: Message) -> bool:
+        """Queue a message that it subscribed to; returns whether an older one was dropped for it."""
+        if self._shown[message.topic.name] not in self._subscribed:
+            return False
+        full = len(self._waiting) == BACKLOG
+        self._waiting.append(message)
+        self._wake.set()
+        return full
 
     def obey(self, text: str) -> None:
         """Subscribe and unsubscribe; everything else is ignored."""

@@ -114,6 +114,11 @@ class McapLog:
         self._log.metadata["missed"] = json.dumps(self._reader.missed)
         self._log.__exit__(*error)
 
+    @property
+    def missed(self) -> int:
+        """Predictions and bytes that were overwritten before they were read."""
+        return sum(self._reader.missed.values())
+
     def read(self) -> None:
         """Write what is new; raises `ConfigError` when the disk is full or gone: the log ends, not the run."""
         try:

@@ -7,11 +7,11 @@ import socket
 from collections import Counter
 from typing import Any, Self
 
-from tactophone.bridges.reader import Newest, NewestReader
+from tactophone.bridges.reader import Passed, PredictionReader
 from tactophone.errors import ConfigError
 
-INTERVAL = 0.01
-"""Seconds between two reads: about the interval of the predictions."""
+INTERVAL = 0.004
+"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
 
 DATAGRAMS = 32
 """Datagrams read at a time; a flood fills the socket's buffer and is lost there."""
@@ -23,7 +23,7 @@ VRCHAT = {"roughness": "TactophoneRoughness", "contact": "TactophoneContact", "a
 
 
 class OscBridge:
-    """Sends each newest prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
+    """Sends each prediction as OSC messages; a context manager whose `read` is called every `INTERVAL`.
 
     Where predictions end, and when the bridge does, a last message has no contact and amplitude 0, as what OSC drives
     keeps the value that it has.
@@ -56,7 +56,7 @@ class OscBridge:
         if not 0 <= listen < 1 << 16:
             raise ConfigError(f"bridges.osc_listen = {listen}: wanted a port from 1 to 65535; 0: none")
         self._address, self._listen, self._avatar = (host, int(port)), listen, avatar
-        self._reader = NewestReader(name, finger=finger)
+        self._reader = PredictionReader(name, finger=finger)
         self.counts: Counter[str] = Counter()
         self._inbound: socket.socket | None = None
 
@@ -83,26 +83,31 @@ class OscBridge:
         self._receive()
         self._send(self._reader.read())
 
-    def _send(self, found: dict[str, Newest]) -> None:
-        for finger, newest in found.items():
-            for address, values in self._messages(finger, newest):
+    @property
+    def missed(self) -> int:
+        """Predictions that were not passed on, as this process was too late."""
+        return self._reader.missed
+
+    def _send(self, found: list[Passed]) -> None:
+        for passed in found:
+            for address, values in self._messages(passed):
                 try:
                     self._client.send_message(address, values)
                 except OSError:
                     self.counts["not sent"] += 1
 
-    def _messages(self, finger: str, newest: Newest) -> list[tuple[str, Any]]:
-        base, command = f"/tactophone/{finger}", newest.command
+    def _messages(self, passed: Passed) -> list[tuple[str, Any]]:
+        base, command = f"/tactophone/{passed.finger}", passed.command
         messages: list[tuple[str, Any]] = [
-            (f"{base}/prediction", list(newest.prediction.probabilities)),
-            (f"{base}/roughness", newest.roughness),
-            (f"{base}/contact", int(newest.contact)),
+            (f"{base}/prediction", list(passed.prediction.probabilities)),
+            (f"{base}/roughness", passed.roughness),
+            (f"{base}/contact", int(passed.contact)),
             (f"{base}/vibration", [command.amplitude, command.frequency]),
         ]
         if self._avatar:
-            values = {"roughness": newest.roughness, "contact": float(newest.contact), "amplitude": command.amplitude}
+            values = {"roughness": passed.roughness, "contact": float(passed.contact), "amplitude": command.amplitude}
             # An avatar has one parameter for each name: those of a hand's fingers end with the finger's.
-            ending = finger.title().replace("-", "") if len(self._reader.fingers) > 1 else ""
+            ending = passed.finger.title().replace("-", "") if len(self._reader.fingers) > 1 else ""
             messages += [(f"/avatar/parameters/{VRCHAT[name]}{ending}", value) for name, value in values.items()]
         return messages
 

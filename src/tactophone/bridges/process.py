@@ -25,6 +25,10 @@ class Bridge(Protocol):
     def interval(self) -> float:
         """Seconds between two reads."""
 
+    @property
+    def missed(self) -> int:
+        """Messages that were lost, the oldest first, as this process or its receiver was too late."""
+
     def __enter__(self) -> Self: ...
 
     def __exit__(
@@ -68,10 +72,10 @@ class BridgeProcess:
             self._thread.join()
 
     def _follow(self) -> None:
-        errors = [text for kind, text in self._child.messages(None) if kind == "error"]
+        told = [text for kind, text in self._child.messages(None) if kind in ("error", "progress")]
         how = self._child.how_ended()
-        if errors:
-            self._report(errors[-1])
+        if told:
+            self._report(told[-1])
         elif how and not self._asked_to_end:
             self._report(
                 f"{self._name} ended ({how}): the run goes on without it, and what it drove may keep its last value"
@@ -90,5 +94,7 @@ def _run(parent: Parent, build: Callable[[], Bridge]) -> None:
             while not parent.wants_end(bridge.interval):
                 bridge.read()
             bridge.read()
+            if bridge.missed:
+                parent.tell(("progress", f"{type(bridge).__name__} came too late for {bridge.missed} messages"))
     except ModuleNotFoundError as error:
         raise TactophoneError(f"{error.name} is not installed: see the extras in docs/guide/bridges.md") from None

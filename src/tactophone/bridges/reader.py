@@ -1,4 +1,4 @@
-"""What is new in a run: as messages for a log and a live view, or the newest prediction for buses and middleware."""
+"""What is new in a run: as messages for a log and a live view, or every prediction for buses and middleware."""
 
 import math
 import time
@@ -23,6 +23,12 @@ SETTLED_DB = 1.0
 
 SILENCE = 0.1
 """Seconds without a new prediction after which a finger counts as silent: a run that ends leaves nothing vibrating."""
+
+BACKLOG = 100
+"""Predictions of a finger that may wait for their reader, about a second; older ones are of no use to a device."""
+
+FASTEST_DRIFT = 1e-4
+"""Greatest part by which a microphone's clock and this machine's run apart: cheap quartzes stay within 100 ppm."""
 
 _INFO, _WARNING = 2, 3
 
@@ -65,7 +71,7 @@ class RunReader:
         self.names = watcher.finger_names()
         self._log_count, self._prediction_counts = 0, [0] * watcher.fingers
         self._epoch = time.time() - time.monotonic()
-        self._lead = math.inf
+        self._clocks = [StreamClock() for _ in self.names]
         self._partial: tuple[bytes, ...] = ()
         self._settled = State(fingers=(FingerState(),) * watcher.fingers)
         self._health_at = 0.0
@@ -113,14 +119,12 @@ class RunReader:
                 self.missed["predictions"] += missed
                 yield self._event(now, f"{missed} predictions were not read in time", _WARNING)
             self._prediction_counts[finger] = count
-            if len(rows):
-                # A prediction carries the time of its stream. The least delay seen until it was read turns that into
-                # the time of the day, evenly, where the time of reading would be a staircase.
-                self._lead = min(self._lead, now - float(rows["window_end"][-1]))
             for row in rows:
                 prediction, command = prediction_of(row)
+                # A prediction carries the time of its stream, which is even; the time of reading is a staircase.
+                self._clocks[finger].follow(self._epoch + float(row["made"]), prediction.end)
                 data = msgspec.json.encode(entries_of(prediction, command))
-                yield Message(topic, self._lead + prediction.end, data)
+                yield Message(topic, self._clocks[finger].time(prediction.end), data)
 
     def _state(self, now: float) -> Iterator[Message]:
         state, before = self.watcher.state(), self._settled
@@ -169,12 +173,43 @@ def _changes(before: FingerState, after: FingerState) -> Iterator[str]:
             yield f"{name}: {getattr(after, name)}"
 
 
-@dataclass(frozen=True, slots=True)
-class Newest:
-    """The newest prediction of a finger and its command *as limited*; amplitude 0 where nothing vibrates."""
+class StreamClock:
+    """Turns times of a finger's stream into times of this machine, by the least delay seen.
 
+    The least delay from the end of the sound to its prediction (capture, packet, network, detector) stays in it: by so
+    much a time is late. No clock of the other machine enters.
+    """
+
+    def __init__(self) -> None:
+        self._least, self._at = math.inf, 0.0
+
+    def follow(self, made: float, end: float) -> None:
+        """Take a prediction of sound that ends at ``end`` (s of the stream), made at ``made`` (s of this machine)."""
+        # The least delay may grow again, as fast as two sound clocks part; else one lucky packet would hold for ever.
+        self._least = min(self._least + FASTEST_DRIFT * max(0.0, made - self._at), made - end)
+        self._at = made
+
+    def time(self, end: float) -> float:
+        """Return the time on this machine's clock of a time of the stream."""
+        return self._least + end
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """A prediction of a finger, its command *as limited* (amplitude 0 where nothing vibrates), and its times.
+
+    Times are in s since 1970, on the clock of this machine.
+    """
+
+    finger: str
     prediction: Prediction
     command: HapticCommand
+    sound: float
+    """When the sound at the window's end came in, by `StreamClock`."""
+    made: float
+    """When the prediction and its command were computed."""
+    rendered: float
+    """When the command is expected at the actuator, by the medians of the latency budget; NaN where nothing renders."""
 
     @property
     def contact(self) -> bool:
@@ -186,14 +221,14 @@ class Newest:
         """Of what it touches, 0 to 1; 0 without contact."""
         return self.prediction.roughness if self.contact else 0.0
 
-    def ended(self) -> "Newest":
+    def ended(self, now: float) -> "Passed":
         """Return the same without contact and vibration: what holds once predictions no longer come."""
-        command = self.command
-        return Newest(replace(self.prediction, touch=Touch.NONE), HapticCommand(0.0, command.frequency, command.time))
+        command = HapticCommand(0.0, self.command.frequency, self.command.time)
+        return replace(self, prediction=replace(self.prediction, touch=Touch.NONE), command=command, made=now)
 
 
-class NewestReader:
-    """Reads a run, and the processes that replace it.
+class PredictionReader:
+    """Reads every prediction of a run, and of the processes that replace it.
 
     ``finger`` names the finger of a run that has a single one; those of a hand have names.
 
@@ -201,46 +236,65 @@ class NewestReader:
     ----------
     fingers
         Names of all fingers, in order.
+    missed
+        Predictions that were passed on to nobody: the oldest, where more than `BACKLOG` were waiting.
     """
 
     def __init__(self, name: str, *, finger: str = "index") -> None:
         self.watcher = Watcher(name)
         names = self.watcher.finger_names()
         self.fingers = names if all(names) else [finger]
-        self._counts = [0] * len(self.fingers)
-        self._last: dict[str, tuple[float, Newest]] = {}
+        self._epoch = time.time() - time.monotonic()
+        self._last: dict[str, tuple[float, Passed]] = {}
+        self._begin()
         # What a run did before, perhaps long ago, is not the present.
         self._read()
+        self.missed = 0
 
-    def read(self) -> dict[str, Newest]:
-        """Return the newest prediction of each finger that has a new one since the last call, by its name.
+    def read(self) -> list[Passed]:
+        """Return the predictions since the last call, oldest first for each finger.
 
         A finger without one for `SILENCE` is returned once more, without contact and with amplitude 0.
         """
         now = time.monotonic()
         found = self._read()
-        self._last |= {finger: (now, newest) for finger, newest in found.items()}
-        return found | self.silenced(before=now - SILENCE)
+        self._last |= {passed.finger: (now, passed) for passed in found}
+        return found + self.silenced(before=now - SILENCE)
 
-    def silenced(self, *, before: float = math.inf) -> dict[str, Newest]:
+    def silenced(self, *, before: float = math.inf) -> list[Passed]:
         """Return each finger that touches or vibrates since its last prediction, read ``before`` a time, as silent."""
-        ended = {
-            finger: newest.ended()
-            for finger, (read_at, newest) in self._last.items()
-            if read_at < before and (newest.contact or newest.command.amplitude)
-        }
-        self._last |= {finger: (before, newest) for finger, newest in ended.items()}
+        now = self._epoch + time.monotonic()
+        ended = [
+            passed.ended(now)
+            for read_at, passed in self._last.values()
+            if read_at < before and (passed.contact or passed.command.amplitude)
+        ]
+        self._last |= {passed.finger: (before, passed) for passed in ended}
         return ended
 
-    def _read(self) -> dict[str, Newest]:
-        found: dict[str, Newest] = {}
+    def _begin(self) -> None:
+        self._counts, self._clocks = [0] * len(self.fingers), [StreamClock() for _ in self.fingers]
+        self.missed = 0
+
+    def _read(self) -> list[Passed]:
         if self.watcher.follow():
-            self._counts = [0] * len(self.fingers)
-        for place, finger in enumerate(self.fingers):
-            rows, self._counts[place] = self.watcher.predictions(self._counts[place], finger=place)
-            if len(rows):
-                prediction, command = prediction_of(rows[-1])
-                if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
-                    command = HapticCommand(0.0, 0.0, command.time)
-                found[finger] = Newest(prediction, command)
-        return found
+            missed = self.missed
+            self._begin()
+            self.missed = missed
+        return [passed for place in range(len(self.fingers)) for passed in self._read_finger(place)]
+
+    def _read_finger(self, place: int) -> Iterator[Passed]:
+        rows, count = self.watcher.predictions(self._counts[place], finger=place)
+        rows = rows[-BACKLOG:]
+        self.missed += max(0, count - self._counts[place] - len(rows))
+        self._counts[place] = count
+        if not len(rows):
+            return
+        after = self.watcher.gauge("latency_render") + self.watcher.gauge("latency_device")
+        for row in rows:
+            prediction, command = prediction_of(row)
+            if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
+                command = HapticCommand(0.0, 0.0, command.time)
+            made, clock = self._epoch + float(row["made"]), self._clocks[place]
+            clock.follow(made, prediction.end)
+            yield Passed(self.fingers[place], prediction, command, clock.time(prediction.end), made, made + after)

@@ -3,9 +3,10 @@
 Neither has authentication by default. So the two inbound topics can end a vibration, and no topic can begin one.
 """
 
+import math
 import os
 import time
-from collections import Counter
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Protocol, Self
@@ -19,14 +20,17 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 from tactophone.bridges import ros_messages as messages
-from tactophone.bridges.reader import NewestReader
+from tactophone.bridges.reader import Passed, PredictionReader
 from tactophone.errors import ConfigError
 from tactophone.telemetry.layout import Action
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, HapticCommand, PipelineStep
 
-INTERVAL = 0.01
-"""Seconds between two reads."""
+INTERVAL = 0.004
+"""Seconds between two reads: well under the interval of the predictions, as each drives a device."""
+
+SOUND_INTERVAL = 0.01
+"""Seconds of sound in a message, at least."""
 
 DIAGNOSTICS_INTERVAL = 1.0
 """Seconds between two diagnostics, as ROS's aggregator expects them."""
@@ -127,12 +131,12 @@ class RosBridge:
     ) -> None:  # fmt: skip
         self._name, self._publishes = name, publish
         self._domain, self._over = default_domain() if domain is None else domain, over
-        self._reader = NewestReader(name, finger=finger)
+        self._reader = PredictionReader(name, finger=finger)
         self._sinks = [sink for text in sinks for sink in messages.open_sinks(text, fingers=self._reader.fingers)]
         self._snapshots: dict[str, Snapshot] = {}
         self._beat = 0
         self._amplitudes = dict.fromkeys(self._reader.fingers, 0.0)
-        self._diagnosed_at = -DIAGNOSTICS_INTERVAL
+        self._diagnosed_at, self._sound_at = -DIAGNOSTICS_INTERVAL, 0.0
 
     def __enter__(self) -> Self:
         self._transport: Transport
@@ -166,20 +170,28 @@ class RosBridge:
         self._command(dict.fromkeys(self._reader.fingers, 0.0))
         self._transport.close()
 
+    @property
+    def missed(self) -> int:
+        """Predictions that were not passed on, as this process was too late."""
+        return self._reader.missed
+
     def read(self) -> None:
         """Pass on what is new, and obey a stop or a mute."""
         for action, reader in self._requests.items():
             # Whatever a stranger sends in numbers, one read takes some of it and asks once.
             if reader.take(N=10):
                 self._reader.watcher.ask(action)
-        found = self._reader.read()
-        for finger, newest in found.items() if self._publishes else ():
-            for suffix, message in messages.predicted(newest.prediction, newest.command).items():
-                self._writers[finger, suffix].write(message)
-        if found:
-            self._command({finger: newest.command.amplitude for finger, newest in found.items()})
-        if self._publishes:
-            now = time.time()
+        waiting: defaultdict[str, deque[Passed]] = defaultdict(deque)
+        for passed in self._reader.read():
+            for suffix, message in messages.predicted(passed).items() if self._publishes else ():
+                self._writers[passed.finger, suffix].write(message)
+            waiting[passed.finger].append(passed)
+        # A device gets the fingers of a hand in one message, one prediction of each at a time.
+        while together := [queue.popleft() for queue in waiting.values() if queue]:
+            self._command({passed.finger: passed.command.amplitude for passed in together})
+        now = time.time()
+        if self._publishes and not 0 <= now - self._sound_at < SOUND_INTERVAL:
+            self._sound_at = now
             for place, finger in enumerate(self._reader.fingers):
                 self._publish_sound(place, finger, now)
             self._diagnose(now)
@@ -207,6 +219,7 @@ class RosBridge:
         counters, _ = self._reader.watcher.totals()
         values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
         values |= {name: str(value) for name, value in counters.items() if value}
+        values |= {"predictions_missed": str(self.missed)} if self.missed else {}
         self._diagnostics.write(
             messages.DiagnosticArray(
                 messages.header(now),
@@ -327,7 +340,9 @@ class RosBag:
             self._write(step.finger, "audio", time, messages.sound(step.block.samples, self._epoch + time))
         for number, prediction in enumerate(step.predictions):
             command = step.commands[number] if step.commands else HapticCommand(0.0, 0.0, prediction.end)
-            for suffix, message in messages.predicted(prediction, command).items():
+            sound, made = self._epoch + prediction.end, self._epoch + command.time
+            passed = Passed(self._fingers[step.finger], prediction, command, sound, made, math.nan)
+            for suffix, message in messages.predicted(passed).items():
                 if suffix != "vibration":
                     self._write(step.finger, suffix, prediction.end, message)
                 elif step.commands:

@@ -4,6 +4,7 @@ A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire
 (ROS 2 design, "Topic and Service name mapping to DDS"). Fields and their order are those of ROS 2 Humble to Kilted.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,8 +13,9 @@ from typing import Any
 import numpy as np
 from cyclonedds.idl import IdlStruct, types
 
+from tactophone.bridges.reader import Passed
 from tactophone.errors import ConfigError
-from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray, HapticCommand, Prediction, Touch
+from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
 
 
 def _name(package: str, message: str) -> str:
@@ -160,7 +162,24 @@ class ManusVibrationCommand(IdlStruct, typename=_name("manus_ros2_msgs", "ManusV
     intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)
 
 
+@dataclass
+class StampedPrediction(IdlStruct, typename=_name("tactophone_msgs", "Prediction")):
+    """A prediction and its command with their times: ``ros/tactophone_msgs/msg/Prediction.msg`` explains each."""
+
+    header: Header = field(default_factory=Header)
+    made: Time = field(default_factory=Time)
+    rendered: Time = field(default_factory=Time)
+    touch: types.uint8 = 0
+    probabilities: types.array[types.float32, 3] = field(default_factory=lambda: [0.0] * 3)
+    roughness: types.float32 = 0.0
+    level_dbfs: types.float32 = 0.0
+    amplitude: types.float32 = 0.0
+    frequency: types.float32 = 0.0
+    event: str = ""
+
+
 PUBLISHED: dict[str, Any] = {
+    "touch": StampedPrediction,
     "prediction": Float32MultiArray,
     "vibration": Float32MultiArray,
     "roughness": Float32,
@@ -172,14 +191,21 @@ PUBLISHED: dict[str, Any] = {
 INFO = AudioInfo(2, LIVE_SAMPLE_RATE, "S16LE", 0, "wave")
 
 
-def predicted(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
+def predicted(passed: Passed) -> dict[str, Any]:
     """Return the messages of a prediction and its command, by the topics of `PUBLISHED`."""
+    prediction, command = passed.prediction, passed.command
+    roughness, level_dbfs = passed.roughness, max(prediction.level_dbfs, _LOWEST_DBFS)
     return {
+        "touch": StampedPrediction(
+            header(passed.sound, passed.finger), time_of(passed.made), time_of(passed.rendered), prediction.touch,
+            list(prediction.probabilities), roughness, level_dbfs, command.amplitude, command.frequency,
+            prediction.events[-1].kind if prediction.events else "",
+        ),
         "prediction": Float32MultiArray(data=list(prediction.probabilities)),
         "vibration": Float32MultiArray(data=[command.amplitude, command.frequency]),
-        "roughness": Float32(prediction.roughness if prediction.touch is not Touch.NONE else 0.0),
-        "contact_dbfs": Float32(max(prediction.level_dbfs, -200.0)),
-    }
+        "roughness": Float32(roughness),
+        "contact_dbfs": Float32(level_dbfs),
+    }  # fmt: skip
 
 
 def sound(samples: FloatArray, now: float) -> AudioDataStamped:
@@ -189,12 +215,24 @@ def sound(samples: FloatArray, now: float) -> AudioDataStamped:
     return AudioDataStamped(header(now), AudioData(data=list(data)))
 
 
-def header(now: float) -> Header:
+def header(now: float, frame: str = "fingertip") -> Header:
     """Return the header of a message of ``now`` (s since 1970)."""
-    return Header(Time(int(now), int(now % 1 * 1e9)), "fingertip")
+    return Header(time_of(now), frame)
 
+
+def time_of(now: float) -> Time:
+    """Return a time in s since 1970; 0 for one that is not known."""
+    return Time(int(now), int(now % 1 * 1e9)) if math.isfinite(now) else Time()
+
+
+_LOWEST_DBFS = -200.0
 
 _FURTHER = {
+    "tactophone_msgs/msg/Prediction": (
+        "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
+        "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
+        "string event"
+    ),
     "audio_common_msgs/msg/AudioData": "uint8[] data",
     "audio_common_msgs/msg/AudioDataStamped": "std_msgs/Header header\naudio_common_msgs/AudioData audio",
     "audio_common_msgs/msg/AudioInfo": (

@@ -21,7 +21,7 @@ from tactophone.settings import Settings
 from tactophone.telemetry.layout import LARGEST_RECORD
 from tactophone.telemetry.records import Controls, EventBatch, Record, RunStart, write_record
 from tactophone.telemetry.writer import Telemetry
-from tactophone.types import PipelineStep, Touch
+from tactophone.types import PipelineStep
 
 BATCH = 10
 """Steps after which everything is written: 25 ms of packets of 2.5 ms."""
@@ -49,8 +49,7 @@ class SessionRecorder:
         self._marks: list[tuple[int, tuple[tuple[int, float], ...]]] = []
         self._steps: list[tuple[PipelineStep, float, int, int]] = []
         self._since: float | None = None
-        self._touches: dict[int, Touch] = {}
-        self._changed = False
+        self._predicted = False
         self._log([describe_run(settings, role=role)])
 
     def mark(self, position: int, *reached: tuple[int, float]) -> None:
@@ -60,9 +59,8 @@ class SessionRecorder:
     def publish(self, step: PipelineStep, *, now: float, truth: int = -1) -> None:
         """Take a step computed at ``now`` (s)."""
         self._steps.append((step, now, truth, self._telemetry.vibration_count(step.finger)))
-        if step.predictions and step.predictions[-1].touch is not self._touches.get(step.finger, Touch.NONE):
-            # The beginning and the end of a touch are shown at once: they are rare, and somebody waits for them.
-            self._touches[step.finger], self._changed = step.predictions[-1].touch, True
+        # A prediction is shown once its packets are processed: bridges drive devices with each.
+        self._predicted = self._predicted or bool(step.predictions)
 
     def arrival(self, now: float, events: Sequence[Event], polled: bool = False) -> None:
         """Log events that are processed together at ``now`` (s), at the next `write`."""
@@ -88,11 +86,11 @@ class SessionRecorder:
         # The wait begins when somebody first asks, so that the clock need not be read for each call above.
         if self._since is None:
             self._since = now
-        return self._changed or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
+        return self._predicted or len(self._steps) >= BATCH or now - self._since >= LONGEST_DEFERRAL
 
     def write(self, truth_of: Callable[[int], int] | None = None) -> None:
         """Write everything in the order in which it came; ``truth_of`` a finger replaces the truth of its steps."""
-        self._since, self._changed = None, False
+        self._since, self._predicted = None, False
         # The log comes first: who reads a step finds what it was made of.
         self._log_arrivals()
         marks, self._marks = self._marks, []

@@ -211,8 +211,8 @@ STEP = np.dtype(
 command (`PREDICTION_FIELDS`; NaN before the first prediction). ``event`` is the newest touch event of this step alone.
 ``truth`` is the known `Touch`, or -1."""
 
-PREDICTION = np.dtype([(field.name, field.dtype) for field in PREDICTION_FIELDS], align=True)
-"""One prediction and the command computed from it."""
+PREDICTION = np.dtype([*((field.name, field.dtype) for field in PREDICTION_FIELDS), ("made", "f8")], align=True)
+"""One prediction and the command computed from it, and when, on the system-wide monotonic clock, in seconds."""
 
 MARK = np.dtype([("position", "i8"), ("time", "f8")])
 """The RTP timestamp at which a block of sound ends, and the time on the system-wide monotonic clock, in seconds."""

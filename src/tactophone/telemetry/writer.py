@@ -125,7 +125,7 @@ class Telemetry:
         )  # fmt: skip
         self._advance("step", 1, finger)
         for k, prediction in enumerate(step.predictions):
-            self._log(prediction, step.commands[k] if step.commands else None, finger)
+            self._log(prediction, step.commands[k] if step.commands else None, finger, now)
         self.count("steps")
         if step.predictions:
             self.count("predictions", len(step.predictions))
@@ -212,11 +212,11 @@ class Telemetry:
         events = [event for prediction in step.predictions for event in prediction.events]
         return 1 + EVENT_KINDS.index(events[-1].kind) if events else 0
 
-    def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int) -> None:
+    def _log(self, prediction: Prediction, command: HapticCommand | None, finger: int, made: float) -> None:
         command = command or HapticCommand(math.nan, math.nan, prediction.end)
         row = finger * layout.PREDICTION_CAPACITY + self._counts["prediction"][finger] % layout.PREDICTION_CAPACITY
         values = [field.of(prediction, command) for field in PREDICTION_FIELDS]
-        _PREDICTION.pack_into(self._rows["predictions"], row * _PREDICTION.size, *values)
+        _PREDICTION.pack_into(self._rows["predictions"], row * _PREDICTION.size, *values, made)
         self._advance("prediction", 1, finger)
 
     def _append(self, name: str, samples: FloatArray, finger: int) -> None:
