@@ -88,6 +88,12 @@ def test_a_card_of_another_shape_is_refused(card: str, tmp_path: Path) -> None:
         read_model(with_card(tmp_path / "hostile.onnx", card))
 
 
+def test_a_card_of_many_megabytes_is_refused(tmp_path: Path) -> None:
+    path = with_card(tmp_path / "long.onnx", json.dumps({**ENTRIES, "licence": "x" * 2_000_000}))
+    with pytest.raises(ModelError, match="characters"):
+        read_model(path)
+
+
 def test_metadata_that_is_not_text_is_refused(tmp_path: Path) -> None:
     path = write_tiny_model(tmp_path / "hostile.onnx")
     path.write_bytes(path.read_bytes().replace(b'"kind": "paper"', b'"kind": "\xff\xfe\xff\xfe\xff"'))

@@ -1,4 +1,6 @@
 import pickle
+import struct
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -134,3 +136,14 @@ def test_anything_else_is_refused_unopened(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(ModelError, match=message):
         import_published(tmp_path / "general.pt", tmp_path / "imported.onnx")
     assert not (tmp_path / "sprung").exists()
+
+
+def test_an_archive_that_grows_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.pt"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("archive/data.pkl", "x")
+    content = bytearray(path.read_bytes())
+    struct.pack_into("<I", content, content.index(b"PK\1\2") + 24, 3_000_000_000)
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match="200 MB once it is unpacked"):
+        import_published(path, tmp_path / "model.onnx")

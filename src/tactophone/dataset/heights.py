@@ -15,6 +15,7 @@ cut-off at each edge is not evaluated, as with profiles. Ra, Rz and RSm of a map
 import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,9 @@ SHORT_CUTOFFS = {0.08e-3: 2.5e-6, 0.25e-3: 2.5e-6, 0.8e-3: 2.5e-6, 2.5e-3: 8e-6,
 
 ROWS = 64
 """Most rows that are measured as profiles, evenly drawn: their mean hardly moves with more."""
+
+MOST_HEIGHTS = 1 << 25
+"""Heights in a file, 5,800 x 5,800; measuring them takes 64 bytes each and more. A larger map is not read."""
 
 STEEPEST = 10.0
 """Slope, rms: 84 degrees. Steeper ones come from heights in another unit than stated."""
@@ -277,8 +281,12 @@ def read_heights(path: Path, *, unit: str = "m", height_range: float | None = No
     if not path.is_file():
         raise DatasetError(f"{path}: no such file; name a height map or profile: .npy, .npz, .csv or .png")
     try:
+        if (size := _size(path)) > 8 * MOST_HEIGHTS:
+            raise ValueError(
+                f"{size / 1e9:.1f} GB of numbers, but at most {8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it"
+            )
         heights, step = _read(path, UNITS[unit], height_range)
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError, EOFError, BadZipFile) as error:
         raise DatasetError(f"{path}: cannot be read as heights ({error})") from None
     if heights.ndim not in (1, 2) or heights.size == 0:
         raise DatasetError(f"{path}: heights of shape {heights.shape}; a profile has one axis, a map two")
@@ -286,6 +294,22 @@ def read_heights(path: Path, *, unit: str = "m", height_range: float | None = No
         share = float(1 - np.isfinite(heights).mean())
         raise DatasetError(f"{path}: {share:.2%} of its heights are no numbers; fill or cut the gaps first")
     return heights, step
+
+
+def _size(path: Path) -> int:
+    """Return how many bytes the numbers of a file take, by what it says of itself before anything is unpacked."""
+    match path.suffix.lower():
+        case ".npy":
+            return int(np.load(path, mmap_mode="r", allow_pickle=False).nbytes)
+        case ".npz":
+            with ZipFile(path) as arrays:
+                return sum(part.file_size for part in arrays.infolist())
+        case ".png":
+            from PIL.PngImagePlugin import PngImageFile
+
+            with PngImageFile(path) as image:
+                return 8 * image.width * image.height
+    return path.stat().st_size
 
 
 def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights, float | None]:

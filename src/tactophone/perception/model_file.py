@@ -115,6 +115,8 @@ class ModelCard:
     @classmethod
     def from_json(cls, text: str) -> "ModelCard":
         """Read a card; raises `ValueError`, `KeyError` or `TypeError` if the text is not a card of this format."""
+        if len(text) > MAX_CARD:
+            raise ValueError(f"a card of {len(text)} characters, but at most {MAX_CARD}")
         try:
             entries = printable(json.loads(text))
         except (RecursionError, OverflowError) as error:
@@ -227,6 +229,9 @@ def _options() -> "onnxruntime.SessionOptions":
 def _first_line(error: Exception) -> str:
     return str(printable(str(error).strip().partition("\n")[0][:160]))
 
+
+MAX_CARD = 1_000_000
+"""Characters of a card; the shipped ones have a few thousand."""
 
 MAX_BYTES = 200_000_000
 """Of a model file; the paper's network in 32 bits takes 7.5 MB."""

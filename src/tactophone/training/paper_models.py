@@ -20,7 +20,7 @@ from typing import Any
 import torch
 
 from tactophone.errors import ModelError
-from tactophone.perception.model_file import Gate
+from tactophone.perception.model_file import MAX_BYTES, Gate
 from tactophone.training.export import BINS, channels_of, make_card, write_model
 from tactophone.training.network import PaperNetwork, weights_of
 from tactophone.training.recipes import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
@@ -85,6 +85,8 @@ def _read(path: Path) -> Mapping[str, Any]:
             f"Give {_EXPECTED}"
         )
     with zipfile.ZipFile(path) as archive:
+        if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
+            raise ModelError(f"{path}: over {MAX_BYTES / 1e6:g} MB once it is unpacked; give {_EXPECTED}")
         # torch does not look at the checksums itself.
         names, damaged = archive.namelist(), archive.testzip()
     if damaged:
