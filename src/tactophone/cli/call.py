@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 EXAMPLES = {
     "call": (
         "tactophone call",
-        "tactophone call --robot --source finger",
-        "tactophone call --remember lab",
-        "tactophone call lab",
+        "tactophone call --robot --source finger --remember lab",
         "tactophone call --check",
     ),
     "answer": (
