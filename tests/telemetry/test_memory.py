@@ -4,13 +4,15 @@ import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tactophone.errors import TactophoneError
 from tactophone.telemetry.layout import State
-from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive, remove_leftovers
+from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive, remove_leftovers, remove_memory
 from tactophone.telemetry.watcher import Watcher, running
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, PipelineStep
@@ -173,3 +175,35 @@ def test_memory_that_another_run_is_just_making_is_no_leftover(name: str) -> Non
         assert draft.exists()
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _pipe(path: Path) -> None:
+    os.mkfifo(path, 0o666)
+
+
+def _other_users_file(path: Path) -> None:
+    path.write_bytes(bytes(8) + (4_000_000).to_bytes(8, "little") + bytes(100))
+    path.chmod(0o644)
+    os.chown(path, 65534, 65534)
+
+
+def _link(path: Path) -> None:
+    path.symlink_to("/etc/hostname")
+
+
+@pytest.mark.parametrize("squat", [_pipe, Path.mkdir, _link, _other_users_file])
+def test_a_name_that_another_user_took_is_one_line_and_never_waits(name: str, squat: Callable[[Path], None]) -> None:
+    if squat is _other_users_file and os.getuid() != 0:
+        pytest.skip("only root can make a file of another user")
+    path = folder() / f"{PREFIX}{name}"
+    squat(path)
+    try:
+        with pytest.raises(TactophoneError, match="another user or program: remove it, or choose another --name"):
+            Telemetry(name)
+        with pytest.raises(TactophoneError, match="another user or program"):
+            Watcher(name)
+        remove_memory(name)
+        remove_leftovers()
+        assert os.path.lexists(path)
+    finally:
+        path.rmdir() if path.is_dir() else path.unlink()

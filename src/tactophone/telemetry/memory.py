@@ -6,6 +6,7 @@ running process when a process that only read it exits.
 
 import contextlib
 import os
+import stat
 import struct
 import sys
 import tempfile
@@ -121,7 +122,7 @@ def remove_leftovers() -> list[str]:
 def _is_leftover(path: Path) -> bool:
     if path.name.startswith("."):  # unfinished: nothing is known of it but its age
         return time.time() - path.lstat().st_ctime > LEFT_AFTER
-    with path.open("rb", buffering=0) as file:
+    with _own_file(path, os.O_RDONLY) as file:
         head = file.read(24)
     if len(head) < 24 or is_alive(int.from_bytes(head[8:16], sys.byteorder)):
         return False
@@ -131,7 +132,7 @@ def _is_leftover(path: Path) -> bool:
 
 def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
     """Make the file under a name that no reader looks for, until it is complete."""
-    if path.exists():
+    if os.path.lexists(path):
         pid = _left_by(path)
         if is_alive(pid):
             raise TactophoneError(f"{_run(path)} runs already (process {pid}): stop it, or choose another --name")
@@ -155,31 +156,43 @@ def _created(draft: Path, path: Path, fingers: int) -> BinaryIO:
 
 def _left_by(path: Path) -> int:
     """Return the pid of the writer; it lies at the same offset in every version."""
+    with _own_file(path, os.O_RDONLY) as file:
+        return int.from_bytes(file.read(16)[8:], sys.byteorder)
+
+
+def _own_file(path: Path, mode: int) -> BinaryIO:
+    """Open what has the name of a run; raises `TactophoneError` unless it is this user's regular file.
+
+    In the memory file system every user may make a file, pipe, folder or link of any name.
+    """
     try:
-        with path.open("rb", buffering=0) as file:
-            return int.from_bytes(file.read(16)[8:], sys.byteorder)
-    except PermissionError:
-        raise TactophoneError(f"{path} belongs to another user: choose another --name") from None
+        # Not waiting for the other end of a pipe, nor following a link.
+        file = os.fdopen(os.open(path, mode | os.O_NONBLOCK | os.O_NOFOLLOW), "rb" if mode == os.O_RDONLY else "r+b")
+    except FileNotFoundError:
+        raise TactophoneError(
+            f"cannot reach {_run(path)} (there is no such run): start `tactophone receive` (or send, loopback), "
+            "or name another with --name"
+        ) from None
+    except OSError:
+        file = None
+    status = os.fstat(file.fileno()) if file else None
+    if file is None or status is None or not stat.S_ISREG(status.st_mode) or status.st_uid != os.getuid():
+        if file:
+            file.close()
+        raise TactophoneError(
+            f"cannot reach {_run(path)}: {path} belongs to another user or program: remove it, or choose another --name"
+        )
+    return file
 
 
 def _opened(path: Path) -> BinaryIO:
-    try:
-        file = os.fdopen(os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0)), "r+b")
-    except OSError as error:
-        reason = "there is no such run" if isinstance(error, FileNotFoundError) else error.strerror
-        raise TactophoneError(
-            f"cannot reach {_run(path)} ({reason}): start `tactophone receive` (or send, loopback), "
-            "or name another with --name"
-        ) from None
+    file = _own_file(path, os.O_RDWR)
     whole = os.fstat(file.fileno())
     fingers = _fingers_of(file)
     fits = 1 <= fingers <= MOST_FINGERS and whole.st_size == layout_of(fingers).itemsize
     if not fits or int.from_bytes(file.read(8), sys.byteorder) != fingerprint_of(fingers):
         file.close()
         raise TactophoneError(f"{_run(path)} is of another version of Tactophone: use one version for both sides")
-    if whole.st_uid not in (0, os.getuid()):
-        file.close()
-        raise TactophoneError(f"{path} belongs to another user: remove it, or choose another --name")
     return file
 
 
