@@ -42,11 +42,11 @@ def strength(watcher: Watcher) -> float:
 
 def test_mute_silences_the_actuator_until_somebody_arms(browser: webdriver.Chrome, address: str) -> None:
     browser.get(address)
-    wait(browser, lambda: text(browser, "output-state") == "armed", 20)
+    wait(browser, lambda: text(browser, "life") == "live", 20)
     watcher = Watcher(NAME)
     wait(browser, lambda: strength(watcher) > 0, 30)
     browser.find_element(By.ID, "mute").click()
-    wait(browser, lambda: text(browser, "output-state").startswith("muted"))
+    wait(browser, lambda: text(browser, "life") == "muted")
     time.sleep(0.5)
     until = time.monotonic() + 3
     while time.monotonic() < until:
@@ -60,7 +60,7 @@ def test_mute_silences_the_actuator_until_somebody_arms(browser: webdriver.Chrom
 
 def test_a_ceiling_lowered_on_the_page_bounds_the_vibration(browser: webdriver.Chrome, address: str) -> None:
     browser.get(address)
-    wait(browser, lambda: text(browser, "output-state") == "armed", 20)
+    wait(browser, lambda: text(browser, "life") == "live", 20)
     watcher = Watcher(NAME)
     browser.execute_script(
         "const slider = document.getElementById('ceiling'); slider.value = 0.03;"

@@ -10,11 +10,14 @@ from typing import Self
 import numpy as np
 
 from tactophone.pages.game import Point
+from tactophone.runtime.gate import EMERGENCY_STOP
 from tactophone.telemetry.layout import Fault, FingerState, State
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 RATE, STEP = 48_000, 480
+
+MUTED_BECAUSE = {"arm": "", "mute": "muted on the page", "stop": EMERGENCY_STOP}
 
 
 class Run:
@@ -40,6 +43,7 @@ class Run:
         )  # fmt: skip
         self._rng = np.random.default_rng(1)
         self._ended = threading.Event()
+        self.silent = False
         self._thread = threading.Thread(target=self._go)
 
     def __enter__(self) -> Self:
@@ -72,14 +76,16 @@ class Run:
         while not self._ended.wait(max(0.0, begin + step * STEP / RATE - time.monotonic())):
             self._obey()
             self._follow()
-            self._step(step)
+            if self.silent:  # the robot's side hangs, and this side lives
+                self.telemetry.update(self.state, now=time.monotonic())
+            else:
+                self._step(step)
             step += 1
 
     def _obey(self) -> None:
         for request in self.telemetry.requests():
-            if request.action in ("mute", "arm"):
-                armed = request.action == "arm"
-                self._change(armed=armed, muted_because="" if armed else "muted on the page")
+            if request.action in MUTED_BECAUSE:
+                self._change(armed=request.action == "arm", muted_because=MUTED_BECAUSE[request.action])
             elif request.action == "profile":
                 self._change(profile=request.text)
             else:

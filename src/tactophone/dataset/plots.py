@@ -3,8 +3,10 @@
 The colours are those of Okabe and Ito (2008), which stay distinct for every kind of colour vision.
 """
 
+import re
 from collections import Counter
 from collections.abc import Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,13 @@ from tactophone.types import Touch
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE = "#CC79A7"
+_PALETTE = (files("tactophone") / "pages" / "static" / "palette.css").read_text(encoding="utf-8")
+TOUCH_COLOURS = {touch: re.findall(rf"--{touch.name.lower()}: (#\w+)", _PALETTE)[0] for touch in Touch}
+"""Of the pages' light theme, whose file says them for pages and figures alike."""
+
+CONTACT_COLOUR, VIBRATION_COLOUR = (re.findall(rf"--{name}: (#\w+)", _PALETTE)[0] for name in ("contact", "vibration"))
 GREY = "#8C8C8C"
 """For what is absent; not one of Okabe and Ito's."""
-
-TOUCH_COLOURS = {Touch.NONE: "#E4E4E4", Touch.SMOOTH: "#56B4E9", Touch.ROUGH: VERMILION}
 
 _STYLE: Any = {
     "font.size": 9,
@@ -37,8 +42,6 @@ EXCERPT = 5.0
 
 MAX_FREQUENCY = 4000.0
 """Hz; what the link's usual setting transmits."""
-
-COLOURS = {Touch.ROUGH: VERMILION, Touch.SMOOTH: BLUE}
 
 
 def load_pyplot() -> Any:
@@ -90,7 +93,7 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
     for recording in recordings:
         surface = recording.surface
         low, middle, high = _levels(recording)
-        colour = COLOURS.get(recording.label, GREY) if recording.label is not None else GREY
+        colour = GREY if recording.label is None else TOUCH_COLOURS[recording.label]
         # Takes of a surface share its row, spread over 0.7 of the row's height.
         height = row_of[surface] + 0.7 * ((drawn[surface] + 0.5) / max_takes - 0.5)
         drawn[surface] += 1
@@ -98,8 +101,8 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
         axes.plot(middle, height, "o", color=colour, markersize=3)
     axes.set_yticks(range(len(row_of)), list(row_of), fontsize=7)
     axes.set_xlabel("level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=8)
-    for label, colour in COLOURS.items():
-        axes.plot([], [], "o", color=colour, label=label.name.lower())
+    for label in (Touch.ROUGH, Touch.SMOOTH):
+        axes.plot([], [], "o", color=TOUCH_COLOURS[label], label=label.name.lower())
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
     axes.grid(axis="x", alpha=0.3)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, TOUCH_COLOURS, VERMILION, load_pyplot
+from tactophone.dataset.plots import CONTACT_COLOUR, GREY, ORANGE, TOUCH_COLOURS, VIBRATION_COLOUR, load_pyplot
 from tactophone.dataset.values import Segment
 from tactophone.offline.recording import PeakEnvelope
 from tactophone.telemetry.records import read_timeline
@@ -75,7 +75,7 @@ def _draw_microphones(axes: Sequence[Any], envelope: PeakEnvelope) -> None:
     time, low, high = envelope.columns()
     names = ("contact", "air") if len(axes) == 2 else ("microphone",)
     for channel, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        axis.fill_between(time, low[:, channel], high[:, channel], color=BLUE, linewidth=0.4)
+        axis.fill_between(time, low[:, channel], high[:, channel], color=CONTACT_COLOUR, linewidth=0.4)
         # Each on its own scale, at least -40 dBFS: the air microphone is some 20 dB quieter than the contact one.
         reach = max(0.01, float(np.abs([low[:, channel], high[:, channel]]).max()) * 1.05)
         axis.set(ylim=(-reach, reach), ylabel=f"{name}\n(full scale)")
@@ -88,14 +88,20 @@ def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
         out=np.full_like(lines["rough"], np.nan), where=lines["smooth"] + lines["rough"] > 0,
     )  # fmt: skip
     axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7)
-    axis.step(lines["time"], np.where(in_contact, share, np.nan), where="post", color=VERMILION, linewidth=1.1)
+    axis.step(
+        lines["time"],
+        np.where(in_contact, share, np.nan),
+        where="post",
+        color=TOUCH_COLOURS[Touch.ROUGH],
+        linewidth=1.1,
+    )
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
 
 
 def _draw_vibration(axis: Any, envelope: PeakEnvelope, lines: dict[str, Any]) -> None:
     time, low, high = envelope.columns()
-    axis.fill_between(time, low[:, 0], high[:, 0], color=GREEN, linewidth=0.4)
+    axis.fill_between(time, low[:, 0], high[:, 0], color=VIBRATION_COLOUR, linewidth=0.4)
     axis.set(ylim=(-1.05, 1.05), yticks=(-1, 0, 1), ylabel="vibration\n(full drive)")
     pitch = axis.twinx()
     frequency = np.where(lines["amplitude"] > 0, lines["frequency"], np.nan)
@@ -108,7 +114,7 @@ def _draw_vibration(axis: Any, envelope: PeakEnvelope, lines: dict[str, Any]) ->
 def _draw_strip(axis: Any, name: str, spans: Sequence[tuple[float, float, Touch | None]]) -> None:
     for start, end, touch in spans:
         if touch is not None and np.isfinite(end):
-            axis.axvspan(start, end, color=TOUCH_COLOURS[touch], linewidth=0)
+            axis.axvspan(start, end, color=TOUCH_COLOURS[touch], alpha=0.25 if touch is Touch.NONE else 1, linewidth=0)
     axis.set(yticks=[], ylim=(0, 1))
     axis.set_ylabel(name, rotation=0, ha="right", va="center")
     for side in ("left", "bottom"):
@@ -131,10 +137,13 @@ def _add_legend(figure: Any) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    strips = [Patch(color=colour, label=touch.name.lower()) for touch, colour in TOUCH_COLOURS.items()]
+    strips = [
+        Patch(color=colour, alpha=0.25 if touch is Touch.NONE else 1, label=touch.name.lower())
+        for touch, colour in TOUCH_COLOURS.items()
+    ]
     handles = [
         *strips,
-        Line2D([], [], color=VERMILION, label="roughness in contact"),
+        Line2D([], [], color=TOUCH_COLOURS[Touch.ROUGH], label="roughness in contact"),
         Line2D([], [], color=_NO_CONTACT_COLOUR, label="... without contact"),
         Line2D([], [], color=ORANGE, label="vibration frequency"),
     ]

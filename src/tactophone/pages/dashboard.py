@@ -25,6 +25,7 @@ from tactophone.pages.views import (
     is_local,
     messages_of,
     page,
+    say_command,
 )
 from tactophone.telemetry.layout import FingerState, Request, State
 
@@ -159,6 +160,7 @@ async def _live(request: web.Request) -> web.StreamResponse:
     credit = asyncio.Semaphore(CREDIT)
     recorder = request.app.get(RECORDER)
     try:
+        await say_command(view, request)
         if recorder is not None:
             await view.send_str(json.dumps(recorder.status))
         async with asyncio.TaskGroup() as tasks:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,9 @@ from tactophone.pages.views import (
     is_local,
     messages_of,
     page,
+    say_command,
 )
-from tactophone.telemetry.layout import Request
+from tactophone.telemetry.layout import Action, Request
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import Touch
 
@@ -74,6 +76,7 @@ class _PlayerSlot:
             if loser is view:
                 return view
         self._view = view
+        await say_command(view, request)
         player = _Player(self._game, self._run, view, self._played, local=is_local(request))
         async with asyncio.TaskGroup() as tasks:
             sending = tasks.create_task(player.send())
@@ -105,6 +108,9 @@ class _Player:
             "move": self._move,
             "choose": self._choose,
             "delay": self._delay,
+            "stop": partial(self._request, "stop"),
+            "mute": partial(self._request, "mute"),
+            "arm": partial(self._request, "arm"),
         }
         async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
@@ -117,6 +123,11 @@ class _Player:
                 await actions[arguments.pop("action")](**arguments)
             except (ValueError, TypeError, KeyError, AttributeError) as error:
                 await self._view.send_str(json.dumps({"refused": str(error)}))
+
+    async def _request(self, action: Action) -> None:
+        if action == "arm" and not self._local:
+            raise ValueError("only a page on the run's own machine may arm")
+        self._run.ask(Request(action))
 
     async def send(self) -> None:
         """Send the vibration since the last message, until the connection closes."""
@@ -162,7 +173,8 @@ class _Player:
         self.played += 1
         self._round = Round(order, seed=seed, trainer=bool(trainer))
         self._begun, self._steps = time.monotonic(), []
-        if self._local:  # a page on another machine never arms
+        stopped = self._last is not None and self._last.finger.muted_because.startswith("emergency stop")
+        if self._local and not stopped:  # a page on another machine never arms, and a stop is released by its button
             self._run.ask(Request("arm"))  # a player's request, in case a fault has muted the run
         self._command(("lay", tuple(int(touch) for touch in order), seed))
         await self._view.send_str(json.dumps({"begun": True, "trainer": self._round.trainer}))

@@ -6,6 +6,8 @@ it is accepted and closed at once, with a reason that it shows.
 
 import asyncio
 import json
+import shlex
+import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Sized
 from contextlib import suppress
 from importlib.resources import files
@@ -85,6 +87,13 @@ def is_local(request: web.Request) -> bool:
         return False
     peer, own = (request.transport.get_extra_info(end) for end in ("peername", "sockname"))
     return bool(peer and own and peer[0] == own[0])
+
+
+async def say_command(view: web.WebSocketResponse, request: web.Request) -> None:
+    """Tell a page on this machine the command line of the run, which it shows when the run has ended."""
+    if is_local(request):
+        with suppress(ConnectionError):
+            await view.send_str(json.dumps({"command": shlex.join(["tactophone", *sys.argv[1:]])}))
 
 
 async def admit(request: web.Request, views: Sized, most: int) -> web.WebSocketResponse | None:

@@ -7,9 +7,7 @@ const HOLD = 1000; // ms for which a slider stays where it was set, until the ru
 export class Controls {
   #form = document.querySelector("#controls");
   #answer = document.querySelector("#answer");
-  #mute = document.querySelector("#mute");
   #held = new Map();
-  #state = null;
 
   constructor(send) {
     this.send = send;
@@ -19,26 +17,18 @@ export class Controls {
     this.#slider("ceiling", "change", (value) => ({ action: "ceiling", value }));
     this.#form.profile.addEventListener("change", ({ target }) => this.#request({ action: "profile", text: target.value }));
     this.#form.addEventListener("submit", (event) => event.preventDefault());
-    this.#mute.addEventListener("click", () => this.#request({ action: this.#state.armed ? "mute" : "arm" }));
-    addEventListener("keydown", (event) => this.#key(event));
   }
 
   /** Show the settings of the run, or that there is no run. */
   show(state, alive) {
-    this.#state = state;
     const idle = !alive || state.role === "replay";
     this.#form.inert = idle;
-    this.#mute.disabled = idle;
-    this.#mute.hidden = state.role === "replay";
-    put(this.#mute, state.armed ? "Mute" : "Arm");
-    this.#mute.dataset.armed = state.armed;
     this.#form.ceiling.max = state.ceiling;
     this.#set("level", state.output_level, percent);
     this.#set("ceiling", state.ceiling, percent);
     this.#set("threshold", state.threshold_dbfs, dbfs);
     this.#showProfiles(state);
     this.#showFloor(state.noise_floor_dbfs);
-    if (state.role === "replay") put(this.#answer, "This is a replay: there is no output to control.");
   }
 
   /** Show why a request was refused. */
@@ -78,13 +68,5 @@ export class Controls {
     mark.hidden = floor === null;
     mark.style.left = `${(100 * (Math.max(floor ?? 0, min) - min)) / (max - min)}%`;
     put(document.querySelector("#floor"), floor === null ? "Noise floor: not measured yet." : `Noise floor ${dbfs(floor)}, marked on the slider.`);
-  }
-
-  #key(event) {
-    const typing = event.target.closest?.("input, select, textarea");
-    // M only mutes: a slip of the finger must not start a vibration.
-    if (event.key.toLowerCase() === "m" && !typing && !event.ctrlKey && !event.metaKey && this.#state?.armed) {
-      this.#request({ action: "mute" });
-    }
   }
 }

@@ -6,6 +6,7 @@ import { FULL_SCALE, dbfs, percent, put, showFaults, showLatency, showLink, form
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Record } from "./record.js";
+import { StateBar } from "./statebar.js";
 import { Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
@@ -135,7 +136,8 @@ const charts = [
 
 function onMessage({ header, tables }) {
   alive = header.alive;
-  if (header.waiting_for) return showLife(`waiting for “${header.waiting_for}”`);
+  bar.take({ ...header, ...header.state }, tables.steps?.rows || tables.sound?.rows);
+  if (header.waiting_for) return;
   if (header.origin < now - REWOUND) [steps, sound, scope, events].forEach((track) => track.clear());
   now = header.origin;
   steps.append(tables.steps, now);
@@ -144,7 +146,7 @@ function onMessage({ header, tables }) {
   appendScope(tables.scope);
   if (header.state) showState(header);
   if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);
-  showLife(alive ? "live" : header.age < 3600 ? `no heartbeat for ${formatNumber(header.age)} s` : "ended");
+  if (!alive && state) controls.show(state, false);
 }
 
 // The fingers of a hand: what each does now, and a link to its page.
@@ -188,22 +190,8 @@ function showState({ state: newest, counters, gauges }) {
   showFaults($("faults"), state.faults);
   showLink($("link"), counters, gauges);
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
-  put($("output-state"), outputState());
-  $("output-state").dataset.armed = state.armed && alive;
   put($("ceiling-now"), percent(state.ceiling));
   document.body.classList.toggle("mono", state.channels === 1);
-}
-
-function outputState() {
-  if (state.role === "replay") return "replay: no actuator is driven";
-  if (!alive) return "muted: the run has ended";
-  return state.armed ? "armed" : `muted: ${state.muted_because || "not armed"}`;
-}
-
-function showLife(text) {
-  put($("life"), text);
-  $("life").dataset.alive = alive;
-  if (!alive && state) controls.show(state, false);
 }
 
 function showNow() {
@@ -240,10 +228,13 @@ const feed = new Feed(FINGER ? `live?finger=${FINGER}` : "live", {
   onMessage,
   onAnswer: (answer) => {
     if ("recording" in answer) record.show(answer.recording);
+    if (answer.command) bar.command = answer.command;
     if (answer.refused) controls.refuse(answer.refused);
+    if (answer.refused) bar.refuse(answer.refused);
   },
-  onLost: (why) => { alive = false; showLife(why); },
+  onLost: (why) => { alive = false; bar.lost(why); },
 });
+const bar = new StateBar((request) => feed.send(request));
 const controls = new Controls((request) => feed.send(request));
 const record = new Record((request) => feed.send(request));
 requestAnimationFrame(frame);

@@ -4,6 +4,7 @@ import { dbfs, formatNumber, percent, put, showFaults } from "./figures.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Microphone } from "./microphone.js";
+import { StateBar } from "./statebar.js";
 
 const $ = (id) => document.getElementById(id);
 const TOUCHES = ["no contact", "smooth", "rough"];
@@ -48,7 +49,8 @@ function count({ rows, columns, numbers }) {
 }
 
 function show({ header, tables }) {
-  if (header.waiting_for) return showLife("waiting for the run", false);
+  bar.take({ ...header, ...header.state }, tables.steps?.rows || tables.sound?.rows);
+  if (header.waiting_for) return;
   state = header.state ?? state;
   if (header.state) {
     showFaults($("faults"), state.faults);
@@ -58,7 +60,6 @@ function show({ header, tables }) {
     put($("threshold-now"), dbfs(held ? $("threshold").valueAsNumber : state.threshold_dbfs));
     put($("floor"), state.noise_floor_dbfs === null ? "" : `Noise floor ${dbfs(state.noise_floor_dbfs)}: set the threshold some dB above.`);
   }
-  showLife(header.alive ? "live" : "ended", header.alive);
   if (tables.sound.rows) meter.show(last(tables.sound, LEVEL), last(tables.sound, LOW), last(tables.sound, HIGH), state?.threshold_dbfs);
   if (!tables.steps.rows) return;
   const touch = last(tables.steps, TOUCH);
@@ -69,13 +70,12 @@ function show({ header, tables }) {
   count(tables.steps);
 }
 
-function showLife(text, alive) {
-  put($("life"), text);
-  $("life").dataset.alive = alive;
-}
-
 const feed = new Feed("live", {
   onMessage: show,
-  onAnswer: ({ refused }) => refused && put($("floor"), `Refused: ${refused}.`),
-  onLost: (why) => showLife(why, false),
+  onAnswer: ({ refused, command }) => {
+    if (refused) bar.refuse(refused);
+    if (command) bar.command = command;
+  },
+  onLost: (why) => bar.lost(why),
 });
+const bar = new StateBar((request) => feed.send(request));

@@ -5,6 +5,7 @@ import { Feed } from "../static/live.js";
 import { reveal } from "./reveal.js";
 import { Fingertip } from "../static/fingertip.js";
 import { Speaker } from "../static/speaker.js";
+import { StateBar } from "../static/statebar.js";
 import { Hand } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
@@ -31,17 +32,21 @@ const feed = new Feed("player", {
     if (header.result) return lift(header, tables);
     speaker.play(tables.vibration.numbers);
     motor.take(header);
-    if (header.alive) showLife(header.armed ? "ready" : "muted by a fault: begin a new round", header.armed);
-    else showLife("starting", false);
-    $("begin").disabled = $("again").disabled = !header.alive;
+    bar.take({ ...header, age: 0 }, tables.vibration.rows);
+    $("begin").disabled = $("again").disabled = !header.alive || bar.state === "stopped";
     if (header.detected) train(header);
   },
-  onAnswer: ({ refused }) => { if (refused) put($("message"), refused); },
+  onAnswer: ({ refused, command }) => {
+    if (refused) put($("message"), refused);
+    if (command) bar.command = command;
+  },
   onLost: (why) => {
-    showLife(why, false);
+    bar.lost(why);
     $("begin").disabled = $("again").disabled = true;
   },
 });
+
+const bar = new StateBar((request) => feed.send(request), { ready: "ready" });
 
 const hand = new Hand($("stage"), $("finger"), {
   onMove: ({ x, y, force }) => feed.send({ action: "move", x, y, force }),
@@ -69,11 +74,6 @@ function train({ detected, truth }) {
   const name = (touch) => `<b class="${touch}">${touch === "none" ? "nothing" : touch}</b>`;
   const text = `${name(truth)} under the finger, ${name(detected)} detected`;
   if ($("message").innerHTML !== text) $("message").innerHTML = text;
-}
-
-function showLife(text, ready) {
-  put($("life"), text);
-  $("life").dataset.alive = ready;
 }
 
 function show(screen) {

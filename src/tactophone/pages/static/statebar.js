@@ -1,0 +1,153 @@
+// The state bar of every page that can vibrate: live, muted, stopped, no data or ended; why; and the buttons Mute and Stop.
+//
+// Stop works at one press, or by the space bar or Esc; a stopped run is released only by holding the button.
+
+import { formatNumber, put } from "./figures.js";
+
+const STALE = 400; // ms without anything new, after which what is shown is greyed
+const SILENT = 500; // ms, after which the bar says so
+const HOLD = 900; // ms to hold the button that releases a stop
+const GONE = 3600; // s: the age of a run that ended in order
+const STOPPED = /^emergency stop/;
+const LOCAL = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
+const COVER = "<h2>The run has ended</h2><p>Nothing on this page moves or vibrates any more. On the machine of the run, start it again:</p>"
+  + "<p><code id=command></code></p><p>or see what runs there: <code>tactophone status</code></p>";
+
+function sentence(text) {
+  return text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
+}
+
+function element(name, properties) {
+  return Object.assign(document.createElement(name), { type: "button", ...properties });
+}
+
+export class StateBar {
+  #node = document.querySelector("#state");
+  #life = element("b", { id: "life", textContent: "connecting" });
+  #cause = element("span", { id: "cause" });
+  #mute = element("button", { id: "mute", textContent: "Mute", disabled: true });
+  #stop = element("button", { id: "stop", textContent: "Stop", disabled: true });
+  #cover = element("div", { role: "alert", id: "cover", className: "cover", hidden: true, innerHTML: COVER });
+  #dataAt = -Infinity;
+  #run = {}; // alive, age, armed, muted_because, role of the newest message
+  #waiting = "";
+  #lost = "";
+  #refused = "";
+  #holding = 0;
+
+  /** `send(request)`; `ready`: the word for a run that vibrates. */
+  constructor(send, { ready = "live" } = {}) {
+    this.send = send;
+    this.ready = ready;
+    const words = element("p", { role: "status" });
+    words.append(this.#life, this.#cause);
+    this.#node.append(words, this.#mute, this.#stop);
+    this.#mute.setAttribute("aria-keyshortcuts", "m");
+    this.#stop.setAttribute("aria-keyshortcuts", "Space Escape");
+    document.querySelector("main").before(this.#cover);
+    this.command = "tactophone";
+    this.#mute.addEventListener("click", () => this.#ask(this.#run.armed ? "mute" : "arm"));
+    this.#stop.addEventListener("pointerdown", () => this.#press());
+    for (const end of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) this.#stop.addEventListener(end, () => this.#letGo());
+    addEventListener("keydown", (event) => this.#key(event));
+    // A button that was clicked gives the space bar back to Stop; one reached by keys keeps it.
+    addEventListener("click", ({ detail, target }) => { if (detail) target.closest?.("button")?.blur(); });
+    setInterval(() => this.#show(), 100);
+  }
+
+  /** Whether the run may vibrate here, as far as the page knows. */
+  get armed() { return this.state === "live"; }
+
+  /** Seconds since the newest data; the charts move on by it. */
+  get silence() { return (performance.now() - this.#dataAt) / 1000; }
+
+  /** The newest header of the run; `fresh`: it brought data. */
+  take(header, fresh) {
+    this.#lost = "";
+    this.#waiting = header.waiting_for ?? "";
+    this.#run = { ...this.#run, ...header };
+    if (fresh) this.#dataAt = performance.now();
+    this.#show();
+  }
+
+  lost(why) {
+    this.#lost = why;
+    this.#show();
+  }
+
+  refuse(reason) {
+    this.#refused = sentence(`refused: ${reason}`);
+    setTimeout(() => { this.#refused = ""; }, 5000);
+    this.#show();
+  }
+
+  /** The command line of the run, for when it has ended. */
+  set command(text) { put(this.#cover.querySelector("#command"), text); }
+
+  #ask(action) {
+    this.#refused = "";
+    this.send({ action });
+  }
+
+  #press() {
+    if (this.state !== "stopped") return this.#ask("stop");
+    this.#stop.dataset.held = true;
+    this.#holding = setTimeout(() => { this.#letGo(); this.#ask("arm"); }, HOLD);
+  }
+
+  #letGo() {
+    clearTimeout(this.#holding);
+    delete this.#stop.dataset.held;
+  }
+
+  #key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || this.#stop.hidden || this.#stop.disabled) return;
+    const busy = event.target.closest?.("input, select, textarea, button, a, summary, [role=application]");
+    if (event.target === this.#stop && [" ", "Enter"].includes(event.key)) {
+      if (!event.repeat) this.#press();
+    } else if ((event.key === " " && !busy) || event.key === "Escape") {
+      if (this.state !== "stopped") this.#ask("stop");
+    } else if (event.key.toLowerCase() === "m" && !event.target.closest?.("input, select, textarea") && this.#run.armed) {
+      return this.#ask("mute"); // M only mutes: a slip of the finger must not start a vibration
+    } else return;
+    event.preventDefault();
+  }
+
+  /** The state, its words, and why. */
+  #look() {
+    const { alive, age, armed, muted_because: why, role } = this.#run;
+    if (this.#lost === "disconnected" && LOCAL) return ["ended", "ended", "The run has ended."];
+    if (this.#lost) return ["ended", this.#lost, "This page gets nothing from the run."];
+    if (this.#waiting) return ["waiting", "waiting", `Waiting for the run “${this.#waiting}”: it appears here as soon as it starts.`];
+    if (alive === undefined) return ["waiting", "connecting", ""];
+    if (!alive && age >= GONE) return ["ended", "ended", "The run has ended."];
+    if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", "Waiting for sound from the robot's side."];
+    if (this.silence * 1000 > SILENT && role !== "replay") {
+      const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
+      return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
+    }
+    if (role === "replay") return ["waiting", this.ready, "This is a replay: there is no output to control."];
+    if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
+    if (STOPPED.test(why ?? "")) return ["stopped", "stopped", `${sentence(why.replace(/, then arm$/, ""))} Then hold the button to release.`];
+    return armed ? ["live", this.ready, "Armed: the actuator vibrates."] : ["muted", "muted", sentence(why || "not armed")];
+  }
+
+  #show() {
+    const [state, word, cause] = this.#look();
+    this.state = state;
+    this.#node.dataset.state = state;
+    document.body.dataset.stale = this.silence * 1000 > STALE || state === "ended";
+    put(this.#life, word);
+    put(this.#cause, this.#refused || cause);
+    const passive = ["replay", "robot"].includes(this.#run.role);
+    this.#mute.hidden = passive || state === "stopped";
+    this.#stop.hidden = passive;
+    this.#mute.disabled = !this.#run.alive || !["live", "muted", "silent"].includes(state);
+    this.#stop.disabled = ["ended", "waiting"].includes(state);
+    put(this.#mute, this.#run.armed === false ? "Arm" : "Mute");
+    put(this.#stop, state === "stopped" ? "Hold to release" : "Stop");
+    const over = state === "ended" && this.#lost !== "opened in another window" && !/reload|pages are open/.test(this.#lost);
+    this.#cover.hidden = !over;
+    for (const part of document.querySelectorAll("main, #hand")) part.inert = over;
+  }
+}
