@@ -28,14 +28,7 @@ from typing import cast
 
 import psutil
 
-from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
-from tactophone.devices.dummy import DummyServer
-from tactophone.errors import TactophoneError
-from tactophone.link.identity import Identity, Peers
-from tactophone.link.packet import Packet, Payload, PayloadType
-from tactophone.link.session import Session
-from tactophone.link.udp import UdpSocket
-from tactophone.measurement.failsafe import (
+from failsafe import (
     EndlessStroke,
     freeze_operator,
     freeze_robot,
@@ -43,6 +36,13 @@ from tactophone.measurement.failsafe import (
     kill_robot,
     measure_time_to_silence,
 )
+from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
+from tactophone.devices.dummy import DummyServer
+from tactophone.errors import TactophoneError
+from tactophone.link.identity import Identity, Peers
+from tactophone.link.packet import Packet, Payload, PayloadType
+from tactophone.link.session import Session
+from tactophone.link.udp import UdpSocket
 from tactophone.measurement.impulses import Graph
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine

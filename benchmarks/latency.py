@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import peers
+from failsafe import freeze_operator, kill_robot, measure_time_to_silence
 from tactophone.devices.dummy import DummyServer
 from tactophone.haptics.oscillator import Oscillator
 from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.stream import BlockEncoder
-from tactophone.measurement.failsafe import freeze_operator, kill_robot, measure_time_to_silence
 from tactophone.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, Sides, measure
 from tactophone.pipeline import open_pipeline
 from tactophone.settings import Settings, change

@@ -133,7 +133,7 @@ def test_the_report_has_every_result_and_its_figures_beside_it(
     page = write_report(tmp_path, [outcome], costs=costs, notes=["a note"]).read_text()
     assert all(f"| {result.method} |" in page for result in results)
     figures = re.findall(r"!\[.*\]\(<(.*)>\)", page)
-    assert len(figures) == 6
+    assert len(figures) == 4
     assert all((tmp_path / name).read_text().count("<svg") == 1 for name in figures)
     assert "a note" in page
     assert "permuted labels" in page

@@ -13,7 +13,7 @@ def test_periods_come_at_the_pace_of_the_clock() -> None:
         if len(sizes) >= 20:
             enough.set()
 
-    device = ClockedDevice(process, period=480, sample_rate=48_000)
+    device = ClockedDevice(process, period=480)
     device.open()
     assert enough.wait(5.0)
     device.close()

@@ -106,6 +106,6 @@ def test_the_rest_of_a_long_block_need_not_wait_for_the_next(codec: Codec) -> No
     decoder, decoded = open_decoder(codec.kind), 0
     for block in blocks(noise(512 * 40), 512):
         for packet in prompt.push(block):
-            assert (packet.payload.timestamp - prompt.origin) % (1 << 32) == decoded
+            assert (packet.payload.timestamp - prompt.encoder.origin) % (1 << 32) == decoded
             decoded += len(decoder.decode(packet.payload.content))
         assert 0 <= block.end - decoded < (120 if codec.name == "opus" else 1)

@@ -3,8 +3,8 @@ import math
 
 import numpy as np
 import pytest
+from benchmarks.failsafe import EndlessStroke, PeakRecorder
 
-from tactophone.measurement.failsafe import EndlessStroke, PeakRecorder
 from tactophone.settings import Settings
 
 
@@ -12,7 +12,7 @@ from tactophone.settings import Settings
 def recorder(monkeypatch: pytest.MonkeyPatch) -> PeakRecorder:
     """A recorder of half a second of vibration and then silence, one period every 10 ms."""
     clock = itertools.count(1)
-    monkeypatch.setattr("tactophone.measurement.failsafe.time.monotonic", lambda: 0.01 * next(clock))
+    monkeypatch.setattr("benchmarks.failsafe.time.monotonic", lambda: 0.01 * next(clock))
     recorder = PeakRecorder()
     for peak in [0.5] * 50 + [0.0] * 50:
         recorder.process([np.full(8, peak, np.float32)], [])

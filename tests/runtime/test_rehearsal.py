@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmarks.failsafe import EndlessStroke
 
-from tactophone.measurement.failsafe import EndlessStroke
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.robot import run_robot

@@ -7,10 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-
-from tactophone.devices.dummy import DummyServer
-from tactophone.devices.jack import JackClient
-from tactophone.measurement.failsafe import (
+from benchmarks.failsafe import (
     ENDLESS_TONE,
     EndlessStroke,
     PeakRecorder,
@@ -21,6 +18,9 @@ from tactophone.measurement.failsafe import (
     measure_time_to_silence,
     recording,
 )
+
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
 from tactophone.measurement.impulses import Graph, Sides, running_sides
 from tactophone.runtime.gate import RESTARTED
 from tactophone.settings import Settings, change

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.failsafe import EndlessStroke
 
 from tactophone.link.codec import Codec
 from tactophone.link.events import Connected
 from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import SendGroup
 from tactophone.link.stream import STALENESS, DecodedAudio
-from tactophone.measurement.failsafe import EndlessStroke
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.priority import MAIN_PRIORITY, prioritize_thread

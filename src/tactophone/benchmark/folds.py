@@ -139,17 +139,13 @@ def run_folds(
     """
     todo = {fold_key(*fold): fold for fold in folds}
     todo = {key: fold for key, fold in todo.items() if not cache.holds(key)}
-    run = _on_ray if ray else _in_processes if workers > 1 else _here
-    for done, (key, predictions) in enumerate(run(todo, workers), 1):
+    here = ((key, predict_fold(*fold)) for key, fold in todo.items())
+    results = _on_ray(todo, workers) if ray else _in_processes(todo, workers) if workers > 1 else here
+    for done, (key, predictions) in enumerate(results, 1):
         cache.put(key, predictions)
         method, fold = todo[key]
         report(done, f"{method.name}, {fold.name}")
     return len(todo)
-
-
-def _here(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
-    del workers
-    yield from ((key, predict_fold(*fold)) for key, fold in todo.items())
 
 
 def _in_processes(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:

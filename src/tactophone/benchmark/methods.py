@@ -26,7 +26,7 @@ from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_m
 from tactophone.training.export import tip_of
 from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
-from tactophone.training.tracks import FeatureSpec, extract_features
+from tactophone.training.tracks import extract_features
 from tactophone.types import AIR
 
 VERSION = 1
@@ -212,17 +212,15 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
     return replace(recipe_method(recipe, channels=channels_of(dataset)), dropped=dropped, rule=rule)
 
 
-def graph_predictor(
-    graph: bytes, training_set: TrainingSet, *, spec: FeatureSpec | None = None, dropped: int | None = None
-) -> Predictor:
+def graph_predictor(graph: bytes, training_set: TrainingSet, *, dropped: int | None = None) -> Predictor:
     """Return a predictor that runs a graph on all windows of a recording at once.
 
-    The features are as in training by default; the channel ``dropped`` carries nothing.
+    The features are as in training; the channel ``dropped`` carries nothing.
     """
     session = onnxruntime.InferenceSession(graph, providers=["CPUExecutionProvider"])
 
     def predict(recording: Recording) -> TakePredictions:
-        (track,) = extract_features([recording], spec or training_set.spec)
+        (track,) = extract_features([recording], training_set.spec)
         if dropped is not None:
             alive = np.arange(training_set.spec.channels) != dropped
             # Constant features of a silent channel never trigger the detection of a change of surface.

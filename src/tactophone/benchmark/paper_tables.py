@@ -154,12 +154,14 @@ def by_gate(
     """Return the predictions with contact labelled by each gate; by the data set's own labels, if it has any."""
     if any(take.segments for take in labelled):
         return {LABELLED: {name: list(takes) for name, takes in predictions.items()}}
-
-    def relabelled(take: TakePredictions, gate: Gate) -> TakePredictions:
-        return replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
-
     return {
-        title: {name: [relabelled(take, gate) for take in takes] for name, takes in predictions.items()}
+        title: {
+            name: [
+                replace(take, recording=replace(take.recording, segments=loud_segments(take.recording, gate)))
+                for take in takes
+            ]
+            for name, takes in predictions.items()
+        }
         for title, gate in GATES.items()
     }
 

@@ -27,11 +27,8 @@ class FileSource:
     loop
         Start again at the end, for ever; ``start`` keeps counting.
 
-    Raises
-    ------
-    DatasetError
-        If the file is missing, empty, not a sound file, or of other channels or rates; while iterating, if it is
-        damaged.
+    Raises `DatasetError` if the file is missing, empty, not a sound file, or of other channels or rates; while
+    iterating, if it is damaged.
     """
 
     def __init__(self, path: Path | str, *, block_size: int = 4096, loop: bool = False) -> None:
@@ -168,13 +165,11 @@ class CombinedSource:
         # The first to end ends the hand, so nothing is checked for equal length.
         for blocks in zip(*self._sources, strict=False):
             size = min(block.size for block in blocks)
-            samples = np.concatenate([_pair(block.samples[:size]) for block in blocks], axis=1)
+            samples = np.concatenate(
+                [np.pad(block.samples[:size], ((0, 0), (0, 2 - block.channels))) for block in blocks], axis=1
+            )
             yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
 
     def truth_of(self, finger: int = 0) -> int:
         """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
         return self._sources[finger].truth_of()
-
-
-def _pair(samples: FloatArray) -> FloatArray:
-    return samples if samples.shape[1] == 2 else np.pad(samples, ((0, 0), (0, 1)))

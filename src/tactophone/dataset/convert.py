@@ -63,9 +63,9 @@ def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
     return write_metadata(dataset.root, recordings)
 
 
-def write_card(dataset: Dataset, *, path: Path | None = None) -> Path:
+def write_card(dataset: Dataset) -> Path:
     """Write a data card in Hugging Face's format: contents, how it was recorded, and known faults."""
-    target = path or dataset.root / CARD
+    target = dataset.root / CARD
     target.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
     return target
 
@@ -120,7 +120,9 @@ def _card(dataset: Dataset) -> Iterator[str]:
     recordings = dataset.recordings
     yield from ("---", "pretty_name: " + dataset.name, "task_categories: [audio-classification]")
     yield from ("tags: [tactile, haptics, texture, contact-microphone]", "---", "", f"# {dataset.name}", "")
-    minutes, rates = _extent(recordings)
+    paths = (recording.path for recording in recordings)
+    infos = [soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size]
+    minutes, rates = sum(info.duration for info in infos) / 60, sorted({int(info.samplerate) for info in infos})
     channels = _join(" and ".join(recording.channels) for recording in recordings)
     yield (
         f"{len(recordings)} recordings of {len(dataset.surfaces)} surfaces, {minutes:.1f} minutes, at "
@@ -148,13 +150,6 @@ def _card(dataset: Dataset) -> Iterator[str]:
         f"Each label is a person's label of a whole recording ({counts[Touch.ROUGH]} rough, {counts[Touch.SMOOTH]} "
         "smooth), pauses between strokes included. Split by surface, never by window: windows overlap."
     )
-
-
-def _extent(recordings: Sequence[Recording]) -> tuple[float, list[int]]:
-    """Return the length of all readable files, in minutes, and their sample rates, in Hz."""
-    paths = (recording.path for recording in recordings)
-    infos = [soundfile.info(path) for path in paths if path.is_file() and path.stat().st_size]
-    return sum(info.duration for info in infos) / 60, sorted({int(info.samplerate) for info in infos})
 
 
 def _values(recordings: Sequence[Recording], key: str, separator: str = ", ") -> str:

@@ -125,12 +125,9 @@ class ClockedDevice(ThreadedDevice):
 
     _LONGEST_DELAY = 0.1
 
-    def __init__(
-        self, process: Process, *, period: int, sample_rate: int, path: Path | None = None, outputs: int = 1
-    ) -> None:
+    def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
         super().__init__(process, thread="actuator")
-        self.sample_rate = sample_rate
-        self.latency = period / sample_rate
+        self.latency = period / self.sample_rate
         self.fault = ""
         self._period, self._path, self._outputs = period, path, outputs
 

@@ -32,8 +32,6 @@ class DummyServer:
     ----------
     period
         Samples a period.
-    name
-        The server's name; by default one that no other process uses.
     outputs
         Playback ports of the server.
     synchronous
@@ -51,11 +49,10 @@ class DummyServer:
         period: int = 128,
         *,
         sample_rate: int = LIVE_SAMPLE_RATE,
-        name: str = "",
         outputs: int = 2,
         synchronous: bool = True,
     ) -> None:
-        self.name = name or f"tactophone-{os.getpid()}-{id(self):x}"
+        self.name = f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate
         self._outputs = outputs
         self._mode = ["-S"] if synchronous else []

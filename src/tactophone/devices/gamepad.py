@@ -34,8 +34,6 @@ def motor_levels(amplitude: float, roughness: float, ceiling: float) -> tuple[fl
 
     Rough turns the strong motor, smooth the weak one, and both share what lies between.
 
-    Examples
-    --------
     >>> motor_levels(0.5, 1.0, 0.5), motor_levels(0.0, 1.0, 0.5)
     ((0.5, 0.0), (0.0, 0.0))
     >>> [round(level, 2) for level in motor_levels(0.5 * 10 ** (-25 / 20), 0.0, 0.5)]

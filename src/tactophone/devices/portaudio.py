@@ -43,14 +43,9 @@ class PortAudioStream:
     ) -> None:
         self.xruns = self.process_faults = self.losses = 0
         self._process, self._direction, self._device, self._channels = process, direction, device, channels
-        self._rate = sample_rate
+        self.sample_rate = sample_rate
         self._system = ""
         self._stream: Any = None
-
-    @property
-    def sample_rate(self) -> int:
-        """In Hz."""
-        return self._rate
 
     @property
     def latency(self) -> float:
@@ -74,7 +69,7 @@ class PortAudioStream:
             stream.start()
         except sound.PortAudioError as error:
             raise DeviceError(
-                f"{chosen.name} does not support {self._channels} channels at {self._rate} Hz ({error.args[0]}): "
+                f"{chosen.name} does not support {self._channels} channels at {self.sample_rate} Hz ({error.args[0]}): "
                 "choose another with `tactophone devices`"
             ) from None
         self._stream, self._system = stream, chosen.system
@@ -127,7 +122,7 @@ class PortAudioStream:
         settings = {
             "device": index,
             "channels": self._channels,
-            "samplerate": self._rate,
+            "samplerate": self.sample_rate,
             "blocksize": 0,
             "latency": "low",
             "dtype": "float32",

@@ -109,11 +109,11 @@ def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
     return Estimate(value, float(low), float(high))
 
 
-def estimate(scores: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Estimate]:
+def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
     """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval."""
     table, called = count_by_surface(scores, bins=BINS)
     strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
-    drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws, seed=seed)
+    drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
 
 
@@ -176,11 +176,7 @@ def by_take(recording: Recording) -> str:
 
 
 def compare_models(
-    before: Sequence[TakePredictions],
-    after: Sequence[TakePredictions],
-    *,
-    by: Callable[[Recording], str],
-    seed: int = 0,
+    before: Sequence[TakePredictions], after: Sequence[TakePredictions], *, by: Callable[[Recording], str]
 ) -> dict[str, Change]:
     """Compare two models on the same recordings, such as before and after fine-tuning.
 
@@ -192,10 +188,7 @@ def compare_models(
         ``balanced_accuracy``: mean over the classes present of the share of windows classified correctly.
         ``false_positive_rate``: share of smooth windows classified as rough; NaN without smooth recordings.
 
-    Raises
-    ------
-    DatasetError
-        If neither model detected contact.
+    Raises `DatasetError` if neither model detected contact.
     """
     tables = [_count(predictions, by) for predictions in (before, after)]
     if not tables[0].any():
@@ -203,7 +196,7 @@ def compare_models(
     rough = tables[0][:, 1].sum(axis=-1) > 0
     strata = [np.flatnonzero(rough == label) for label in (False, True)]
     old, new = (_rates(table.sum(axis=0)) for table in tables)
-    drawn_old, drawn_new = (resample(table, _rates, strata=strata, seed=seed) for table in tables)
+    drawn_old, drawn_new = (resample(table, _rates, strata=strata) for table in tables)
     return {
         name: Change(
             interval(float(old[name]), drawn_old[name]),

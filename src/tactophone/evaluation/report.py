@@ -77,9 +77,7 @@ class Report:
         return asdict(self)
 
 
-def rendered_scores(
-    predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS, seed: int = 0
-) -> Rendered:
+def rendered_scores(predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS) -> Rendered:
     """Score what is rendered by a decision rule; recordings without the label smooth or rough are left out.
 
     Raises `DatasetError` if there is no labelled contact.
@@ -95,7 +93,7 @@ def rendered_scores(
     if not table.any():
         raise DatasetError("no recording has contact with a surface labelled smooth or rough: nothing can be scored")
     strata = [np.flatnonzero(table[:, label].any(axis=-1)) for label in (0, 1)]
-    return Rendered(**bootstrap(table, _shares, strata=strata, draws=draws, seed=seed))
+    return Rendered(**bootstrap(table, _shares, strata=strata, draws=draws))
 
 
 def _shares(counts: Floats) -> Mapping[str, Floats]:

@@ -140,7 +140,7 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
         }
 
 
-def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule, *, seed: int = 0) -> OperatingPoint:
+def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> OperatingPoint:
     """Compute the rates of one rule, each with its 90 % interval over draws of the surfaces."""
     keys = [(take.rough, take.surface) for take in outcomes.recordings]
     rows = sorted(set(keys))
@@ -150,7 +150,6 @@ def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule, *, seed
         table,
         lambda weights: {name: rate[..., place] for name, rate in rates(outcomes, weights).items()},
         strata=[np.array([n for n, row in enumerate(rows) if row[0] == rough], np.intp) for rough in (False, True)],
-        seed=seed,
     )
     delays = outcomes.delay[outcomes.is_rough, place]
     delay = float(np.nanmedian(delays)) if not np.isnan(delays).all() else float("nan")

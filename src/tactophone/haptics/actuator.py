@@ -38,12 +38,11 @@ class Actuator(Protocol):
 class DeviceActuator:
     """An `Actuator` on any device; made by the functions below."""
 
-    def __init__(self, device: Device, *, sample_rate: int = LIVE_SAMPLE_RATE) -> None:
+    def __init__(self, device: Device) -> None:
         self.device = device
-        self._sample_rate = sample_rate
 
     def __enter__(self) -> Self:
-        open_at_rate(self.device, self._sample_rate)
+        open_at_rate(self.device, LIVE_SAMPLE_RATE)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -59,9 +58,7 @@ def jack_hand_actuator(
     return DeviceActuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
 
 
-def portaudio_hand_actuator(
-    render: RenderHand, *, device: str = "", channels: Sequence[int], sample_rate: int = LIVE_SAMPLE_RATE
-) -> DeviceActuator:
+def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> DeviceActuator:
     """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
 
     Parameters
@@ -72,8 +69,7 @@ def portaudio_hand_actuator(
     """
     highest = max(channels)
     process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
-    stream = PortAudioStream(process, "output", device=device, channels=opened, sample_rate=sample_rate)
-    return DeviceActuator(stream, sample_rate=sample_rate)
+    return DeviceActuator(PortAudioStream(process, "output", device=device, channels=opened))
 
 
 def gamepad_actuator(
@@ -90,17 +86,11 @@ def gamepad_actuator(
 
 
 def clocked_hand_actuator(
-    render: RenderHand,
-    *,
-    fingers: int,
-    period: int = 128,
-    sample_rate: int = LIVE_SAMPLE_RATE,
-    path: Path | None = None,
+    render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None
 ) -> DeviceActuator:
     """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
     process = _outputs(render, range(1, fingers + 1))
-    device = ClockedDevice(process, period=period, sample_rate=sample_rate, path=path, outputs=fingers)
-    return DeviceActuator(device, sample_rate=sample_rate)
+    return DeviceActuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
 
 
 def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:

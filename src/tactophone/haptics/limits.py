@@ -26,8 +26,6 @@ class Limits:
     lowest, highest
         The band in Hz; the defaults are those of the paper's voice coil, a Lofelt Basslet (section III-D).
 
-    Examples
-    --------
     >>> Limits().bound(HapticCommand(3.0, 5.0, time=0.0))
     HapticCommand(amplitude=0.5, frequency=35.0, time=0.0)
     >>> Limits().bound(HapticCommand(float("nan"), 60.0, time=0.0)).amplitude

@@ -68,8 +68,6 @@ class Passthrough:
     open_chain
         Makes what turns values of the low band into vibration; by default the sound itself, with dynamics.
 
-    Examples
-    --------
     >>> time = np.arange(4800) / 48_000
     >>> vibration = Passthrough().render_whole(0.3 * np.sin(2 * np.pi * 200 * time).astype(np.float32)[:, None])
     >>> vibration.shape, bool(abs(vibration).max() > 0.25)
@@ -86,7 +84,10 @@ class Passthrough:
     ) -> None:
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
         self._open_chain = open_chain or _Chain
-        self._kernel = _low_pass(TAPS, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4)
+        # A windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz.
+        place, corner = np.arange(TAPS) - TAPS // 2, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4
+        kernel = np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(TAPS + 2)[1:-1]
+        self._kernel: Floats = kernel / kernel.sum()
         self.reset()
 
     @property
@@ -228,13 +229,6 @@ PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = MappingProxy
     }
 )
 """Renderers of the sound itself, by the name that ``feel --profile`` takes."""
-
-
-def _low_pass(taps: int, corner: float) -> Floats:
-    """Design a windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz."""
-    place = np.arange(taps) - taps // 2
-    kernel = np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(taps + 2)[1:-1]
-    return np.asarray(kernel / kernel.sum())
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,8 +59,6 @@ def count_steps(stimuli: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
     Both together add up as independent sensations do (root of the sum of squares).
 
-    Examples
-    --------
     >>> frequency, both = count_steps([(0.05, 120.0 * 2 ** (-k / 100)) for k in range(101)])
     >>> round(frequency, 1)
     4.2

@@ -56,8 +56,6 @@ _KINDS = {format: kind for kind, format in SOUND_FORMATS.items()}
 class Codec:
     """The codec of one session.
 
-    Examples
-    --------
     >>> codec = Codec("opus", packet_size=120)
     >>> codec.latency, codec.bitrate_bps
     (0.005, 128000)
@@ -204,8 +202,6 @@ def conceal_gap(before: FloatArray, after: FloatArray, size: int) -> FloatArray:
     not drop. The sound is continuous at both sides, so a gap makes no click that the detector would classify. Both
     sides have the shape ``(samples, channels)``, and are repeated back and forth where they are shorter than the gap.
 
-    Examples
-    --------
     >>> quiet, loud = np.zeros((4, 1), np.float32), np.ones((4, 1), np.float32)
     >>> conceal_gap(quiet, loud, 3).ravel().round(2)
     array([0.38, 0.71, 0.92], dtype=float32)

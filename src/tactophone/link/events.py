@@ -53,8 +53,6 @@ _PACKET, _REPORT, _CONNECTED, _DISCONNECTED, _RENEWED = range(5)
 def write_event(event: Event) -> bytes:
     """Encode an event: one byte for its kind, then the packet, or JSON.
 
-    Examples
-    --------
     >>> read_event(write_event(Disconnected("hung up")))
     Disconnected(reason='hung up')
     """

@@ -45,7 +45,7 @@ _HELLO_RANDOM = slice(27, 59)
 
 _CHANGE_CIPHER, _ALERT, _HANDSHAKE, _CLIENT_HELLO, _FATAL = 20, 21, 22, 1, 2
 
-_CERTIFICATE_ALERTS = range(42, 50)
+_CERTIFICATE_ALERTS = tuple(bytes([number]) for number in range(42, 50))
 """Alerts on a certificate: bad, unsupported, revoked, expired, unknown, of an unknown authority, denied (RFC 5246)."""
 
 
@@ -66,16 +66,6 @@ def hello_random(hello: bytes) -> bytes:
 def is_encrypted(datagram: bytes) -> bool:
     """Whether the first record is encrypted (its epoch is not 0)."""
     return datagram[3:5] != b"\0\0"
-
-
-def is_plain_alert(datagram: bytes) -> bool:
-    """Whether a datagram begins with an alert that is not encrypted, which anybody can forge."""
-    return datagram[:1] == bytes([_ALERT]) and not is_encrypted(datagram)
-
-
-def refuses_certificate(alert: bytes) -> bool:
-    """Whether a plain alert says that the certificate was not accepted."""
-    return len(alert) >= _RECORD_HEADER + 2 and alert[13] == _FATAL and alert[14] in _CERTIFICATE_ALERTS
 
 
 class NewRecords:
@@ -291,9 +281,10 @@ class Handshake:
     def receive(self, datagram: bytes, *, now: float) -> None:
         if self.failure:
             return
-        if is_plain_alert(datagram):
+        if datagram[:1] == bytes([_ALERT]) and not is_encrypted(datagram):
             # Anybody can forge a plain alert, so only time ends a handshake (RFC 6347, 4.1.2.7).
-            self.refused |= self.agreement is None and refuses_certificate(datagram)
+            about_certificate = datagram[13:14] == bytes([_FATAL]) and datagram[14:15] in _CERTIFICATE_ALERTS
+            self.refused |= self.agreement is None and about_certificate
         elif self.agreement is not None:
             # OpenSSL gets no more of it: it would store what nobody reads. If the caller still retransmits its last
             # flight, the answer was lost. A caller that is done answers nothing, or the two would go on for ever.
@@ -412,8 +403,6 @@ Pending: TypeAlias = Mapping[tuple[Address, bytes], Handshake]
 class RateLimit:
     """A token bucket.
 
-    Examples
-    --------
     >>> limit = RateLimit(10.0, burst=2.0)
     >>> [limit.take(now) for now in (0.0, 0.0, 0.0, 0.1)]
     [True, True, False, True]

@@ -164,8 +164,6 @@ class Payload:
 class Packet:
     """One unencrypted RTP packet; ``bytes(packet)`` is the inverse of :func:`parse_packet`.
 
-    Examples
-    --------
     >>> packet = Packet(7, ssrc=1, payload=Payload(PayloadType.OPUS, 960, b"sound"))
     >>> bytes(packet).hex(" ", -4)
     '80620007 000003c0 00000001 736f756e 64'
@@ -220,8 +218,6 @@ def parse_packet(datagram: bytes) -> Packet:
 def ahead(value: int, reference: int, *, bits: int) -> int:
     """Return how far a wrapping counter is ahead of another; negative when it is behind.
 
-    Examples
-    --------
     >>> ahead(2, 65_534, bits=16), ahead(65_534, 2, bits=16)
     (4, -4)
     """
@@ -242,8 +238,6 @@ class TimestampUnwrapper:
     origin
         The timestamp at position 0; 0 before the first call.
 
-    Examples
-    --------
     >>> unwrapper = TimestampUnwrapper()
     >>> [unwrapper.position(timestamp) for timestamp in (2**32 - 100, 140, 20)]
     [0, 240, 120]
@@ -344,8 +338,6 @@ def frame_length(size: int) -> bytes:
 def split_streams(payload: bytes, streams: int) -> list[bytes]:
     """Return a packet of each stream, 1 or 2, where each holds one frame of the same kind; nothing otherwise.
 
-    Examples
-    --------
     >>> split_streams(bytes([0xE0, 2, 7, 8, 0xE0, 9]), 2) == [bytes([0xE0, 7, 8]), bytes([0xE0, 9])]
     True
     """

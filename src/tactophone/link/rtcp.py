@@ -85,8 +85,6 @@ class SenderReport:
 class Goodbye:
     """The peer ends the session, for a reason or none (RFC 3550 section 6.6).
 
-    Examples
-    --------
     >>> bytes(Goodbye(1, "busy")).hex(" ", -4)
     '81cb0003 00000001 04627573 79000000'
     """
@@ -104,8 +102,6 @@ class Goodbye:
 class Introduction:
     r"""The version of the program that an end runs: a description with one item, TOOL (RFC 3550 section 6.5.6).
 
-    Examples
-    --------
     >>> bytes(Introduction(1, "0.1.0"))
     b'\x81\xca\x00\x06\x00\x00\x00\x01\x06\x10tactophone 0.1.0\x00\x00'
     """
@@ -162,8 +158,6 @@ def parse_report(packet: bytes) -> Report:
 def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
     """Return the round-trip time in s, by the answer to a `SenderReport` (RFC 3550, 6.4.1); ``None`` before one.
 
-    Examples
-    --------
     >>> sent = SenderReport(1, ntp=1000.0, timestamp=0, packets=0, octets=0)
     >>> answer = ReceiverReport(2, 1, 0.0, 0, 0, 0.0, last_report=sent.stamp, since=0.25)
     >>> round_trip_time(answer, now=1000.5)

@@ -160,8 +160,6 @@ _MIN_SPAN = 10.0
 class MinDelayFilter:
     """The minimum transit time over the newest two windows.
 
-    Examples
-    --------
     >>> delay = MinDelayFilter()
     >>> for transit in (3.2, 3.0, 3.4):
     ...     delay.push(transit, now=0.0)
@@ -192,8 +190,6 @@ class MinDelayFilter:
 class Skew:
     """How much faster the peer's clock runs than the local one: the slope of the minimum transit time over 30 s.
 
-    Examples
-    --------
     >>> skew = Skew()
     >>> for second in range(20):
     ...     skew.push(3.0 - 100e-6 * second, now=float(second))

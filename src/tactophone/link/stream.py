@@ -154,8 +154,6 @@ class RedundancyRule:
 class Redundancy:
     """Applies a `RedundancyRule`; starts with one earlier payload and drops it once the link has proved free of loss.
 
-    Examples
-    --------
     >>> redundancy = Redundancy(RedundancyRule())
     >>> redundancy.update(0.05)
     >>> redundancy.depth
@@ -198,11 +196,6 @@ class Packetizer:
         self._marker = True
         self._past: deque[Payload] = deque(maxlen=2)
 
-    @property
-    def origin(self) -> int:
-        """The RTP timestamp of the source's first sample."""
-        return self.encoder.origin
-
     def push(self, block: AudioBlock) -> list[Packet]:
         """Take sound; return the packets that it completes, oldest first."""
         return [self.packet(encoded) for encoded in self.encoder.push(block)]
@@ -216,7 +209,7 @@ class Packetizer:
 
     def wrap(self, kind: PayloadType, position: int, content: bytes) -> Packet:
         """Make the stream's next packet from a payload at ``position`` samples since the start of the stream."""
-        payload = Payload(kind, (self.origin + position) % (1 << 32), content)
+        payload = Payload(kind, (self.encoder.origin + position) % (1 << 32), content)
         packet = Packet(self._sequence, self.ssrc, payload, self._earlier(payload), self._marker)
         self._sequence, self._marker = (self._sequence + 1) % (1 << 16), False
         self.packets, self.octets = self.packets + 1, self.octets + len(content)
@@ -224,7 +217,7 @@ class Packetizer:
 
     def report(self, now: float) -> SenderReport:
         """Make the sender report; ``now`` is of any clock, the same that evaluates the receiver's report."""
-        timestamp = self.origin + (self.encoder.position or 0)
+        timestamp = self.encoder.origin + (self.encoder.position or 0)
         return SenderReport(self.ssrc, now, timestamp % (1 << 32), self.packets, self.octets)
 
     def _earlier(self, payload: Payload) -> tuple[Payload, ...]:

@@ -12,10 +12,10 @@ import socket
 import struct
 import sys
 from collections.abc import Collection, Iterable, Iterator
-from typing import Any, Self, TypeAlias
+from typing import Any, Self
 
 from tactophone.errors import DeviceError
-from tactophone.link.packet import DatagramKind
+from tactophone.link.packet import Address, DatagramKind
 
 _SO_ATTACH_FILTER, _SO_DETACH_FILTER = 26, 27
 _LOAD_BYTE, _LOAD_HALF, _LOAD_WORD, _AND = 0x30, 0x28, 0x20, 0x54
@@ -105,9 +105,6 @@ CHANNEL_HEADER = 4
 
 END_OF_STUN = 4
 """First byte from which a datagram is no STUN message any more (RFC 7983 section 7)."""
-
-Address: TypeAlias = tuple[str, int]
-"""Host and port, as the socket expects and returns them."""
 
 _LARGEST = 2_048
 _MOST_AT_ONCE = 256

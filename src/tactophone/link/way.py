@@ -10,7 +10,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from socket import socket
 
-from tactophone.link.udp import CHANNEL_HEADER, END_OF_STUN, Address, UdpSocket, prepare, set_filter
+from tactophone.link.packet import Address
+from tactophone.link.udp import CHANNEL_HEADER, END_OF_STUN, UdpSocket, prepare, set_filter
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Measurements of the running system: impulse latency, time to silence after a failure, decision delay."""
+"""Measurements of the running system: impulse latency, decision delay, what an actuator plays."""

@@ -43,10 +43,7 @@ def draw_recording(
     finger
         Of a hand: whose lines of the timeline are drawn.
 
-    Raises
-    ------
-    TactophoneError
-        If matplotlib is not installed.
+    Raises `TactophoneError` if matplotlib is not installed.
     """
     pyplot = load_pyplot()
     lines = read_timeline(timeline, finger=finger)

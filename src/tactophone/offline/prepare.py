@@ -110,8 +110,6 @@ class Preparation:
 class PreparedSource:
     """A source with the changes of a preparation; a :class:`~tactophone.types.Source` itself.
 
-    Examples
-    --------
     >>> from tactophone.capture.files import FileSource
     >>> def prepared(path):
     ...     return PreparedSource(FileSource(path), Preparation.of(FileSource(path)))

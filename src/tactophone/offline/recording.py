@@ -43,8 +43,6 @@ class PeakEnvelope:
 
     When the columns are full, neighbours are joined, and each column then spans twice as many samples.
 
-    Examples
-    --------
     >>> envelope = PeakEnvelope(1, sample_rate=1000)
     >>> envelope.push(np.sin(np.arange(100_000, dtype=np.float32))[:, None])
     >>> time, low, high = envelope.columns()

@@ -84,8 +84,6 @@ _ON_GO = {Stage.READY: Stage.COUNTDOWN, Stage.RECORDING: Stage.PAUSED, Stage.PAU
 class Protocol:
     """Steps through the takes but those that are ``done``; ``duration`` and ``countdown`` are in s.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> protocol = Protocol(PROTOCOL, sample_rate=1000, duration=1, countdown=1)
     >>> protocol.press(Key.GO)

@@ -36,8 +36,6 @@ class OutputGate:
     ``limits`` hold the machine's own ceiling, 0-1 of full drive, and the one in force from then on. ``output_level`` is
     a volume below it, 0-1. ``muted_because`` is why it starts muted; empty to start armed.
 
-    Examples
-    --------
     >>> gate = OutputGate(Limits(ceiling=0.5))
     >>> gate.apply([Request("ceiling", 0.9), Request("stop")])
     ['ceiling']

@@ -103,7 +103,10 @@ class SessionRecorder:
 
     def _log_arrivals(self) -> None:
         arrivals, self._arrivals = self._arrivals, []
-        self._log(map(_as_record, arrivals))
+        self._log(
+            each if isinstance(each, Controls) else EventBatch(each[0], tuple(map(write_event, each[1])), each[2])
+            for each in arrivals
+        )
 
     def _log(self, records: Iterable[Record]) -> None:
         joined = b""
@@ -115,13 +118,6 @@ class SessionRecorder:
             joined += part
         if joined:
             self._telemetry.log(joined)
-
-
-def _as_record(waiting: Controls | tuple[float, list[Event], bool]) -> Record:
-    if isinstance(waiting, Controls):
-        return waiting
-    now, events, polled = waiting
-    return EventBatch(now, tuple(map(write_event, events)), polled)
 
 
 def describe_run(settings: Settings, *, role: str) -> RunStart:
@@ -144,16 +140,11 @@ def describe_run(settings: Settings, *, role: str) -> RunStart:
             {
                 "name": finger.name,
                 "settings": dict(finger.settings),
-                "calibration": _calibration(own),
+                "calibration": Path(path).expanduser().read_text() if (path := own.detector.calibration) else "",
             }
             for finger, own in zip(settings.fingers, fingers, strict=True)
         ],
     )
-
-
-def _calibration(settings: Settings) -> str:
-    path = settings.detector.calibration
-    return Path(path).expanduser().read_text() if path else ""
 
 
 def _version(package: str) -> str:

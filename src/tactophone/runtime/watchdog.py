@@ -47,8 +47,6 @@ class Verdict(Enum):
 class Watchdog:
     """Decides from pulses whether a process is late or has stalled; it has no clock and no process of its own.
 
-    Examples
-    --------
     >>> watchdog = Watchdog(StallTimeouts(vibrating=0.035))
     >>> found = [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(500)]
     >>> found.index(Verdict.LATE), found.index(Verdict.STALLED)

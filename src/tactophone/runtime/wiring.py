@@ -226,13 +226,8 @@ def open_session(settings: Settings, *, call: Sequence[Address] = ()) -> Session
 def operators_of(link: Link) -> list[Address]:
     """Return host and port of each operator that the robot calls.
 
-    Raises
-    ------
-    ConfigError
-        If there is none, one twice, or more than `MOST_OPERATORS`.
+    Raises `ConfigError` if there is none, one twice, or more than `MOST_OPERATORS`.
 
-    Examples
-    --------
     >>> operators_of(Link(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
     [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
     """
@@ -261,10 +256,7 @@ def _endpoint(name: str, port: int) -> Address:
 def open_send_group(settings: Settings, channels: int) -> SendGroup:
     """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
 
-    Raises
-    ------
-    ConfigError
-        As `operators_of` and `open_session`, and where two names lead to one address.
+    Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead to one address.
     """
     link = settings.link
     operators = [resolve(host, port) for host, port in operators_of(link)]
@@ -295,10 +287,7 @@ def send_outgoing(session: Session, socket: UdpSocket) -> None:
 def open_rehearsed_pipeline(settings: Settings, *, channels: int) -> Pipeline:
     """Open the pipeline that the settings name, and let it process noise.
 
-    Raises
-    ------
-    ModelError
-        Also where the model cannot do with so many channels.
+    Raises `ModelError` also where the model cannot do with so many channels.
     """
     pipeline = open_pipeline_for(settings, channels=channels)
     # Loud noise, then digital silence: both ways through the detector.

@@ -63,10 +63,7 @@ class PredictionLog(RunFollower):
     missed
         Predictions that were overwritten before they were read.
 
-    Raises
-    ------
-    ConfigError
-        When the file cannot be written.
+    Raises `ConfigError` when the file cannot be written.
     """
 
     def __init__(self, name: str, path: Path, *, report: Callable[[str], None] = lambda message: None) -> None:

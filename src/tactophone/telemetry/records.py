@@ -117,8 +117,6 @@ _KINDS: tuple[type[Record], ...] = (RunStart, EventBatch, Controls)
 def write_record(record: Record) -> list[bytes]:
     """Encode a record, in as many parts as its size requires.
 
-    Examples
-    --------
     >>> arrival = EventBatch(2.5, (b"first", b"second"))
     >>> list(read_records(b"".join(write_record(arrival)))) == [arrival]
     True
@@ -175,8 +173,6 @@ _DIGITS = 6
 def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     """Return the entries of one line, by `COLUMNS`; times in s, rounded to microseconds.
 
-    Examples
-    --------
     >>> from tactophone.types import TouchEvent
     >>> tap = TouchEvent("tap", 0.23)
     >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))

@@ -50,8 +50,6 @@ class Telemetry:
     fingers
         How many fingers have steps, sound and vibration.
 
-    Examples
-    --------
     >>> with Telemetry("doctest-writer") as telemetry:
     ...     telemetry.count("packets_received", 3)
     ...     telemetry.counter("packets_received")
