@@ -36,10 +36,11 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_there_are_ten_and_each_is_under_40_lines() -> None:
+def test_there_are_fourteen_and_each_is_under_40_lines() -> None:
     lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 10
-    del lengths["isaac_device.py"]  # a whole device, to be copied
+    assert len(lengths) == 14
+    for whole in ("isaac_device.py", "own_detector.py"):  # to be copied
+        del lengths[whole]
     assert max(lengths.values()) < 40, lengths
 
 
@@ -65,6 +66,35 @@ def test_a_custom_profile_makes_commands(recording: Path) -> None:
     lines = run("custom_profile.py", recording).splitlines()
     assert all("80 Hz" in line for line in lines)
     assert lines[0].endswith("0.00")
+
+
+def test_a_detector_of_scikit_learn_tells_what_it_was_taught(tmp_path: Path) -> None:
+    pytest.importorskip("sklearn")
+    rng = np.random.default_rng(0)
+    noise = rng.normal(scale=0.1, size=(48_000, 1))
+    sounds = {"none": 1e-4 * noise, "smooth": np.cumsum(noise, axis=0) / 100, "rough": noise}
+    for name, sound in sounds.items():
+        soundfile.write(tmp_path / f"{name}.wav", sound.clip(-1, 1), 48_000)
+    paths = [tmp_path / f"{name}.wav" for name in sounds]
+    assert run("own_detector.py", *paths, paths[2]).count("rough") > 45
+    assert run("own_detector.py", *paths, paths[1]).count("smooth") > 45
+
+
+def test_an_actuator_of_your_own_gets_the_vibration() -> None:
+    assert "###############" in run("own_actuator.py")
+
+
+def test_live_sound_calls_back(recording: Path) -> None:
+    printed = run("live_callback.py", f"file:{recording}", "2")
+    assert "none" in printed
+    assert len(printed.splitlines()) > 20
+
+
+def test_a_recording_becomes_a_data_frame(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    assert "window_end" in run("wav_to_data_frame.py", recording)
+    assert (tmp_path / "finger.csv").is_file()
 
 
 def test_a_custom_source_is_classified() -> None:

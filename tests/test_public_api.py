@@ -24,6 +24,13 @@ def test_every_public_class_and_function_has_a_docstring(name: str) -> None:
             assert member.__doc__, f"{name}.{method}"
 
 
+def test_the_api_page_lists_every_public_name_and_begins_with_the_pipeline() -> None:
+    page = (Path(__file__).parent.parent / "docs/reference/api.md").read_text()
+    listed = [line.removeprefix("::: tactophone.") for line in page.splitlines() if line.startswith("::: ")]
+    assert listed[0] == "open_pipeline"
+    assert sorted([*listed, "__version__"]) == sorted(tactophone.__all__)
+
+
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="telegraph"):
         _ = tactophone.telegraph

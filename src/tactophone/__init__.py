@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from tactophone.perception.model_file import read_model
     from tactophone.perception.models import open_detector
     from tactophone.pipeline import Pipeline, open_pipeline
+    from tactophone.tables import Live, Table, classify, live
     from tactophone.telemetry.watcher import Watcher
 
 __version__ = "0.1.0"
@@ -59,6 +60,7 @@ __all__ = [
     "FileSource",
     "HapticCommand",
     "Limits",
+    "Live",
     "ModelError",
     "Oscillator",
     "PacketError",
@@ -67,11 +69,14 @@ __all__ = [
     "Prediction",
     "Profile",
     "Source",
+    "Table",
     "TactophoneError",
     "Touch",
     "Watcher",
     "__version__",
+    "classify",
     "jack_source",
+    "live",
     "open_detector",
     "open_pipeline",
     "open_profile",
@@ -88,6 +93,7 @@ _MODULES = {
     "perception.model_file": ("read_model",),
     "perception.models": ("open_detector",),
     "pipeline": ("Pipeline", "open_pipeline"),
+    "tables": ("Live", "Table", "classify", "live"),
     "telemetry.watcher": ("Watcher",),
 }
 

@@ -13,11 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from tactophone.errors import ModelError
 from tactophone.haptics.limits import Limits, peak_amplitude
 from tactophone.haptics.profiles import open_profile
 from tactophone.perception.detector import push_together
 from tactophone.perception.events import EventDetector, EventMerger
-from tactophone.perception.models import default_model, open_detector
+from tactophone.perception.models import default_model, open_detector, open_registered
 from tactophone.types import DEFAULT_TIP, AudioBlock, Detector, HapticCommand, PipelineStep, Prediction, Profile
 
 
@@ -194,7 +195,8 @@ def open_pipeline(
     Parameters
     ----------
     model
-        Name of a shipped model, or path of a model file; empty: the shipped model for the tip.
+        Name of a shipped model, path of a model file, or name of a detector that another package registers as an entry
+        point ``tactophone.detectors``; empty: the shipped model for the tip.
     sample_rate
         Of the sound to come, in Hz; 2000 or more.
     channels
@@ -220,8 +222,13 @@ def open_pipeline(
     ConfigError
         If there is no such profile.
     """
-    detector = open_detector(
-        model or default_model(tip), sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
+    if channels not in (1, 2):
+        raise ModelError(
+            f"channels = {channels}, but a pipeline takes 1 (contact) or 2 (contact, air); open one for each finger"
+        )
+    name = model or default_model(tip)
+    detector: Detector = open_registered(name, sample_rate=sample_rate, channels=channels) or open_detector(
+        name, sample_rate=sample_rate, fast_contact=fast_contact, follow_floor=follow_floor
     )
     merger = None
     if events or profile == "events":

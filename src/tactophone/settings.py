@@ -16,6 +16,7 @@ import msgspec
 
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.haptics.limits import DEFAULT_CEILING
+from tactophone.plugins import ACTUATORS, registered
 from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 
@@ -36,6 +37,8 @@ class Setting:
     flag: str = ""
     verbs: tuple[str, ...] = ()
     device: str = ""
+    group: str = ""
+    """Entry points of other packages whose names may be written too."""
 
     @property
     def range(self) -> str:
@@ -57,6 +60,8 @@ class Setting:
         kind = type(self.default)
         # NaN lies in no range; as a default it means "from the model", and may then be written too.
         if kind is float and isinstance(value, float) and math.isnan(value) and math.isnan(self.default):
+            return value
+        if self.group and value not in self.choices and value in registered(self.group):
             return value
         wanted: Any = Literal[self.choices] if self.choices else kind
         if not math.isinf(self.span[0]):
@@ -85,9 +90,10 @@ def _setting(
     flag: str = "",
     verbs: str = "",
     device: str = "",
+    group: str = "",
 ) -> Any:
     """Declare a setting, and the ``verbs``, with spaces between them, whose option ``flag`` changes it."""
-    setting = Setting("", default, words, unit, span, choices, flag, tuple(verbs.split()), device)
+    setting = Setting("", default, words, unit, span, choices, flag, tuple(verbs.split()), device, group)
     return field(default=default, metadata={"setting": setting})
 
 
@@ -242,6 +248,7 @@ class Output:
         "jack",
         "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
         choices=("jack", "portaudio", "gamepad", "file", "none"),
+        group=ACTUATORS,
         flag="--actuator",
         verbs="answer call devices loopback receive try",
         device="output.device",

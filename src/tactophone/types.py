@@ -37,8 +37,11 @@ class Touch(enum.IntEnum):
     """What the finger does, in the class order of the paper's published models."""
 
     NONE = 0
+    """It touches nothing, or rests."""
     SMOOTH = 1
+    """It slides over a smooth surface."""
     ROUGH = 2
+    """It slides over a rough surface."""
 
 
 SURFACE_LABELS = (Touch.SMOOTH, Touch.ROUGH)
@@ -151,8 +154,10 @@ class Prediction:
         From 0 (smooth) to 1 (rough); meaningless while ``touch`` is ``NONE``.
     level_dbfs
         Level of the contact channel over the window, by the model's loudness rule.
-    start, end
-        The window's bounds, in seconds since the stream began.
+    start
+        Where the window begins, in seconds since the stream began.
+    end
+        Where it ends.
     faulty
         True when the sound or the model's output held invalid numbers; the command is then silence.
     events

@@ -26,9 +26,10 @@ def jack_source(
 
     Parameters
     ----------
-    contact, air
-        Ports of the sound card. An empty ``air`` makes a one-channel source; ``"-"`` leaves a port unconnected, for a
-        patch bay.
+    contact
+        Port of the sound card; ``"-"`` leaves it unconnected, for a patch bay.
+    air
+        Likewise; empty makes a one-channel source.
     fingers
         Of a hand: contact and air of each finger by its name, in place of the two above; an empty air port is silence.
     server

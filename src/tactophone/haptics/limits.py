@@ -23,8 +23,10 @@ class Limits:
     ceiling
         Greatest amplitude, 0 to 1 of full drive. It may be assigned at any time, by any thread: gate, pipeline and
         renderer of a finger share one object, so that each applies the same ceiling from then on.
-    lowest, highest
-        The band in Hz; the defaults are those of the paper's voice coil, a Lofelt Basslet (section III-D).
+    lowest
+        Begin of the band in Hz; by default that of the paper's voice coil, a Lofelt Basslet (section III-D).
+    highest
+        End of the band in Hz.
 
     >>> Limits().bound(HapticCommand(3.0, 5.0, time=0.0))
     HapticCommand(amplitude=0.5, frequency=35.0, time=0.0)

@@ -11,7 +11,8 @@ from tactophone.perception.detector import TouchDetector, WindowDetector
 from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
 from tactophone.perception.model_file import ModelCard, read_model
 from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
-from tactophone.types import DEFAULT_TIP
+from tactophone.plugins import DETECTORS, load, registered
+from tactophone.types import DEFAULT_TIP, Detector
 
 TIP_MODELS: Mapping[str, str] = MappingProxyType({"pad": "texture", "plastic": "stylus", "stylus": "stylus"})
 """The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
@@ -36,6 +37,8 @@ def model_path(name: str) -> Path:
         return _FOLDER / f"{name}.onnx"
     if (path := Path(name)).is_file():
         return path
+    if name in registered(DETECTORS):
+        raise ModelError(f"{name} is a detector of another package, but a model file is needed here")
     hint = did_you_mean(name, shipped_models())
     raise ModelError(
         f"no model {name}: give a file, or one of those inside the package: {', '.join(shipped_models())}{hint}"
@@ -101,6 +104,14 @@ def open_detector(
         if fast_contact
         else TouchDetector(detector)
     )
+
+
+def open_registered(name: str, *, sample_rate: int, channels: int) -> Detector | None:
+    """Open the detector that another package has registered under a name; ``None`` if it is a model's."""
+    if name in shipped_models() or Path(name).is_file() or not (make := load(DETECTORS, name)):
+        return None
+    detector: Detector = make(sample_rate=sample_rate, channels=channels)
+    return detector
 
 
 def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool = False) -> TouchDetector:

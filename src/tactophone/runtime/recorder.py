@@ -17,6 +17,7 @@ import tactophone
 from tactophone.hand import each_finger
 from tactophone.link.events import Event, write_event
 from tactophone.perception.models import default_model, model_path
+from tactophone.plugins import DETECTORS, registered
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import LARGEST_RECORD
 from tactophone.telemetry.records import Controls, EventBatch, Record, RunStart, write_record
@@ -123,7 +124,7 @@ class SessionRecorder:
 def describe_run(settings: Settings, *, role: str) -> RunStart:
     """Describe a process that starts now, completely enough to run it again."""
     fingers = each_finger(settings)
-    models = {own.detector.model or default_model(own.capture.tip): "" for own in fingers}
+    models = {own.detector.model or default_model(own.capture.tip) for own in fingers} - set(registered(DETECTORS))
     tables = asdict(settings)
     del tables["fingers"]
     return RunStart(

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -39,11 +40,13 @@ from tactophone.link.session import Session
 from tactophone.link.stream import RedundancyRule
 from tactophone.link.udp import UdpSocket, resolve
 from tactophone.perception.calibration import Calibration
+from tactophone.perception.detector import TouchDetector
 from tactophone.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
 from tactophone.perception.health import FaultDetector
 from tactophone.perception.model_file import read_model
-from tactophone.perception.models import default_model, model_path, open_detector, tip_mismatch
+from tactophone.perception.models import default_model, model_path, open_detector, open_registered, tip_mismatch
 from tactophone.pipeline import Hand, Pipeline, open_events
+from tactophone.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.settings import Link, Settings
 from tactophone.telemetry.layout import Fault
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
@@ -118,6 +121,9 @@ def open_actuator(
             return gamepad_actuator(
                 lambda out: render([out]), device=output.device, roughness=roughness, ceiling=ceiling
             )
+    if make := output.actuator not in ("file", "none") and load(ACTUATORS, output.actuator):
+        actuator: Actuator = make(render=render, fingers=len(fingers), device=output.device)
+        return actuator
     path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
     return clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
 
@@ -148,16 +154,17 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
     chosen, profile = settings.detector, settings.rendering.profile
     model = chosen.model or default_model(settings.capture.tip)
     calibration = read_calibration(chosen.calibration, channels)
-    detector: Detector
-    detector = plain = open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
-    if chosen.check_microphones:
+    own = open_registered(model, sample_rate=LIVE_SAMPLE_RATE, channels=channels)
+    plain = None if own else open_detector(model, sample_rate=LIVE_SAMPLE_RATE, follow_floor=True)
+    detector: Detector = own or cast(TouchDetector, plain)
+    if chosen.check_microphones and plain:
         reference = calibration.reference if calibration else None
         detector = with_fallback(
             plain, sample_rate=LIVE_SAMPLE_RATE, channels=channels, model=model, reference=reference
         )
     if not math.isnan(chosen.threshold_dbfs):
         detector.threshold.dbfs = chosen.threshold_dbfs
-    elif calibration and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
+    elif calibration and plain and (level := calibration.threshold_for(plain.detector.card.gate.rule)) is not None:
         # A model whose rule was not calibrated follows the noise floor.
         detector.threshold.dbfs = level
     return Pipeline(
@@ -173,7 +180,8 @@ def open_pipeline_for(settings: Settings, *, channels: int) -> Pipeline:
 def tip_warning(settings: Settings) -> str:
     """Return what is wrong if the model is for another tip than the settings name; empty otherwise."""
     tip = settings.capture.tip
-    return tip_mismatch(read_model(model_path(settings.detector.model or default_model(tip))).card, tip)
+    model = settings.detector.model or default_model(tip)
+    return "" if model in registered(DETECTORS) else tip_mismatch(read_model(model_path(model)).card, tip)
 
 
 def read_calibration(path: str, channels: int) -> Calibration | None:
