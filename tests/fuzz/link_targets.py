@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 from pylibsrtp import Error
 
+from tactophone.call.messages import Accepted, Hello, Offer, Refused, read_message, write_message
+from tactophone.call.messages import Address as Candidate
 from tactophone.errors import PacketError
 from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.events import Connected, Disconnected, PacketReceived, Renewed, read_event, write_event
@@ -31,6 +33,8 @@ from tactophone.link.rtcp import (
 )
 from tactophone.link.send import SendGroup
 from tactophone.link.session import BUSY_PAUSE, SESSION_TIMEOUT, Session
+from tactophone.link.udp import CHANNEL_HEADER
+from tactophone.link.way import channel_content, is_stun, read_kept, write_kept
 from tactophone.types import Prediction, Touch
 
 from .target import Run, Target
@@ -269,7 +273,31 @@ def _keep(pair: Pair) -> None:
             session._current.last_received = pair.now
 
 
+def call_messages() -> tuple[Sequence[bytes], Run]:
+    """What the other end of a call says, through the mailbox."""
+    offer = Offer("user", "p" * 22, [Candidate("srflx", "192.0.2.7", 4000, 5, "f1")], "keeps", relay=True)
+    hello = Hello("lab-7", "robot", "0.1.0", ROBOT.fingerprint)
+    return [write_message(each) for each in (hello, Accepted("operator"), offer, Refused("no"))], read_message
+
+
+def way() -> tuple[Sequence[bytes], Run]:
+    """What comes over the way of a call, and what its two processes pass on."""
+    channel = 0x4001
+    seeds = [b"\x40\x01\x00\x08\x80\x60\x00\x01" + bytes(4), b"\x01\x01\x00\x00", write_kept(_SOUND, ("192.0.2.7", 9))]
+
+    def run(data: bytes) -> None:
+        assert len(channel_content(data, channel)) <= max(0, len(data) - CHANNEL_HEADER)
+        assert read_kept(write_kept(data, ("::1", 9))) == (data, ("::1", 9))
+        is_stun(data)
+        with contextlib.suppress(ValueError):
+            read_kept(data)
+
+    return seeds, run
+
+
 TARGETS = {
+    "call_messages": Target(call_messages, (PacketError,)),
+    "way": Target(way),
     "packets": Target(packets, (PacketError,)),
     "reports": Target(reports, (PacketError,)),
     "predictions": Target(predictions, (PacketError,)),

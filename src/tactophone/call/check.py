@@ -117,7 +117,7 @@ async def _relays(turn: Server | None) -> bool:
         return False
     finder = Finder(controls=True, stun=None, turn=turn, relay_only=True)
     try:
-        return (await finder.gather("unknown")).relay
+        return (await finder.gather()).relay
     finally:
         await finder.close()
 

@@ -39,6 +39,13 @@ def install(loop: asyncio.AbstractEventLoop) -> None:
     reactor.startRunning(installSignalHandlers=False)
 
 
+def uninstall() -> None:
+    """End Twisted's threads, which would keep the process alive."""
+    from twisted.internet import reactor
+
+    reactor.fireSystemEvent("shutdown")
+
+
 def code_of(secret: bytes) -> str:
     """Return the code that two ends derive from the secret of their last call."""
     number = int.from_bytes(hmac.digest(secret, b"tactophone call number", hashlib.sha256)[:5])

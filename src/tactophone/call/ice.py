@@ -18,7 +18,7 @@ from tactophone.call.messages import Address, Nat, Offer
 from tactophone.errors import DeviceError
 from tactophone.link.way import Way, read_kept
 
-CONNECT_TIMEOUT = 12.0
+CONNECT_TIMEOUT = 8.0
 """Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
 
 CHANNEL_REFRESH = 240
@@ -27,6 +27,10 @@ CHANNEL_REFRESH = 240
 _CHOSEN = b"\x03"
 """First byte of the word by which the controlling end says which way it has chosen: in STUN's range (RFC 7983), so that
 it passes every filter, but no STUN message."""
+
+RELAY_DELAY = 0.6
+"""Seconds that direct ways are tried alone: the first check of one end may be lost at the other's router, and is
+repeated after half a second."""
 
 CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
 """Seconds from one repetition of that word to the next, and until the end gives up."""
@@ -71,8 +75,11 @@ class Finder:
         self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = asyncio.get_running_loop().create_future()
         self._word = b""
 
-    async def gather(self, nat: Nat) -> Offer:
-        """Ask the servers where this end may be reached; sockets are open from now on."""
+    async def gather(self) -> Offer:
+        """Ask the servers where this end may be reached; sockets are open from now on.
+
+        What lies between this end and the internet is left to say (``nat``).
+        """
         turn = await self._turn.resolve() if self._turn else None
         policy = aioice.TransportPolicy.RELAY if self._relay_only else aioice.TransportPolicy.ALL
         self._ice = aioice.Connection(
@@ -91,25 +98,26 @@ class Finder:
             for each in self._ice.local_candidates
         ]
         relay = any(each.kind == "relay" for each in found)
-        return Offer(self._ice.local_username, self._ice.local_password, found, nat, relay)
+        return Offer(self._ice.local_username, self._ice.local_password, found, "unknown", relay)
 
-    async def connect(self, offer: Offer, keeper: socket.socket) -> Way:
-        """Find the way to the end that made the offer, and hand its socket over; ``keeper`` is as in `Way`.
+    async def connect(self, offer: Offer, nat: Nat, keeper: socket.socket) -> tuple[Way, bool]:
+        """Find the way to the end that made the offer; return it, and whether a relay of either end passes it on.
+
+        ``nat`` is what lies before this end, ``keeper`` as in `Way`.
 
         Raises `ConnectionError` or `TimeoutError` if there is none.
         """
         ice = self._ice
         ice.remote_username, ice.remote_password = offer.user, offer.password
-        for each in offer.addresses:
-            candidate = aioice.Candidate(each.foundation, 1, "udp", each.priority, each.host, each.port, each.kind)
-            await ice.add_remote_candidate(candidate)
-        await ice.add_remote_candidate(None)
         # Known to the two ends alone, as it came through the mailbox under their key.
         self._word = _CHOSEN + (ice.local_password if self._controls else offer.password).encode()
         async with asyncio.timeout(CONNECT_TIMEOUT):
-            await ice.connect()
+            await self._check(offer, 0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY)
         protocol, peer = await self._agree()
-        return self._hand_over(protocol, peer, keeper)
+        way = self._hand_over(protocol, peer, keeper)
+        return way, bool(way.channel) or any(
+            each.kind == "relay" and (each.host, each.port) == peer for each in offer.addresses
+        )
 
     async def keep(self, keeper: socket.socket) -> None:
         """Keep the way open, fed with the STUN messages that the live side passes on, until it is lost."""
@@ -144,6 +152,32 @@ class Finder:
                 protocol.transport.sendto(data, address)
 
         protocol.datagram_received = notice
+
+    async def _check(self, offer: Offer, delay: float) -> None:
+        """Try the direct ways first, and from ``delay`` s on the relayed ones, which would often be the first to work.
+
+        aioice takes the first way that works, and whatever is added while it tries.
+        """
+        ice = self._ice
+        direct = [each for each in offer.addresses if each.kind != "relay"]
+        relays = [each for each in ice._protocols if each.local_candidate.type == "relay"]
+        if not direct or len(relays) == len(ice._protocols):
+            delay = 0.0
+        ice._protocols = [each for each in ice._protocols if each not in relays]
+        for each in direct:
+            await ice.add_remote_candidate(_candidate(each))
+        checks = asyncio.ensure_future(ice.connect())
+        try:
+            await asyncio.wait([checks], timeout=delay)
+            ice._protocols += relays
+            for candidate in ice.remote_candidates:
+                ice._pair_remote_candidate(candidate)
+            for each in offer.addresses:
+                await ice.add_remote_candidate(_candidate(each))
+            await ice.add_remote_candidate(None)
+            await checks
+        finally:
+            checks.cancel()
 
     async def _agree(self) -> tuple[Any, tuple[str, int]]:
         """Agree on one way: each end may have found several, and each another one first."""
@@ -188,6 +222,10 @@ class Finder:
                 self._reader.datagram_received(*read_kept(message))
             else:
                 loop.remove_reader(keeper)
+
+
+def _candidate(address: Address) -> aioice.Candidate:
+    return aioice.Candidate(address.foundation, 1, "udp", address.priority, address.host, address.port, address.kind)
 
 
 async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> dict[tuple[str, int], tuple[str, int]]:

@@ -110,7 +110,8 @@ class CallProcess:
                         return
                     yield step, content
                     continue
-            if not self._child.alive:
+            alive = self._child.alive  # asked first: what it told before its end is then read
+            if self.failure or not alive:
                 raise DeviceError(self.failure or "the process of the call ended without a word")
 
     def answer(self, accepted: bool) -> None:
@@ -126,7 +127,7 @@ class CallProcess:
     def _found(self, content: dict[str, Any], descriptor: int) -> Found:
         host, port = content.pop("peer")
         way = Way(socket.socket(fileno=descriptor), (host, port), self._pair, content.pop("channel"))
-        return Found(**content | {"secret": bytes.fromhex(content["secret"])}, way=way, relayed=way.channel > 0)
+        return Found(**content | {"secret": bytes.fromhex(content["secret"])}, way=way)
 
 
 def _run(parent: Parent, plan: Plan, pair: socket.socket) -> None:
@@ -156,7 +157,13 @@ def _in_loop(parent: Parent, main: Any, *, twisted: bool = False) -> None:
         with contextlib.suppress(asyncio.CancelledError):
             await task
 
-    loop.run_until_complete(until_asked())
+    try:
+        loop.run_until_complete(until_asked())
+    finally:
+        if twisted:
+            from tactophone.call.exchange import uninstall
+
+            uninstall()
 
 
 def _tell(pair: socket.socket, step: Step, content: Any, descriptors: tuple[int, ...] = ()) -> None:
@@ -223,13 +230,11 @@ class _Call:
             controls=not plan.answers, stun=resolved[0] if resolved else None, turn=turn, relay_only=settings.relay_only
         )
         try:
-            (nat, *_), offer = await asyncio.gather(
-                check.find_nat([*stun, *filter(None, [turn])]), finder.gather("unknown")
-            )
+            (nat, *_), offer = await asyncio.gather(check.find_nat([*stun, *filter(None, [turn])]), finder.gather())
             exchange.send(Offer(offer.user, offer.password, offer.addresses, nat, offer.relay))
             theirs = await self._next(exchange, Offer)
             try:
-                way = await finder.connect(theirs, self._pair)
+                way, relayed = await finder.connect(theirs, nat, self._pair)
             except (ConnectionError, TimeoutError):
                 reason = check.why_no_way(nat, theirs.nat, relay=offer.relay or theirs.relay)
                 raise DeviceError(reason) from None
@@ -238,7 +243,7 @@ class _Call:
             raise
         content = {
             "name": hello.name, "version": hello.version, "fingerprint": hello.fingerprint, "role": role,
-            "after": time.monotonic() - began,
+            "after": time.monotonic() - began, "relayed": relayed,
         }  # fmt: skip
         return finder, content, way
 
