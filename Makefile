@@ -3,7 +3,7 @@ VENV   ?= .venv
 PYTHON ?= python3
 BIN     = $(VENV)/bin
 READY   = $(VENV)/.ready
-CODE    = src tests benchmarks examples hardware scripts/docs_hooks.py
+CODE    = src tests benchmarks examples hardware scripts/docs_hooks.py scripts/moving_picture.py
 LOCK    = requirements/lock.txt
 # Two workers on two cores: libraries that start a thread per core would only compete with each other.
 PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
