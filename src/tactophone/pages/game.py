@@ -5,6 +5,7 @@ server, and the finger on the robot's side. The order of the stones stays on the
 """
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -166,7 +167,9 @@ class Round:
 
 
 def within_reach(x: float, y: float, force: float, *, now: float) -> Point:
-    """Clip a requested target to the box and to a hand's force."""
+    """Clip a requested target to the box and to a hand's force; raises `ValueError` for a place that is not finite."""
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError("x and y must be finite numbers")
     width = 4 * PITCH + WIDTH
     return Point(
         now,

@@ -41,6 +41,9 @@ from tactophone.types import Touch
 PERIOD = 0.004
 """Seconds between messages: they carry sound, and what waits here is felt late."""
 
+SHORTEST_ROUND = 0.5
+"""Seconds; shorter rounds are a program's, and are not saved: it would fill the disk."""
+
 LONGEST_ROUND = 600.0
 """Seconds whose signals are kept for the last screen."""
 
@@ -78,12 +81,14 @@ class _PlayerSlot:
         self._view = view
         await say_command(view, request)
         player = _Player(self._game, self._run, view, self._played, local=is_local(request))
-        async with asyncio.TaskGroup() as tasks:
-            sending = tasks.create_task(player.send())
-            await player.receive()
-            sending.cancel()
-        player.lift()
-        self._played = max(self._played, player.played)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                sending = tasks.create_task(player.send())
+                await player.receive()
+                sending.cancel()
+        finally:
+            player.lift()
+            self._played = max(self._played, player.played)
         return view
 
 
@@ -121,7 +126,7 @@ class _Player:
             try:
                 arguments = json.loads(message.data)
                 await actions[arguments.pop("action")](**arguments)
-            except (ValueError, TypeError, KeyError, AttributeError) as error:
+            except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
                 await self._view.send_str(json.dumps({"refused": str(error)}))
 
     async def _request(self, action: Action) -> None:
@@ -197,7 +202,10 @@ class _Player:
         result = played.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
         kept = f"Saved in {self._game.results}"
         try:
-            result.append(self._game.results)
+            if now - self._begun < SHORTEST_ROUND:
+                kept = "Not saved: nobody plays that fast"
+            else:
+                result.append(self._game.results)
         except OSError as error:  # the round is shown all the same
             kept = f"Not saved in {self._game.results}: {error.strerror}"
         self.lift()
