@@ -25,8 +25,9 @@ from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import SendGroup
 from tactophone.link.session import RENEW_AFTER, Session
 from tactophone.link.stream import DecodedAudio
-from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
+from virtual_link import OPERATOR_ADDRESS, VirtualLink
 
 PACKET = 960
 """Samples that are sent at once: 20 ms, four packets."""

@@ -25,11 +25,12 @@ from tactophone.link.stream import DecodedAudio
 from tactophone.pipeline import open_pipeline
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.motion import single
-from tactophone.simulation.network import ROBOT_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.strokes import take_moves
 from tactophone.simulation.takes import TAKES
 from tactophone.types import AudioBlock, FloatArray, PipelineStep, Touch
+from virtual_link import ROBOT_ADDRESS, VirtualLink, paired_sessions
 
 RATE = 48_000
 HOP = 512 / RATE

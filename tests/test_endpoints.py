@@ -4,6 +4,7 @@ from itertools import cycle
 from pathlib import Path
 
 import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 
 import tactophone
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
@@ -11,7 +12,7 @@ from tactophone.errors import ModelError
 from tactophone.haptics.limits import Limits
 from tactophone.link.codec import Codec
 from tactophone.pipeline import Pipeline, open_pipeline
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import HapticCommand, PipelineStep, Touch
 from tests.models import write_tiny_model
 from tests.sounds import blocks, noise, strokes

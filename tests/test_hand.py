@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.link.codec import Codec
 from tactophone.pipeline import Hand, Pipeline, open_pipeline
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock, FloatArray, PipelineStep
 from tests.models import write_tiny_model
 from tests.sounds import ODD_SIZES, blocks, noise, strokes

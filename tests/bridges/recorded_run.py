@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 
 from tactophone.bridges.mcap import McapLog
 from tactophone.endpoints import EventStep, OperatorEndpoint, RobotEndpoint
@@ -20,7 +21,7 @@ from tactophone.runtime.gate import OutputGate
 from tactophone.runtime.recorder import SessionRecorder
 from tactophone.runtime.wiring import open_pipeline_for
 from tactophone.settings import Settings, change
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.telemetry.records import ARRIVAL_DIGITS
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import VirtualLink
 
 from tactophone.link.codec import Codec
 from tactophone.link.events import Connected
 from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send import SendGroup
 from tactophone.link.stream import DecodedAudio, RedundancyRule
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock, FloatArray, Prediction, Touch
 
 from .session_pair import answering, calling

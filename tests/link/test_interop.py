@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 
 from tactophone.link.codec import Codec
 from tactophone.link.packet import Packet
 from tactophone.link.stream import BlockEncoder, Packetizer, Redundancy, RedundancyRule
-from tactophone.simulation.network import VirtualLink, paired_sessions
 from tactophone.types import AudioBlock, FloatArray
 
 RATE = 48_000

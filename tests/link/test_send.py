@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import OPERATOR_ADDRESS, VirtualLink
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.link.codec import Codec
@@ -15,7 +16,7 @@ from tactophone.link.send import MOST_OPERATORS, SendGroup
 from tactophone.link.session import Session
 from tactophone.link.stream import DecodedAudio
 from tactophone.pipeline import Hand, open_pipeline
-from tactophone.simulation.network import OPERATOR_ADDRESS, ImpairedLink, NetworkProfile, VirtualLink
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock, Prediction, Touch
 
 OPUS = Codec("opus", packet_size=120)

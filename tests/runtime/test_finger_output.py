@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import paired_sessions
 
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.haptics.limits import Limits
@@ -14,7 +15,6 @@ from tactophone.link.session import Session
 from tactophone.pipeline import Hand, open_pipeline
 from tactophone.runtime.gate import FingerOutput
 from tactophone.settings import Settings
-from tactophone.simulation.network import paired_sessions
 from tactophone.telemetry.layout import Request
 from tactophone.types import HapticCommand, Prediction, Touch
 

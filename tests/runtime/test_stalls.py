@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks.failsafe import EndlessStroke
+from benchmarks.virtual_link import OPERATOR_ADDRESS, ROBOT_ADDRESS, paired_sessions
 
 from tactophone.link.codec import Codec
 from tactophone.link.events import Connected
@@ -25,7 +26,6 @@ from tactophone.runtime.priority import MAIN_PRIORITY, prioritize_thread
 from tactophone.runtime.robot import paced, run_robot
 from tactophone.runtime.supervisor import Supervisor, supervised
 from tactophone.settings import Settings, change
-from tactophone.simulation.network import OPERATOR_ADDRESS, ROBOT_ADDRESS, paired_sessions
 from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 

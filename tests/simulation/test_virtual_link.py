@@ -5,10 +5,11 @@ from itertools import repeat
 
 import numpy as np
 import pytest
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 
 from tactophone.link.codec import Codec
 from tactophone.link.stream import DecodedAudio
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock
 
 CODEC = Codec("pcm16", channels=1, packet_size=240)

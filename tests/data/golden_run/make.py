@@ -9,13 +9,14 @@ these files. Run this by hand only when the behaviour is meant to change:
 import base64
 import json
 
+from benchmarks.virtual_link import VirtualLink, paired_sessions
 from tests import golden
 
 from tactophone.endpoints import OperatorEndpoint, RobotEndpoint
 from tactophone.link.codec import Codec
 from tactophone.link.events import Connected, PacketReceived
 from tactophone.simulation.demonstration import demonstration
-from tactophone.simulation.network import ImpairedLink, NetworkProfile, VirtualLink, paired_sessions
+from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock
 
 START, END = 1.5, 6.5
