@@ -44,11 +44,7 @@ class RobotEndpoint:
     """
 
     def __init__(
-        self,
-        group: SendGroup,
-        detector: Detector | Sequence[Detector] | None = None,
-        *,
-        channels: Sequence[int] = (),
+        self, group: SendGroup, detector: Detector | Sequence[Detector] | None = None, *, channels: Sequence[int] = ()
     ) -> None:
         self.group, self._channels = group, channels
         self.detectors = list(detector) if isinstance(detector, Sequence) else [detector] if detector else []

@@ -38,8 +38,6 @@ class Pipeline:
     events
         Adds a prediction for each touch event; without it, none are detected.
 
-    Examples
-    --------
     ::
 
         pipeline = open_pipeline(sample_rate=48_000, channels=2)
@@ -50,12 +48,7 @@ class Pipeline:
     """
 
     def __init__(
-        self,
-        detector: Detector,
-        profile: Profile,
-        limits: Limits | None = None,
-        *,
-        events: EventMerger | None = None,
+        self, detector: Detector, profile: Profile, limits: Limits | None = None, *, events: EventMerger | None = None
     ) -> None:
         self.detector = detector
         self._events = events
@@ -122,8 +115,6 @@ class Hand:
     fingers
         Number of fingers.
 
-    Examples
-    --------
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
     >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
     >>> [(step.finger, step.block.channels) for step in hand.push(sound)]
@@ -215,12 +206,8 @@ def open_pipeline(
     tip
         Tip that touches, one of `tactophone.types.TIP_NAMES`.
 
-    Raises
-    ------
-    ModelError
-        If there is no such model, or it does not fit the sound.
-    ConfigError
-        If there is no such profile.
+    Raises `ModelError` if there is no such model, or it does not fit the sound. Raises `ConfigError` if there is no
+    such profile.
     """
     if channels not in (1, 2):
         raise ModelError(

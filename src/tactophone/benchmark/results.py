@@ -9,20 +9,8 @@ from tactophone.benchmark.methods import BenchmarkMethod
 from tactophone.benchmark.regression import Heights, height_correlation
 from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
-from tactophone.evaluation.bootstrap import (
-    Difference,
-    Estimate,
-    correct_for_number,
-    estimate,
-    paired_difference,
-)
-from tactophone.evaluation.events import (
-    Delays,
-    calibration_error,
-    contact_delays,
-    edge_delays,
-    false_bumps_per_minute,
-)
+from tactophone.evaluation.bootstrap import Difference, Estimate, correct_for_number, estimate, paired_difference
+from tactophone.evaluation.events import Delays, calibration_error, contact_delays, edge_delays, false_bumps_per_minute
 from tactophone.evaluation.metrics import RULES, Scores, false_positives_at_recall
 from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of
 from tactophone.evaluation.report import Rendered, rendered_scores

@@ -96,8 +96,6 @@ def _lasts(task: "asyncio.Task[Any]") -> bool:
 class FloodGate:
     """Counts what a page sends, as a bucket that empties at ``rate`` a second and holds one second of it.
 
-    Examples
-    --------
     >>> gate = FloodGate(10.0)
     >>> [gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=0.0), gate.overflows(4, now=1.0)]
     [False, False, True, False]

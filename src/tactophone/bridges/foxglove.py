@@ -208,7 +208,6 @@ class _Viewer:
             return
 
     async def send(self) -> None:
-        """Send what waits, for ever."""
         while not self.socket.closed:
             await self._wake.wait()
             self._wake.clear()

@@ -77,7 +77,6 @@ class LogFile:
             self._file.close()
 
     def write(self, message: Message) -> None:
-        """Add a message of one of the topics."""
         time = round(message.time * 1e9)
         self._writer.add_message(self._channels[message.topic.name], time, message.data, time)
 

@@ -55,7 +55,6 @@ class BridgeProcess:
 
     @property
     def pid(self) -> int:
-        """Of the bridge's process."""
         return self._child.pid
 
     def __enter__(self) -> Self:

@@ -66,7 +66,6 @@ class RunReader:
         return [*self._session(), *self._predictions(now), *self._state(now), *self._health(now)]
 
     def _begin(self) -> None:
-        """Read a process from its beginning."""
         watcher = self.watcher
         self.names = watcher.finger_names()
         self._log_count, self._prediction_counts = 0, [0] * watcher.fingers
@@ -213,7 +212,6 @@ class Passed:
 
     @property
     def contact(self) -> bool:
-        """Whether the finger touches."""
         return self.prediction.touch is not Touch.NONE
 
     @property

@@ -117,10 +117,7 @@ class RosBridge:
     over
         ``dds`` or ``zenoh``.
 
-    Raises
-    ------
-    ConfigError
-        If the domain cannot be joined.
+    Raises `ConfigError` if the domain cannot be joined.
     """
 
     interval = INTERVAL
@@ -244,10 +241,7 @@ class RosSource(AlwaysOpen):
     faults
         ``odd size``: messages that hold no whole samples, which are dropped.
 
-    Raises
-    ------
-    ConfigError
-        If nothing is published there, or in another format.
+    Raises `ConfigError` if nothing is published there, or in another format.
     """
 
     def __init__(self, topic: str, *, domain: int | None = None) -> None:
@@ -334,7 +328,6 @@ class RosBag:
         self._writer.close()
 
     def write(self, step: PipelineStep) -> None:
-        """Add the sound, the predictions and the commands of a step."""
         time = step.block.time
         if step.block.size:
             self._write(step.finger, "audio", time, messages.sound(step.block.samples, self._epoch + time))

@@ -75,7 +75,6 @@ class SoundMessages:
                         yield from self._packet(event[1:], self._epoch + arrival.time)
 
     def flush(self) -> Iterator[Message]:
-        """Yield what has begun."""
         for joined in self._joined.values():
             yield from self._finish(joined)
 

@@ -27,7 +27,6 @@ class Schema:
 
     @property
     def message_encoding(self) -> str:
-        """Encoding of the messages."""
         return "json" if self.encoding == "jsonschema" else self.encoding
 
 

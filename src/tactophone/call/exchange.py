@@ -13,13 +13,7 @@ from typing import Any
 
 import wormhole
 from twisted.internet import asyncioreactor
-from wormhole.errors import (
-    KeyFormatError,
-    LonelyError,
-    WormholeClosed,
-    WormholeError,
-    WrongPasswordError,
-)
+from wormhole.errors import KeyFormatError, LonelyError, WormholeClosed, WormholeError, WrongPasswordError
 
 from tactophone.call.messages import Message, read_message, write_message
 from tactophone.errors import DeviceError

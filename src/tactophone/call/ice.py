@@ -39,8 +39,6 @@ CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
 class Server:
     """A TURN or STUN server as the settings name it: ``[USER:PASSWORD@]HOST[:PORT]``.
 
-    Examples
-    --------
     >>> found = Server("1790000000:lab:k3y=@[2001:db8::1]:3479")
     >>> found.host, found.port, found.user, found.password
     ('2001:db8::1', 3479, '1790000000:lab', 'k3y=')

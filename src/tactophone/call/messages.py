@@ -77,10 +77,7 @@ LARGEST = 20_000
 def read_message(data: bytes) -> Message:
     """Decode a message of the other end.
 
-    Raises
-    ------
-    PacketError
-        If it is none.
+    Raises `PacketError` if it is none.
     """
     try:
         if len(data) > LARGEST:

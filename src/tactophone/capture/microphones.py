@@ -52,11 +52,7 @@ def jack_source(
 
 
 def portaudio_source(
-    device: str = "",
-    *,
-    channels: int = 2,
-    fingers: Sequence[tuple[int, int]] = (),
-    sample_rate: int = LIVE_SAMPLE_RATE,
+    device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = (), sample_rate: int = LIVE_SAMPLE_RATE
 ) -> LiveSource:
     """Open the microphones on a PortAudio device.
 

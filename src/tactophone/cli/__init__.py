@@ -143,7 +143,6 @@ def examples_of(verb: str) -> Sequence[str]:
 
 
 def _listed() -> str:
-    """Return all verbs in their groups, a line each."""
     lines = []
     for group, verbs in GROUPS.items():
         lines += [f"{group}:", *(f"  {verb:14} {line}" for verb, line in verbs.items()), ""]

@@ -85,7 +85,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run, score and report."""
     from tactophone.benchmark.plan import measure_costs
     from tactophone.benchmark.report import steps_by_profile, write_report
 
@@ -119,7 +118,6 @@ def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
 
 
 def _simulated(folder: Path, workers: int) -> Path:
-    """Render a small simulated set, once."""
     from tactophone.simulation.catalogue import catalogue
     from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
     from tactophone.simulation.takes import TAKES
@@ -212,7 +210,6 @@ def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[st
 
 
 def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
-    """Print one of Tables I and II."""
     output.show(PaperTable(title, rows), as_json=as_json)
 
 

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
     from tactophone.runtime.supervisor import Supervisor
 
 EXAMPLES = {
-    "call": (
-        "tactophone call",
-        "tactophone call --robot --source finger --remember lab",
-        "tactophone call --check",
-    ),
+    "call": ("tactophone call", "tactophone call --robot --source finger --remember lab", "tactophone call --check"),
     "answer": (
         "tactophone answer 3-escapade-peachy",
         "tactophone answer 3-escapade-peachy --source finger --remember home",

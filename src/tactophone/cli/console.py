@@ -95,7 +95,6 @@ class _ConsoleView:
         return key not in QUIT_KEYS
 
     def line(self) -> Text:
-        """Return levels, prediction, packets and latency in one line."""
         if self.last is None or not self.last.alive:
             return Text("waiting for sound ...", style="yellow")
         return _line(self.last)

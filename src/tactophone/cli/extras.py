@@ -81,8 +81,6 @@ def explain(error: ModuleNotFoundError) -> str:
     ModuleNotFoundError
         The same error, if no extra has the module: then it is a mistake in the code.
 
-    Examples
-    --------
     >>> explain(ModuleNotFoundError(name="pylibsrtp.policy"))
     "pylibsrtp is not installed: pip install 'tactophone[link]'"
     """

@@ -58,7 +58,6 @@ class Meters:
         self._peaks = np.maximum(self._peaks, np.abs(block.samples).max(axis=0))
 
     def due(self) -> bool:
-        """Return whether it is time to draw again."""
         now = time.monotonic()
         if now < self._next:
             return False
@@ -159,7 +158,6 @@ class GuideScreen:
 
     @property
     def answers(self) -> bool:
-        """Whether somebody can answer."""
         return self.has_keyboard or self.page is not None
 
     def begin(self, step: int) -> None:

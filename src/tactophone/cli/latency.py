@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print."""
     from tactophone.devices.dummy import DummyServer
     from tactophone.measurement.delays import measure_decisions
     from tactophone.measurement.impulses import Graph, measure

@@ -48,7 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser, verb: str, usual: Sequence[st
 
 
 def add_record(parser: argparse.ArgumentParser) -> None:
-    """Add ``--record`` and ``--bridge``."""
     parser.add_argument(
         "--record", type=Path, action="append", default=[], metavar="FILE",
         help="RUN.mcap: packets, sound, predictions, commands and settings, for `tactophone replay`; or RUN.csv: each "
@@ -182,7 +181,6 @@ class _RunSummary:
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
-    """Print the outcome and return the verb's exit code."""
     last: Snapshot | None = outcome.last
     if last is None:
         return 1

@@ -164,13 +164,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
     """Choose the rule, draw the trade-off, write the model file."""
     goal: Goal = "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
     limit = args.false_positives if args.false_bumps is None else per_minute(args.false_bumps)
-    from tactophone.evaluation.rules import (
-        candidate_rules,
-        choose_rule,
-        draw_trade_off,
-        measure_rule,
-        try_rules,
-    )
+    from tactophone.evaluation.rules import candidate_rules, choose_rule, draw_trade_off, measure_rule, try_rules
 
     path = model_path(args.model)
     # The package's own files stay as they are: other programs of this installation use them.

@@ -54,13 +54,8 @@ SEED = Within(int, 0)
 def per_minute(text: str) -> float:
     """Parse a rate such as ``1/min``, over 0 to 600 a minute.
 
-    Raises
-    ------
-    DatasetError
-        If the text is not such a rate.
+    Raises `DatasetError` if the text is not such a rate.
 
-    Examples
-    --------
     >>> per_minute("0.5/min")
     0.5
     """
@@ -172,7 +167,6 @@ def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str
 
 
 def add_fingers(parser: argparse.ArgumentParser) -> None:
-    """Add ``--fingers``."""
     parser.add_argument(
         "--fingers",
         metavar="N|FILE",
@@ -182,13 +176,11 @@ def add_fingers(parser: argparse.ArgumentParser) -> None:
 
 
 def add_finger(parser: argparse.ArgumentParser) -> None:
-    """Add ``--fingers`` and ``--finger``, for verbs that work with one finger of a hand."""
     add_fingers(parser)
     parser.add_argument("--finger", metavar="NAME", help="the finger of --fingers to use, such as index")
 
 
 def add_json(parser: argparse.ArgumentParser, words: str = "print JSON, for a program") -> None:
-    """Add ``--json``."""
     parser.add_argument("--json", action="store_true", help=words)
 
 

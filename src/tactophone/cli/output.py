@@ -108,7 +108,6 @@ def listing(entries: Iterable[tuple[str, Any]], **style: Any) -> Table:
 
 
 def cell(value: Any) -> str:
-    """Return a value as a table shows it."""
     if isinstance(value, float):
         return "-" if math.isnan(value) else f"{value:.3g}"
     return str(escape(str(value)) if isinstance(value, Path) else value)

@@ -78,7 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure, print, and write what was asked for."""
     from tactophone.dataset.heights import draw_heights, measure_heights, read_heights
 
     if bool(args.write_metadata) != bool(args.surface):
@@ -105,7 +104,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
-    """Write the parameters into every line of the surface."""
     from tactophone.dataset.metadata import FILE_NAME, write_metadata
     from tactophone.dataset.read import open_dataset
 

@@ -18,12 +18,7 @@ from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, ModelError
 from tactophone.json_numbers import finite
-from tactophone.perception.calibration import (
-    CalibrationResult,
-    CalibrationSounds,
-    Finding,
-    measure_calibration,
-)
+from tactophone.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
 from tactophone.perception.health import MICROPHONES
 from tactophone.perception.model_file import Model, read_model
 from tactophone.perception.models import default_model, model_path
@@ -364,7 +359,6 @@ def _check_set_up(args: argparse.Namespace) -> int:
 
 
 def _estimate(fit: "SetUpFit") -> str:
-    """Say how good the model will be."""
     after = fit.balanced_accuracy
     if math.isnan(after):
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"

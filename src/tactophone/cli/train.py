@@ -71,7 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train and write the model file."""
     calibration = Calibration.read(args.calibration) if args.calibration else None
     recipe = recipe_of(args).configured(start=args.start, calibration=calibration)
     dataset = open_filtered(args.data, args.filter, channels=recipe.channels)

@@ -343,10 +343,7 @@ def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] =
     return _import(folder, out, chosen, find, "air", progress)
 
 
-FORMATS: Mapping[str, Callable[..., Imported]] = {
-    "biotac": import_biotac,
-    "cluster": import_cluster,
-}
+FORMATS: Mapping[str, Callable[..., Imported]] = {"biotac": import_biotac, "cluster": import_cluster}
 """Importers by the name that `dataset import --format` takes."""
 
 

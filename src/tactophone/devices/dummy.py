@@ -45,12 +45,7 @@ class DummyServer:
     """
 
     def __init__(
-        self,
-        period: int = 128,
-        *,
-        sample_rate: int = LIVE_SAMPLE_RATE,
-        outputs: int = 2,
-        synchronous: bool = True,
+        self, period: int = 128, *, sample_rate: int = LIVE_SAMPLE_RATE, outputs: int = 2, synchronous: bool = True
     ) -> None:
         self.name = f"tactophone-{os.getpid()}-{id(self):x}"
         self.period, self.sample_rate = period, sample_rate

@@ -164,10 +164,7 @@ class LoggedEndpoint:
                 f"controls of finger {controls.finger}, but the run has {len(self._outputs)}: a changed log"
             )
         output, chosen = self._outputs[controls.finger], self._chosen[controls.finger]
-        requests = [
-            Request("arm" if controls.armed else "mute"),
-            Request("output_level", controls.output_level),
-        ]
+        requests = [Request("arm" if controls.armed else "mute"), Request("output_level", controls.output_level)]
         if "ceiling" not in chosen:
             requests.append(Request("ceiling", min(controls.ceiling, output.gate.local_ceiling)))
         if "profile" not in chosen and output.pipeline.profile.name != controls.profile:

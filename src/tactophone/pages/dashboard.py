@@ -60,8 +60,6 @@ def parse_request(text: str, state: State, *, finger: int = 0, local: bool = Tru
         Whether the page is open on the machine of the run. A page on another machine may stop, mute and weaken the
         vibration; it never arms, strengthens or changes what is detected.
 
-    Examples
-    --------
     >>> parse_request('{"action": "mute"}', State()).action
     'mute'
     >>> parse_request('{"action": "ceiling", "value": 0.9}', State(fingers=(FingerState(ceiling=0.5),)))

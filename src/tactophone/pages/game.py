@@ -95,7 +95,6 @@ class RoundResult:
     """Median seconds from press to sound; ``None`` if not measured."""
 
     def append(self, path: Path) -> None:
-        """Append one line of JSON to a results file."""
         with path.open("a", encoding="utf-8") as file:
             file.write(json.dumps(asdict(self)) + "\n")
 
@@ -103,8 +102,6 @@ class RoundResult:
 class Round:
     """A round in progress.
 
-    Examples
-    --------
     >>> smooth, rough = Touch.SMOOTH, Touch.ROUGH
     >>> game = Round((rough, smooth, smooth, rough, smooth), seed=1)
     >>> for k in range(5):
@@ -136,7 +133,6 @@ class Round:
             self.strokes[point.stone] += 1
 
     def truth(self, point: Point) -> Touch:
-        """Return the true touch at a target."""
         return Touch.NONE if point.stone < 0 else self.order[point.stone]
 
     def finish(self, choices: Sequence[int], now: Point, *, finished: str) -> RoundResult:

@@ -25,8 +25,6 @@ class StoneBoxSource(AlwaysOpen):
     ``("move", x, y, force)`` moves the finger (m, N; negative force lifts). The sender never waits for the finger, nor
     the finger for the sender.
 
-    Examples
-    --------
     >>> from multiprocessing import Pipe
     >>> inbox, outbox = Pipe(duplex=False)
     >>> outbox.send(("move", 0.04, 0.03, 1.5))

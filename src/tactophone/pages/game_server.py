@@ -24,16 +24,7 @@ from numpy.typing import NDArray
 from tactophone.pages.devices import command_of
 from tactophone.pages.feed import WatchedRun, pack, step_table
 from tactophone.pages.game import GameSettings, Point, Round, read_results, within_reach
-from tactophone.pages.views import (
-    CREDIT,
-    STATIC,
-    TAKEN,
-    admit,
-    is_local,
-    messages_of,
-    page,
-    say_command,
-)
+from tactophone.pages.views import CREDIT, STATIC, TAKEN, admit, is_local, messages_of, page, say_command
 from tactophone.telemetry.layout import Action, Request
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import Touch
@@ -52,7 +43,6 @@ SHOWN = 2_000
 
 
 def game_application(game: GameSettings) -> web.Application:
-    """Build the game's page."""
     app = web.Application()
     app.router.add_get("/", page(STATIC / "game" / "play.html"))
     app.router.add_static("/game", str(STATIC / "game"))

@@ -30,8 +30,6 @@ HEADERS = {
 class AccessControl:
     """Decides whether a request is allowed.
 
-    Examples
-    --------
     >>> access = AccessControl("127.0.0.1", 8470, token="secret")
     >>> access.url
     'http://127.0.0.1:8470/secret/'

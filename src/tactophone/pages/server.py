@@ -41,10 +41,7 @@ class Page:
     names
         Further names of this machine under which the page may be opened.
 
-    Raises
-    ------
-    TactophoneError
-        When the address is not available, or the web server is not installed.
+    Raises `TactophoneError` when the address is not available, or the web server is not installed.
     """
 
     def __init__(

@@ -73,8 +73,6 @@ def protect(inner: web.Application, access: AccessControl, acceptor: Acceptor) -
 
 
 def page(path: Traversable) -> Handler:
-    """Return a handler that serves an HTML file."""
-
     async def handler(request: web.Request) -> web.StreamResponse:
         return web.Response(text=path.read_text(encoding="utf-8"), content_type="text/html")
 

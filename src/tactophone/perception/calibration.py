@@ -183,10 +183,7 @@ def measure_calibration(
     false_alarms_per_minute
         False contacts to allow in a minute of silence.
 
-    Raises
-    ------
-    ValueError
-        If a sound is shorter than a second.
+    Raises `ValueError` if a sound is shorter than a second.
     """
     if min(map(len, (sounds.silence, sounds.stroke, sounds.tap))) < sounds.sample_rate:
         raise ValueError("each of silence, stroke and tap must last a second or more")

@@ -86,8 +86,6 @@ class ContactGate:
     threshold
         A shared one may take its place.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> gate = ContactGate(-40, sample_rate=48_000)
     >>> sound = np.zeros((4800, 1), np.float32)

@@ -33,10 +33,7 @@ class DecisionRule:
         Probability of *none* from which a touch is unlike any in training: it is rendered as plain contact, smooth.
         :data:`NEVER_ABSTAIN` for models, like the paper's, whose *none* is trained but not used.
 
-    Raises
-    ------
-    ValueError
-        If a value is out of range.
+    Raises `ValueError` if a value is out of range.
     """
 
     rough_on: float = 0.5
@@ -89,8 +86,6 @@ class Decision:
 def rough_share(probabilities: Probabilities) -> float:
     """Return the probability of rough given that it is rough or smooth.
 
-    Examples
-    --------
     >>> rough_share((0.5, 0.125, 0.375))
     0.75
     """

@@ -70,7 +70,6 @@ def process_together(processings: Sequence[Processing]) -> list[list[Prediction]
 
 
 def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
-    """Return the predictions of each entry."""
     results: list[list[Prediction]] = [[] for _ in pending]
     by_network: dict[object, list[tuple[int, WindowDetector, int, FloatArray]]] = {}
     for number, (detector, windows) in enumerate(pending):
@@ -122,10 +121,7 @@ class WindowDetector:
     trace
         Called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
-    Raises
-    ------
-    ModelError
-        If the rate is too low, or this version cannot run the model.
+    Raises `ModelError` if the rate is too low, or this version cannot run the model.
     """
 
     def __init__(self, model: Model, *, sample_rate: int) -> None:
@@ -176,10 +172,7 @@ class WindowDetector:
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
 
-        Raises
-        ------
-        ModelError
-            If the block has fewer channels than the model needs, or not the announced rate.
+        Raises `ModelError` if the block has fewer channels than the model needs, or not the announced rate.
         """
         return process_together([self.process(block)])[0]
 
@@ -206,7 +199,6 @@ class WindowDetector:
         return (yield self, windows)
 
     def flush(self) -> list[Prediction]:
-        """Return the predictions that only the end of the stream completes."""
         windows = self._complete_windows() if self._arrived else []
         windows += self._windower.push(self._resampler.flush())
         return _predict([(self, windows)])[0] if windows else []
@@ -382,7 +374,6 @@ class TouchDetector:
         return self._merge(predictions, contacts, block.sample_rate) if predictions or contacts else []
 
     def flush(self) -> list[Prediction]:
-        """Return the predictions that only the end of the stream completes."""
         return [self._revise(self._shifted(prediction)) for prediction in self.detector.flush()]
 
     def reset(self) -> None:

@@ -104,8 +104,6 @@ class EventDetector:
     tip
         What touches, one of `tactophone.types.TIP_NAMES`.
 
-    Examples
-    --------
     >>> sound = np.random.default_rng(0).normal(0, 1e-3, (48_000, 1)).astype(np.float32)
     >>> sound[24_000:24_240] *= 200
     >>> [event.kind for event in EventDetector(sample_rate=48_000, channels=1).push(AudioBlock(sound, 48_000))]

@@ -48,8 +48,6 @@ _UNKNOWN = (0.0, 0.5, 0.5)
 def fallback_mode(faults: Iterable[SensorFault], *, spare: bool) -> FallbackMode:
     """Return the safe fallback for the present faults: that of the worst, given whether there is a ``spare`` model.
 
-    Examples
-    --------
     >>> fallback_mode([SensorFault(FaultKind.DEAD, AIR), SensorFault(FaultKind.CLIPPED, 0)], spare=True).name
     'CONTACT_ONLY'
     """
@@ -134,7 +132,6 @@ class FallbackDetector:
         return predictions
 
     def flush(self) -> list[Prediction]:
-        """Return the predictions that only the end of the stream completes."""
         return [self._revised(prediction) for prediction in self.active.flush()]
 
     def reset(self) -> None:

@@ -79,8 +79,6 @@ class BandFeatures:
 
     Under 15.2 kHz the highest bands stay empty.
 
-    Examples
-    --------
     >>> bands = BandFeatures(512, 16_000)
     >>> bands.describe(bands.spectrum(np.zeros((512, 2), np.float32))).shape
     (2, 20)
@@ -181,8 +179,6 @@ def magnitudes(window: FloatArray) -> FloatArray:
 
     Shape ``(..., (samples // 2 + 1) * channels)``, float32: all of channel 0, then all of channel 1.
 
-    Examples
-    --------
     >>> magnitudes(np.ones((512, 2), np.float32)).shape
     (514,)
     >>> float(magnitudes(np.ones((512, 2), np.float32))[257])
@@ -232,8 +228,6 @@ FAINT_POWER = 1e-10
 def cues(window: FloatArray, sample_rate: int) -> NDArray[np.float64]:
     """Compute :data:`CUES` of a window ``(samples, channels)``; all but the last are of channel 0.
 
-    Examples
-    --------
     >>> sine = np.sin(2 * np.pi * 500 * np.arange(4096) / 16_000).astype(np.float32)[:, None]
     >>> dict(zip(CUES, cues(sine, 16_000).round(1).tolist()))["crest_db"]
     3.0
@@ -285,7 +279,6 @@ class MemorylessExtractor:
         self._features_of = features_of
 
     def describe(self, windows: FloatArray) -> list[FloatArray]:
-        """Return the features of each window."""
         return [self._features_of(window) for window in windows]
 
     def push(self, description: FloatArray, *, contact: bool) -> FloatArray:

@@ -43,8 +43,6 @@ def find_invalid(samples: FloatArray) -> NDArray[np.intp]:
 class InvalidSampleFilter:
     """Replaces invalid samples with silence and keeps their positions.
 
-    Examples
-    --------
     >>> invalid = InvalidSampleFilter()
     >>> invalid.clean(np.array([[0.1], [np.nan], [0.2]], np.float32))[:, 0].tolist()
     [0.10000000149011612, 0.0, 0.20000000298023224]
@@ -134,8 +132,6 @@ class ChannelStatistics:
 class SignalStatistics:
     """Measures a stream: blocks of any size in, a :class:`ChannelStatistics` out at each full cell.
 
-    Examples
-    --------
     >>> statistics = SignalStatistics(48_000)
     >>> tone = np.sin(2 * np.pi * 50 * np.arange(48_000) / 48_000).astype(np.float32)
     >>> measured = statistics.push(AudioBlock(np.stack([tone, 0 * tone], axis=1) / 2, 48_000))
@@ -370,8 +366,6 @@ class FaultDetector:
     faults
         Present now. Read at every block, found at every eighth of a second.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> detector = FaultDetector(48_000, Reference())
     >>> sound = np.random.default_rng(1).normal(0, 0.01, (48_000, 2)).astype(np.float32)
@@ -391,7 +385,6 @@ class FaultDetector:
 
     @property
     def cell_size(self) -> int:
-        """Samples between two measures."""
         return self._statistics.cell_size
 
     def push(self, block: AudioBlock) -> bool:

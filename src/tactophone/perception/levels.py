@@ -28,8 +28,6 @@ SILENCE_DBFS = -200.0
 def rms_dbfs(samples: FloatArray) -> float:
     """Return the root mean square level of one channel, in dB of full scale.
 
-    Examples
-    --------
     >>> rms_dbfs(np.full(100, 0.1, np.float32))
     -20.0
     >>> rms_dbfs(np.zeros(100, np.float32))
@@ -49,8 +47,6 @@ def banded_dbfs(samples: FloatArray) -> float:
     Hum, motors and the arm's sway are under that band, the sound of a sliding finger in it: on simulated sound it
     detects 83 % of touching windows at 1 % false alarms, the unfiltered level 42 % (docs/research/detector.md).
 
-    Examples
-    --------
     >>> hum, hiss = (np.sin(2 * np.pi * f * np.arange(512) / 512).astype(np.float32) for f in (3, 40))
     >>> banded_dbfs(hum) < -60, round(banded_dbfs(hiss), 1)
     (True, -3.0)
@@ -118,8 +114,6 @@ class StepLevels:
     sample_rate
         In Hz; steps are whole samples, so that 44.1 kHz has 4009 of them a second (4410 by the rule ``banded``).
 
-    Examples
-    --------
     >>> levels = StepLevels("rms", sample_rate=48_000)
     >>> levels.push(AudioBlock(np.full((30, 1), 0.5, np.float32), 48_000)).tolist()
     [0.25, 0.25]

@@ -24,7 +24,6 @@ _FOLDER = Path(str(files("tactophone.perception"))) / "models"
 
 
 def shipped_models() -> list[str]:
-    """Return the names of the models inside the package."""
     return sorted(path.stem for path in _FOLDER.glob("*.onnx"))
 
 
@@ -93,10 +92,7 @@ def open_detector(
         Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
         threshold ends that.
 
-    Raises
-    ------
-    ModelError
-        If there is no such model, or this version cannot run it.
+    Raises `ModelError` if there is no such model, or this version cannot run it.
     """
     detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
     return (

@@ -113,8 +113,6 @@ class NoiseFloor:
     known
         Whether the floor has been measured.
 
-    Examples
-    --------
     >>> floor = NoiseFloor(-26.0)
     >>> for _ in range(100):
     ...     floor.push(-60.0, touching=False)
@@ -201,8 +199,6 @@ def margin_db(spread_db: float, false_alarms: float) -> float:
     The power of noise is gamma distributed, with a shape that follows from the standard deviation of its level; its
     quantile is Wilson and Hilferty's (Proc. Natl. Acad. Sci. 17, 684, 1931). Each exceedance lasts `HOLD` at least.
 
-    Examples
-    --------
     >>> round(margin_db(0.5, 0.01), 2), round(margin_db(1.5, 0.01), 2)
     (2.12, 4.78)
     """
@@ -253,7 +249,6 @@ class RecordingFloor:
 
     @property
     def known(self) -> bool:
-        """Whether the recording holds a noise floor."""
         return not math.isnan(self.floor_dbfs)
 
 

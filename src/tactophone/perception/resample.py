@@ -36,8 +36,6 @@ class Resampler:
     latency
         The same in seconds: the delay from an output sample's own time to its availability.
 
-    Examples
-    --------
     >>> resampler = Resampler(48_000, 2000, channels=1)
     >>> len(resampler.push(np.zeros((48_000, 1), np.float32))) + len(resampler.flush())
     2000
@@ -113,8 +111,6 @@ def design_kernels(input_rate: int, output_rate: int) -> FloatArray:
 
     Source: windowed-sinc interpolation with a Hann window, J. O. Smith, "Digital Audio Resampling" (CCRMA, 2002).
 
-    Examples
-    --------
     >>> design_kernels(48_000, 2000).shape
     (1, 293)
     >>> design_kernels(44_100, 2000).shape
@@ -149,8 +145,6 @@ class Windower:
 
     ``size`` is in samples; ``hop`` too, and may be a fraction, but is at least 1.
 
-    Examples
-    --------
     >>> windower = Windower(4, Fraction(3, 2), channels=1)
     >>> sound = np.arange(8, dtype=np.float32)[:, None]
     >>> [(end, window[:, 0].tolist()) for end, window in windower.push(sound)]

@@ -59,8 +59,6 @@ class RunningStatistics:
     prior_weight
         Weight that the prior still has: ``moments + prior_weight * prior`` are the moments to use.
 
-    Examples
-    --------
     >>> statistics = RunningStatistics(np.zeros((1, 1, 1)))
     >>> for _ in range(100):
     ...     statistics.push(np.array([[3.0]]), contact=True)

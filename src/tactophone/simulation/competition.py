@@ -49,7 +49,6 @@ class CompetitionRun:
 
     @property
     def scene(self) -> Scene:
-        """The stones, in this run's order."""
         return five_stones(self.order)
 
     @property

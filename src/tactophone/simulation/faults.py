@@ -50,10 +50,7 @@ class FaultSpan:
     def parse(cls, text: str) -> Self:
         """Read ``code``, ``code@start`` or ``code@start-end``, times in s.
 
-        Raises
-        ------
-        ConfigError
-            If the code is unknown or the times make no sense.
+        Raises `ConfigError` if the code is unknown or the times make no sense.
         """
         match = _SPAN.fullmatch(text)
         if not match or match["code"] not in CODES:
@@ -77,7 +74,6 @@ class FaultySource:
 
     @property
     def channels(self) -> int:
-        """Number of the source's channels."""
         return self._source.channels
 
     def __enter__(self) -> Self:

@@ -258,10 +258,7 @@ TIPS = MappingProxyType(
 def tip_named(name: str) -> Tip:
     """Return a tip.
 
-    Raises
-    ------
-    ConfigError
-        If there is none of that name.
+    Raises `ConfigError` if there is none of that name.
     """
     if name not in TIPS:
         raise ConfigError(f"{name!r} is not a tip; there are {', '.join(TIPS)}")

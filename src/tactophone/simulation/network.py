@@ -77,8 +77,6 @@ pauses while a station scans or changes its access point; their values are assum
 def network_profile(text: str) -> NetworkProfile:
     """Parse a profile's name and changes: ``wifi``, ``wifi,loss=0.05``, ``loss=0.1,burst=3``.
 
-    Examples
-    --------
     >>> network_profile("lan,loss=0.05").loss
     0.05
     """
@@ -141,7 +139,6 @@ class ImpairedLink:
         return self._queue[0][0] if self._queue else math.inf
 
     def push(self, datagram: bytes, *, now: float) -> None:
-        """Send a datagram."""
         delivery = next(self._fates)
         delays = delivery.delays or (self._profile.delay,)
         if next(self._lost) if self._lost else not delivery.delays:
@@ -224,7 +221,6 @@ class ImpairmentProxy:
 
     @property
     def address(self) -> Address:
-        """The address for the robot to call."""
         return self._robot_side.address
 
     def run(self) -> None:

@@ -33,8 +33,6 @@ class SimulatedParticipant(AlwaysOpen):
     ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers. ``mounting`` is the catalogue's by
     default; ``seed`` is of set-up, movement and noise.
 
-    Examples
-    --------
     >>> from tactophone.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))
     >>> participant.stroke(1.0)

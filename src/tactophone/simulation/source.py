@@ -92,8 +92,6 @@ class SimulatedFinger(AlwaysOpen):
     place
         Where it hovers at the start, in m.
 
-    Examples
-    --------
     >>> from tactophone.simulation.catalogue import find
     >>> from tactophone.simulation.motion import single
     >>> finger = SimulatedFinger(single(find("lava stone")), place=(0.02, 0.03))

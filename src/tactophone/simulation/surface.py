@@ -244,10 +244,7 @@ def measured_profile(name: str, *, step: float, size: int) -> Profile:
     step, size
         Metres between two heights, and their number.
 
-    Raises
-    ------
-    ConfigError
-        If the package is not installed.
+    Raises `ConfigError` if the package is not installed.
     """
     scan = max(_scans(np.load(_path(FILES[name]))), key=len)
     turns = int(np.ceil(size * step / (2 * len(scan) * STEP)))

@@ -74,10 +74,7 @@ def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]
     weights, centre, bias, spread
         ``bias + (features - centre) @ weights`` is the estimate; ``spread`` is its root mean square error in training.
 
-    Raises
-    ------
-    DatasetError
-        If no recording has the property ``ra_um``.
+    Raises `DatasetError` if no recording has the property ``ra_um``.
     """
     from sklearn.linear_model import Ridge
 

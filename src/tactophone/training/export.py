@@ -24,14 +24,7 @@ from onnx import NodeProto, TensorProto, helper, numpy_helper
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule
-from tactophone.perception.model_file import (
-    CARD_KEY,
-    FEATURES,
-    LOG_PROBABILITIES,
-    Gate,
-    ModelCard,
-    read_model,
-)
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard, read_model
 from tactophone.processes import atomic_write
 from tactophone.training.recipes import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
 from tactophone.types import FloatArray, Touch
@@ -96,7 +89,6 @@ def set_decision(path: Path, rule: DecisionRule, scores: Mapping[str, Any], *, o
 
 
 def make_card(weights: Weights, *, name: str, gate: Gate, licence: str = "") -> ModelCard:
-    """Return the card of a network with these weights."""
     channels = channels_of(weights)
     return ModelCard(name, "paper", NETWORK_RATE, NETWORK_WINDOW_SIZE, NETWORK_HOP, channels, gate, licence=licence)
 
@@ -138,7 +130,6 @@ def tip_of(recordings: Sequence[Recording]) -> str:
 
 
 def is_simulation(recording: Recording) -> bool:
-    """Return whether a recording says that it was simulated."""
     return recording.known("source") == "simulated"
 
 

@@ -92,10 +92,7 @@ def finetuning_recipe(
         Of the set-up that the new objects were recorded with: where contact begins, for the labels and for the model's
         gate; by default the recipe's and the first model's.
 
-    Raises
-    ------
-    ModelError
-        If the model is of another kind: those train anew in a minute.
+    Raises `ModelError` if the model is of another kind: those train anew in a minute.
     """
     card = read_model(start).card
     if card.kind != "paper":

@@ -43,7 +43,6 @@ class LinearClassifier:
 
 
 def build_texture(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit the classifier and return its graph."""
     channels = training_set.spec.channels
     classifier = fit_classifier(training_set.examples, channels=channels, hard_tip=training_set.tip in HARD_TIPS)
     return build_classifier_graph(classifier, channels=channels)

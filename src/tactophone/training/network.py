@@ -34,8 +34,6 @@ class PaperNetwork(nn.Module):
     channels
         2 as in the paper, or 1 for its piezo-only variant.
 
-    Examples
-    --------
     >>> sum(parameter.numel() for parameter in PaperNetwork().parameters())
     1882755
     >>> PaperNetwork(channels=1)(torch.zeros(4, 257)).shape
@@ -65,7 +63,6 @@ class PaperNetwork(nn.Module):
 
 
 def weights_of(network: nn.Module) -> dict[str, FloatArray]:
-    """Return a copy of a network's parameters."""
     return {name: value.detach().float().numpy().copy() for name, value in network.state_dict().items()}
 
 

@@ -193,8 +193,6 @@ def network_settings(variant: Variant, *, reference_code: bool = False) -> Netwo
 
     With ``reference_code`` they follow the authors' code where it differs from the paper's text.
 
-    Examples
-    --------
     >>> network_settings("general").epochs, network_settings("general", reference_code=True).class_weights
     (5, (1.0, 0.05, 0.05))
     """

@@ -34,7 +34,6 @@ class SpectrogramNetwork(nn.Module):
 
 
 def build_scalogram(training_set: TrainingSet, *, seed: int = 0) -> onnx.ModelProto:
-    """Train the network and return its graph."""
     examples = training_set.examples.thinned()
     centre, scale = float(examples.features.mean()), float(examples.features.std())
     shape = (

@@ -83,7 +83,6 @@ class Examples:
         return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
 
     def weights(self) -> Floats:
-        """Return the weights of :func:`even_weights`."""
         return even_weights(self.rough, self.surface, self.importance)
 
     def moments(self) -> tuple[Floats, Floats]:
@@ -214,10 +213,7 @@ def build_training_set(
     tip
         That touches.
 
-    Raises
-    ------
-    DatasetError
-        If there is no contact in all rough or all smooth recordings.
+    Raises `DatasetError` if there is no contact in all rough or all smooth recordings.
     """
     tracks = extract_features(recordings, spec)
     # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
@@ -314,12 +310,10 @@ class FeatureRecipe:
 
     @property
     def recipe(self) -> Recipe:
-        """The registry's entry."""
         return RECIPES[self.name]
 
     @property
     def channels(self) -> int:
-        """Microphones that the model uses."""
         return self.spec.channels
 
     @property
@@ -350,7 +344,6 @@ class FeatureRecipe:
         )
 
     def build(self, training_set: TrainingSet) -> onnx.ModelProto:
-        """Fit the classifier and return the graph of a model file."""
         from tactophone.training.baselines import BUILDERS
 
         return BUILDERS[self.name](training_set)

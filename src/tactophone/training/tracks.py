@@ -166,10 +166,7 @@ def read_signals(
     list of ndarray
         A recording each, float32, shape ``(samples, channels)``, channel 0 contact.
 
-    Raises
-    ------
-    DatasetError
-        If a file cannot be read, has too few channels, or not the sample rate of the codec.
+    Raises `DatasetError` if a file cannot be read, has too few channels, or not the sample rate of the codec.
     """
     signals = []
     for done, recording in enumerate(recordings, 1):

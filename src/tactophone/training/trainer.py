@@ -251,12 +251,10 @@ class NetworkRecipe:
 
     @property
     def name(self) -> str:
-        """Name of the settings, for tables."""
         return self.settings.name
 
     @property
     def channels(self) -> int:
-        """How many microphones the model uses."""
         return self.settings.channels
 
     @property
