@@ -1,7 +1,7 @@
-"""Draws docs/images/tactophone.webp from a real run: ``tactophone demo``, then ``python scripts/moving_picture.py [DEMO]``.
+"""Draws docs/images/tactophone.webp from a real run: ``tactophone demo``, then ``scripts/moving_picture.py [DEMO]``.
 
-Left, the simulated finger where it was at each moment (the same seed moves it again), middle, the sound on its way,
-right, the operator's fingertip with the vibration that the run rendered; below, the contact microphone's sound, coloured
+Left, the simulated finger where it was at each moment (the same seed moves it again); in the middle, the sound on its
+way; right, the fingertip with the vibration that the run rendered; below, the contact microphone, coloured
 by what was rendered.
 """
 

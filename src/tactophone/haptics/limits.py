@@ -28,6 +28,8 @@ class Limits:
     highest
         End of the band in Hz.
 
+    Examples
+    --------
     >>> Limits().bound(HapticCommand(3.0, 5.0, time=0.0))
     HapticCommand(amplitude=0.5, frequency=35.0, time=0.0)
     >>> Limits().bound(HapticCommand(float("nan"), 60.0, time=0.0)).amplitude

@@ -111,6 +111,8 @@ class Oscillator(Renderer):
     sample_rate
         Of the waveform, in Hz.
 
+    Examples
+    --------
     >>> from tactophone import HapticCommand
     >>> oscillator = Oscillator(Limits())
     >>> oscillator.submit(HapticCommand(amplitude=1.0, frequency=60.0, time=0.0))
