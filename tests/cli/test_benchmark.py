@@ -84,6 +84,30 @@ def test_a_setting_without_a_meaning_is_refused(text: str, data: str, capsys: py
 
 
 @pytest.mark.realtime
+def test_a_ray_cluster_with_another_working_directory_gets_relative_paths(
+    data: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ray = pytest.importorskip("ray")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/note.txt").write_text("a worker begins here")
+    monkeypatch.chdir(Path(data).parent)
+    command = ["--data", Path(data).name, "--workers", "1", "--ray", "--cache", str(tmp_path / "cache")]
+    ray.init(num_cpus=1, include_dashboard=False, runtime_env={"working_dir": str(tmp_path / "elsewhere")})
+    try:
+        split = ["--splits", "2-fold", "--out", str(tmp_path / "out")]
+        assert main(["benchmark", *command, "--methods", "level", *split]) == 0
+        assert main(["evaluate", *command, "--vary", "recipe=level", "--split", "2-fold"]) == 0
+        monkeypatch.setattr("tactophone.benchmark.folds._absolute", lambda fold: fold)
+        capsys.readouterr()
+        assert main(["benchmark", *command, "--methods", "texture", *split]) == 1
+    finally:
+        ray.shutdown()
+    error = capsys.readouterr().err
+    assert "does not see" in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.realtime
 def test_a_ray_cluster_has_the_results_of_this_process(data: str, tmp_path: Path) -> None:
     ray = pytest.importorskip("ray")
     command = ["benchmark", "--data", data, "--methods", "level,texture", "--splits", "2-fold", "--workers", "1"]

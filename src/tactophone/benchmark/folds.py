@@ -178,12 +178,40 @@ def _use_single_thread() -> None:
 
 def _on_ray(todo: dict[str, MethodFold], workers: int) -> Iterator[tuple[str, list[TakePredictions]]]:
     ray = load_ray(workers)
+    # Workers that joined elsewhere have another working directory.
+    todo = {key: (method, _absolute(fold)) for key, (method, fold) in todo.items()}
+    _check_seen(ray, sorted({take.path for _, fold in todo.values() for take in (*fold.train, *fold.test)}))
     # Ray runs a task again if its worker or its machine dies.
     remote = ray.remote(num_cpus=1, max_retries=MOST_DEATHS)(predict_fold)
     running = {remote.remote(*fold): key for key, fold in todo.items()}
     while running:
         (ready,), _ = ray.wait(list(running), num_returns=1)
         yield running.pop(ready), ray.get(ready)
+
+
+def _absolute(fold: Fold) -> Fold:
+    train, test = (tuple(replace(take, path=take.path.absolute()) for take in side) for side in (fold.train, fold.test))
+    return replace(fold, train=train, test=test)
+
+
+def _check_seen(ray: Any, paths: list[Path]) -> None:
+    """Raise `ConfigError` if a machine of the cluster lacks one of the recordings."""
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    for node in ray.nodes():
+        if not node["Alive"]:
+            continue
+        there = NodeAffinitySchedulingStrategy(node["NodeID"], soft=False)
+        absent = ray.get(ray.remote(num_cpus=0, scheduling_strategy=there)(_absent).remote(paths))
+        if absent:
+            raise ConfigError(
+                f"--ray: {node['NodeManagerHostname']} does not see {absent[0]} ({len(absent)} of {len(paths)} "
+                "recordings): put the data set at the same path on every machine, as on a shared disk"
+            )
+
+
+def _absent(paths: list[Path]) -> list[Path]:
+    return [path for path in paths if not path.is_file()]
 
 
 def load_ray(workers: int) -> Any:
