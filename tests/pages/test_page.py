@@ -22,6 +22,10 @@ def open_page(browser: webdriver.Chrome, page: Page) -> None:
     wait(browser, lambda: text(browser, "life") == "live")
 
 
+def view(browser: webdriver.Chrome, name: str) -> None:
+    browser.find_element(By.CSS_SELECTOR, f"#views [value={name}]").click()
+
+
 def test_it_shows_a_rough_stroke_as_rough_within_a_second(browser: webdriver.Chrome, page: Page, run: Run) -> None:
     open_page(browser, page)
     delays = []
@@ -63,6 +67,7 @@ def test_levels_profile_and_threshold_are_set_by_the_keyboard(browser: webdriver
     browser.find_element(By.ID, "ceiling").send_keys(Keys.ARROW_LEFT * 5)
     wait(browser, lambda: run.finger.ceiling == pytest.approx(0.45))
     wait(browser, lambda: browser.find_element(By.ID, "ceiling").get_attribute("max") == "0.45")
+    view(browser, "setup")
     browser.find_element(By.ID, "threshold").send_keys(Keys.ARROW_RIGHT * 2)
     wait(browser, lambda: run.finger.threshold_dbfs == pytest.approx(-51.0))
     browser.find_element(By.ID, "profile").send_keys("plain")
@@ -82,6 +87,9 @@ def test_the_budget_and_the_link_are_shown_as_numbers(browser: webdriver.Chrome,
     run.telemetry.gauge("latency_detect", 0.0006)
     run.telemetry.gauge("latency_total", 0.0081)
     open_page(browser, page)
+    wait(browser, lambda: "8.1\u202fms from touch" in text(browser, "health"))
+    assert "71 of" in text(browser, "health")
+    view(browser, "engineer")
     wait(browser, lambda: "8.1\u202fms" in text(browser, "total"))
     assert "71" in text(browser, "link")
     assert "detect 0.6" in str(browser.find_element(By.ID, "stack").get_attribute("aria-label"))
@@ -106,10 +114,59 @@ def test_it_fits_a_phone_and_a_laptop_in_both_themes(
 
 def test_everything_that_can_be_used_has_a_name(browser: webdriver.Chrome, page: Page) -> None:
     open_page(browser, page)
-    nodes = browser.find_elements(By.CSS_SELECTOR, "button, input, select, [role=img], [role=group], section")
-    assert len(nodes) > 20
-    unnamed = [node.get_attribute("outerHTML")[:80] for node in nodes if not node.accessible_name]
-    assert unnamed == []
+    found = set()
+    for name in ("operator", "engineer", "setup"):
+        view(browser, name)
+        nodes = browser.find_elements(By.CSS_SELECTOR, "button, input, select, [role=img], [role=group], section")
+        shown = [node for node in nodes if node.is_displayed()]
+        assert [node.get_attribute("outerHTML")[:80] for node in shown if not node.accessible_name] == []
+        found |= set(shown)
+    assert len(found) > 20
+
+
+def box(browser: webdriver.Chrome, selector: str) -> dict[str, float]:
+    script = "const box = document.querySelector(arguments[0]).getBoundingClientRect();"
+    found = browser.execute_script(script + "return {top: box.top, bottom: box.bottom, height: box.height};", selector)
+    assert isinstance(found, dict)
+    return found
+
+
+def test_a_laptop_shows_fingertip_timeline_and_controls_without_scrolling(
+    browser: webdriver.Chrome, page: Page
+) -> None:
+    resize(browser, 1280, 800)
+    open_page(browser, page)
+    for selector in ("#stop", "#hero", ".touch", "#feel", "#level", "#ceiling"):
+        assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 800, selector
+
+
+def test_a_phone_shows_fingertip_stop_and_volume_without_scrolling_and_controls_fit_a_thumb(
+    browser: webdriver.Chrome, page: Page
+) -> None:
+    resize(browser, 390, 844)
+    open_page(browser, page)
+    for selector in ("#stop", "#decision", "#hero", "#feel", "#feel-volume"):
+        assert 0 <= box(browser, selector)["top"] < box(browser, selector)["bottom"] <= 844, selector
+    controls = browser.find_elements(By.CSS_SELECTOR, "button, input, select")
+    small = [node.get_attribute("id") for node in controls if 0 < node.size["height"] < 44]
+    assert small == []
+
+
+def test_the_timeline_reads_out_values_and_pauses(browser: webdriver.Chrome, page: Page, run: Run) -> None:
+    run.touch = Touch.ROUGH
+    open_page(browser, page)
+    wait(browser, lambda: text(browser, "decision") == "rough")
+    time.sleep(1)
+    body, plot = browser.find_element(By.TAG_NAME, "body"), browser.find_element(By.CSS_SELECTOR, ".touch")
+    body.send_keys("p")
+    plot.send_keys(Keys.ARROW_LEFT * 3)
+    words = browser.find_element(By.CSS_SELECTOR, ".readout")
+    wait(browser, lambda: "ago: rough · roughness 0.92 · 60\u202fHz at 50\u202f% of full drive" in words.text)
+    assert "truth: rough" in words.text
+    paused = words.text
+    run.touch = Touch.NONE
+    time.sleep(1)
+    assert words.text == paused
 
 
 def test_it_draws_at_the_screen_s_pace(browser: webdriver.Chrome, page: Page) -> None:

@@ -4,7 +4,6 @@ import uPlot from "./vendor/uPlot.esm.js";
 
 const GUTTER = 46; // px left of every chart, so that the times of all stand below one another
 const COLOURS = ["ink", "soft", "rule", "contact", "air", "none", "smooth", "rough", "vibration", "warn"];
-const TOUCH_COLOURS = ["none", "smooth", "rough"];
 const palette = {};
 
 function readPalette() {
@@ -21,17 +20,6 @@ export function line(name, { width = 1.5, dash, fill = false } = {}) {
     dash,
     points: { show: false },
   };
-}
-
-/** Runs of equal values as coloured blocks: the model output above, the label below. */
-export function stripes(plot, [times, predicted, truth]) {
-  [[predicted, [1.1, 1.9]], [truth, [0.1, 0.9]]].forEach(([values, rows]) => {
-    for (let k = 0, from = 0; k < values.length; k++) {
-      if (k + 1 < values.length && values[k + 1] === values[from]) continue;
-      if (values[from] >= 0) plot.block([times[from], times[Math.min(k + 1, times.length - 1)]], rows, TOUCH_COLOURS[values[from]]);
-      from = k + 1;
-    }
-  });
 }
 
 export class Chart {
@@ -63,7 +51,7 @@ export class Chart {
   draw(columns, now) {
     this.#now = now;
     this.#columns = columns;
-    this.#plot?.setData(columns);
+    if (this.node.clientWidth) this.#plot?.setData(columns); // not on a tab that is closed
   }
 
   /** Draw a level line across. */
@@ -82,21 +70,47 @@ export class Chart {
     ctx.restore();
   }
 
-  /** Draw a thin line over the whole height at each of these times. */
-  ticks(times, name) {
+  /** Draw a thin line over the whole height at a time, and name it unless the last mark is nearer than its name is wide. */
+  mark(time, name, since) {
     const { ctx, bbox } = this.#plot;
-    ctx.fillStyle = palette[name];
-    for (const time of times) ctx.fillRect(this.#plot.valToPos(time, "x", true), bbox.top, devicePixelRatio, bbox.height);
+    const left = this.#plot.valToPos(time, "x", true);
+    if (left < bbox.left) return;
+    ctx.fillStyle = palette.ink;
+    ctx.fillRect(left, bbox.top, devicePixelRatio, bbox.height);
+    ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+    const wide = this.#plot.valToPos(time + Math.min(since, this.#span), "x", true) - left > ctx.measureText(name).width;
+    if (wide) ctx.fillText(name, left + 4 * devicePixelRatio, bbox.top + 13 * devicePixelRatio);
   }
 
   /** Fill from one time to another, from one y to another. */
-  block([from, to], [low, high], name) {
+  block([from, to], [low, high], name, opacity = 1) {
     const { ctx, bbox } = this.#plot;
     const left = Math.max(this.#plot.valToPos(from, "x", true), bbox.left);
     const right = Math.min(this.#plot.valToPos(to, "x", true), bbox.left + bbox.width);
     const top = this.#plot.valToPos(high, "y", true);
+    ctx.globalAlpha = opacity;
     ctx.fillStyle = palette[name];
     ctx.fillRect(left, top, Math.max(right - left, 0), this.#plot.valToPos(low, "y", true) - top);
+    ctx.globalAlpha = 1;
+  }
+
+  /** Fill below values, each placed by `place(value)`, down to `base`; steps, as each holds until the next. */
+  area(times, values, place, base, name, opacity) {
+    if (!times.length) return;
+    const { ctx } = this.#plot;
+    const x = (time) => this.#plot.valToPos(time, "x", true);
+    const y = (value) => this.#plot.valToPos(value, "y", true);
+    ctx.beginPath();
+    ctx.moveTo(x(times[0]), y(base));
+    times.forEach((time, k) => {
+      ctx.lineTo(x(time), y(place(values[Math.max(0, k - 1)])));
+      ctx.lineTo(x(time), y(place(values[k])));
+    });
+    ctx.lineTo(x(times.at(-1)), y(base));
+    ctx.globalAlpha = opacity;
+    ctx.fillStyle = palette[name];
+    ctx.fill();
+    ctx.globalAlpha = 1;
   }
 
   get #span() {
@@ -116,7 +130,7 @@ export class Chart {
     return {
       width,
       height,
-      padding: [6, 5, this.options.times ? 0 : 6, 0],
+      padding: [6, 16, this.options.times ? 0 : 6, 0],
       cursor: { show: false },
       legend: { show: false },
       scales: { x: { time: false, range: () => [this.#now - this.#span, this.#now] }, y: { range: y } },
@@ -130,11 +144,11 @@ export class Chart {
   #timeAxis() {
     const { scale, times } = this.options;
     const steps = [1, 0.8, 0.6, 0.4, 0.2, 0];
-    const label = (value) => (value ? `−${Math.round(10 * value * scale) / 10}` : "0");
+    const label = (value) => (value ? `−${Math.round(10 * value * scale) / 10} ${scale === 1 ? "s" : "ms"}` : "now");
     return {
       size: times ? 22 : 0,
       gap: 3,
-      font: "11px system-ui, sans-serif",
+      font: "12px system-ui, sans-serif",
       stroke: () => palette.soft,
       grid: { stroke: () => palette.rule, width: 1 },
       ticks: { show: false },
@@ -148,7 +162,7 @@ export class Chart {
     return {
       size: GUTTER,
       gap: 6,
-      font: "11px system-ui, sans-serif",
+      font: "12px system-ui, sans-serif",
       stroke: () => palette.soft,
       grid: { stroke: () => palette.rule, width: 1 },
       ticks: { show: false },

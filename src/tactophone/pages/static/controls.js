@@ -22,7 +22,7 @@ export class Controls {
   /** Show the settings of the run, or that there is no run. */
   show(state, alive) {
     const idle = !alive || state.role === "replay";
-    this.#form.inert = idle;
+    for (const part of document.querySelectorAll(".controls")) part.inert = idle;
     this.#form.ceiling.max = state.ceiling;
     this.#set("level", state.output_level, percent);
     this.#set("ceiling", state.ceiling, percent);
@@ -52,7 +52,7 @@ export class Controls {
     const held = performance.now() - (this.#held.get(name) ?? -HOLD) < HOLD;
     if (value !== null && !held) this.#form[name].value = value;
     const shown = held ? this.#form[name].valueAsNumber : value;
-    put(this.#form.querySelector(`output[for=${name}]`), format(shown));
+    put(document.querySelector(`output[for=${name}]`), format(shown));
     this.#form[name].ariaValueText = format(shown);
   }
 

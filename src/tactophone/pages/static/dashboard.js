@@ -1,12 +1,14 @@
 // The operator's page: receives the feed's messages and redraws once per screen frame.
 
-import { Chart, line, stripes } from "./charts.js";
+import { Chart, line } from "./charts.js";
 import { Controls } from "./controls.js";
-import { FULL_SCALE, dbfs, percent, put, showFaults, showLatency, showLink, formatNumber } from "./figures.js";
+import { FULL_SCALE, formatNumber, put, showFaults, showHealth, showLatency, showLink } from "./figures.js";
+import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Record } from "./record.js";
 import { StateBar } from "./statebar.js";
+import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES } from "./timeline.js";
 import { Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
@@ -14,25 +16,21 @@ const PREDICTION_SPAN = 10; // s
 const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
 const REWOUND = 0.5; // s; a jump back by more means another recording or run
 const CALM = 250; // ms between frames when the system asks for reduced motion
-const TOUCHES = ["no contact", "smooth", "rough"];
-// Columns of the table of steps: time, then STEP_COLUMNS of message.py.
-const [, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
-
-// Kinds of touch events, counted from 1: EVENT_KINDS of types.py.
-const EVENTS = ["", "contact", "tap", "knock in the air", "stroke", "slip", "lift-off"];
-const CONTACT_BEGAN = 1; // reported before it is known what it was: drawn, but not named
-
+const VIEW = "tactophone-view";
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 
 const $ = (id) => document.getElementById(id);
-const steps = new Track(10, 2200);
+const steps = new Track(10, 110 * LONGEST);
 const sound = new Track(7, 600);
 const scope = new Track(2, 2000);
 const events = new Track(2, 400);
+const hero = new Hero($("hero"));
+const timeline = new Timeline($("timeline"));
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 let state = null;
 let alive = false;
-let now = 0; // stream time at the right edge
+let newest = 0; // stream time of the newest message
+let now = 0; // stream time at the right edge, which moves on when nothing comes
 
 const meters = { contact: new Meter($("contact-meter"), "Contact"), air: new Meter($("air-meter"), "Air") };
 
@@ -45,7 +43,8 @@ function wave(id, name, low) {
     between: [2, 1],
     y: () => [-top, top],
     splits: () => [-top / 2, 0, top / 2],
-    label: (value) => (value ? "" : "0"),
+    label: (value) => formatNumber(value, 2),
+    times: true,
     over: (plot, [times, lows, highs]) => {
       times.forEach((time, k) => {
         if (highs[k] < FULL_SCALE && lows[k] > -FULL_SCALE) return;
@@ -61,30 +60,17 @@ function wave(id, name, low) {
   };
 }
 
-function levels() {
-  const chart = new Chart($("levels"), {
-    span: SOUND_SPAN,
-    lines: [line("contact"), line("air", { dash: [6, 2] })],
-    y: () => [-100, 0],
-    splits: () => [-80, -60, -40, -20, 0],
-    label: (value) => formatNumber(value),
-    times: true,
-    over: (plot) => {
-      if (state?.threshold_dbfs !== null) plot.rule(state?.threshold_dbfs, "ink", [5, 3]);
-      if (state?.noise_floor_dbfs !== null) plot.rule(state?.noise_floor_dbfs, "soft", [1, 3]);
-    },
+/** P(rough | contact): a gap where there is no contact. */
+function probability() {
+  const chart = new Chart($("probability"), {
+    span: PREDICTION_SPAN, lines: [line("rough")], times: true,
+    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
+    over: (plot) => plot.rule(0.5, "soft"),
   });
   return () => {
-    const columns = sound.after(now - SOUND_SPAN);
-    chart.draw([columns[0], columns[3], columns[6]], now);
-  };
-}
-
-function history(id, columns, options) {
-  const chart = new Chart($(id), { span: PREDICTION_SPAN, ...options });
-  return () => {
-    const all = steps.after(now - PREDICTION_SPAN);
-    chart.draw([all[0], ...columns.map((column) => all[column])], now);
+    const rows = steps.after(now - PREDICTION_SPAN);
+    const share = (touch, k) => (touch > 0 ? rows[ROUGH][k] / (rows[SMOOTH][k] + rows[ROUGH][k]) : null);
+    chart.draw([rows[0], Array.from(rows[TOUCH], share)], now);
   };
 }
 
@@ -102,47 +88,17 @@ function scopeChart() {
   return () => chart.draw(scope.after(scope.newest(0) - SCOPE.span), scope.newest(0));
 }
 
-const charts = [
-  wave("contact-wave", "contact", 1),
-  wave("air-wave", "air", 4),
-  levels(),
-  history("probabilities", [NONE, SMOOTH, ROUGH], {
-    lines: [line("none", { dash: [4, 3] }), line("smooth"), line("rough")],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
-  }),
-  history("touches", [TOUCH, TRUTH], {
-    lines: [line("ink"), line("ink")].map((entry) => ({ ...entry, paths: () => null })),
-    y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "model" : "label"),
-    over: (plot, columns) => {
-      stripes(plot, columns);
-      plot.ticks(events.after(now - PREDICTION_SPAN)[0], "ink");
-    },
-  }),
-  history("roughness", [ROUGHNESS], {
-    lines: [line("rough", { fill: true })],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1), times: true,
-  }),
-  scopeChart(),
-  history("amplitudes", [AMPLITUDE], {
-    lines: [line("vibration", { fill: true })],
-    y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
-    over: (plot) => state && plot.rule(state.ceiling, "warn"),
-  }),
-  history("frequencies", [FREQUENCY], {
-    lines: [line("vibration")],
-    y: (plot, lowest, highest) => [0, Math.max(200, 1.1 * highest)], label: (value) => formatNumber(value), times: true,
-  }),
-];
+const charts = [wave("contact-wave", "contact", 1), wave("air-wave", "air", 4), probability(), scopeChart()];
 
 function onMessage({ header, tables }) {
   alive = header.alive;
   bar.take({ ...header, ...header.state }, tables.steps?.rows || tables.sound?.rows);
   if (header.waiting_for) return;
-  if (header.origin < now - REWOUND) [steps, sound, scope, events].forEach((track) => track.clear());
-  now = header.origin;
-  steps.append(tables.steps, now);
-  sound.append(tables.sound, now);
-  events.append(tables.events, now);
+  if (header.origin < newest - REWOUND) [steps, sound, scope, events].forEach((track) => track.clear());
+  newest = header.origin;
+  steps.append(tables.steps, newest);
+  sound.append(tables.sound, newest);
+  events.append(tables.events, newest);
   appendScope(tables.scope);
   if (header.state) showState(header);
   if (state?.fingers?.[0].name) showHand(state.fingers, header.hand ?? []);
@@ -189,38 +145,45 @@ function showState({ state: newest, counters, gauges }) {
   controls.show(state, alive);
   showFaults($("faults"), state.faults);
   showLink($("link"), counters, gauges);
+  showHealth($("health"), state, counters, gauges);
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
-  put($("ceiling-now"), percent(state.ceiling));
+  timeline.threshold = state.threshold_dbfs;
   document.body.classList.toggle("mono", state.channels === 1);
 }
 
 function showNow() {
-  const touch = steps.newest(TOUCH);
-  put($("decision"), Number.isNaN(touch) ? "–" : TOUCHES[touch]);
-  $("decision").dataset.touch = touch;
-  showEvents();
+  const value = (column) => steps.newest(column);
+  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4);
+  put($("next"), nextAction(value(TOUCH)));
   meters.contact.show(sound.newest(3), sound.newest(1), sound.newest(2), state?.threshold_dbfs);
   meters.air.show(sound.newest(6), sound.newest(4), sound.newest(5));
-  const amplitude = steps.newest(AMPLITUDE);
-  put($("amplitude"), percent(amplitude));
-  put($("frequency"), amplitude > 0 ? formatNumber(steps.newest(FREQUENCY), 0, "Hz") : "–");
-  $("levels").ariaLabel = `Contact ${dbfs(steps.newest(LEVEL))}, air ${dbfs(sound.newest(6))}`;
 }
 
-/** The newest three touch events, newest first; nothing on a run without any. */
-function showEvents() {
-  const [times, kinds] = events.after(now - PREDICTION_SPAN);
-  const named = Array.from(kinds, (kind, k) => [EVENTS[kind], now - times[k], kind]).filter(([, , kind]) => kind !== CONTACT_BEGAN);
-  $("events").hidden = Number.isNaN(events.newest(0));
-  put($("events"), named.slice(-3).reverse().map(([name, age]) => `${name} ${formatNumber(age, 0)} s ago`).join(", ") || "no touch event in the last 10 s");
+/** What a person can do next, said where there is little to see. */
+function nextAction(touch) {
+  if (Number.isNaN(touch)) return "Waiting for sound: start the robot's side, then stroke something.";
+  if (bar.state === "muted") return "Detected, but not felt: press Arm to vibrate.";
+  return touch === 0 ? "Nothing is touched: stroke something." : "";
 }
+
+function showView(view) {
+  const radio = document.querySelector(`#views [value="${view}"]`);
+  if (!radio) return;
+  radio.checked = true;
+  $("desk").dataset.view = view;
+  localStorage.setItem(VIEW, view);
+}
+$("views").addEventListener("change", ({ target }) => showView(target.value));
+showView(localStorage.getItem(VIEW));
 
 let drawn = -CALM;
 function frame(time) {
   requestAnimationFrame(frame);
   if (calm.matches && time - drawn < CALM) return;
   drawn = time;
+  now = newest + (bar.silence < 3600 ? bar.silence : 0);
   charts.forEach((draw) => draw());
+  timeline.draw((since) => [steps.after(since), events.after(since)], now);
   showNow();
 }
 

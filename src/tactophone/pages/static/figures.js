@@ -6,6 +6,7 @@ const STAGES = {
 };
 export const FULL_SCALE = 0.999; // as perception/health.py
 const MINUS = "−";
+const GOAL = 0.025; // s: the latency that a hand does not notice
 const formats = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }));
 
 /** Format a number with 0 to 2 digits after the point, or a dash where there is none. */
@@ -45,7 +46,7 @@ export function put(node, text) {
 /** Statistics of the link. */
 export function showLink(node, counters, gauges) {
   const total = counters.packets_received + counters.packets_lost;
-  const warn = (count) => (count ? "warn" : "");
+  const warn = (count) => (count > 0.01 * total ? "warn" : "");
   list(node, [
     ["received", formatNumber(counters.packets_received), "authentic packets received"],
     ["lost", `${formatNumber(counters.packets_lost)} · ${percent(gauges.loss_ratio ?? ratio(counters.packets_lost, total), 1)}`,
@@ -63,6 +64,26 @@ export function showLink(node, counters, gauges) {
     ["round trip", milliseconds(gauges.round_trip), "to the peer and back"],
     ["redundancy", formatNumber(gauges.redundancy), "earlier packets carried in each packet"],
   ]);
+}
+
+/** Link, latency and device as sentences. */
+export function showHealth(node, { link, output }, counters, gauges) {
+  const total = counters.packets_received + counters.packets_lost;
+  const loss = gauges.loss_ratio ?? ratio(counters.packets_lost, total);
+  const word = loss > 0.05 ? "bad" : loss > 0.01 ? "fair" : "good";
+  const jitter = gauges.jitter === null ? "" : `, ${milliseconds(gauges.jitter)} jitter`;
+  const late = gauges.latency_total > GOAL;
+  const sentences = [
+    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, word],
+    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration, goal ${milliseconds(GOAL, 0)}.`, late ? "fair" : "good"],
+    [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
+    [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} periods lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
+  ];
+  if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
+  sentences.forEach(([text, mark], k) => {
+    put(node.children[k], text);
+    node.children[k].dataset.mark = mark;
+  });
 }
 
 /** The latency budget: a bar of stages, its key, and the end-to-end latency, which is measured independently. */

@@ -1,23 +1,29 @@
 // Try it: the microphone of this device, what the run detects, and a task: something smooth, then something rough.
 
-import { dbfs, formatNumber, percent, put, showFaults } from "./figures.js";
+import { dbfs, put, showFaults } from "./figures.js";
+import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
 import { Microphone } from "./microphone.js";
 import { StateBar } from "./statebar.js";
+import { AMPLITUDE, FREQUENCY, LONGEST, ROUGHNESS, Timeline, TOUCH } from "./timeline.js";
+import { Track } from "./track.js";
 
 const $ = (id) => document.getElementById(id);
-const TOUCHES = ["no contact", "smooth", "rough"];
 const SMOOTH = 1;
 const ROUGH = 2;
 const HELD = 30; // steps, 0.3 s in all: a stroke, not a touch in passing
-// Columns of the table of steps and of sound: message.py.
-const [, , , , TOUCH, , ROUGHNESS, , AMPLITUDE] = Array(9).keys();
+// Columns of the table of sound: feed.py.
 const [, LOW, HIGH, LEVEL] = Array(4).keys();
 
 const meter = new Meter($("microphone-meter"), "Level");
 const strokes = { [SMOOTH]: 0, [ROUGH]: 0 };
+const steps = new Track(10, 110 * LONGEST);
+const events = new Track(2, 400);
+const hero = new Hero($("hero"));
+const timeline = new Timeline($("timeline"));
 let state = null;
+let newest = 0; // stream time of the newest message
 
 const microphone = new Microphone({
   onState: (text, live) => {
@@ -32,6 +38,8 @@ $("threshold").addEventListener("input", ({ target }) => {
   feed.send({ action: "threshold_dbfs", value: target.valueAsNumber });
 });
 
+const simulated = () => Boolean(state?.source.includes("finger"));
+
 function last({ rows, columns, numbers }, column) {
   return rows ? numbers[(rows - 1) * columns + column] : NaN;
 }
@@ -45,7 +53,7 @@ function count({ rows, columns, numbers }) {
   const task = !done ? "Stroke something smooth: a glass, a glossy table."
     : strokes[ROUGH] < HELD ? "Now something rough: a brick, a file, coarse cloth."
       : "Both found. Try whatever is at hand.";
-  put($("task"), task);
+  put($("task"), simulated() ? "A simulated finger strokes smooth and rough things." : task);
 }
 
 function show({ header, tables }) {
@@ -54,6 +62,7 @@ function show({ header, tables }) {
   state = header.state ?? state;
   if (header.state) {
     showFaults($("faults"), state.faults);
+    put($("run"), simulated() ? "A simulated finger strokes; feel it here" : "Slide one device over something, feel it on the other");
     $("listen-panel").hidden = !["browser", "microphone", ""].includes(state.source);
     const held = document.activeElement === $("threshold");
     if (!held && Number.isFinite(state.threshold_dbfs)) $("threshold").value = state.threshold_dbfs;
@@ -61,13 +70,20 @@ function show({ header, tables }) {
     put($("floor"), state.noise_floor_dbfs === null ? "" : `Noise floor ${dbfs(state.noise_floor_dbfs)}: set the threshold some dB above.`);
   }
   if (tables.sound.rows) meter.show(last(tables.sound, LEVEL), last(tables.sound, LOW), last(tables.sound, HIGH), state?.threshold_dbfs);
-  if (!tables.steps.rows) return;
-  const touch = last(tables.steps, TOUCH);
-  put($("decision"), TOUCHES[touch]);
-  $("decision").dataset.touch = touch;
-  put($("roughness-now"), touch ? formatNumber(last(tables.steps, ROUGHNESS), 2) : "–");
-  put($("amplitude"), percent(last(tables.steps, AMPLITUDE)));
+  if (header.origin < newest - 0.5) [steps, events].forEach((track) => track.clear()); // another run
+  newest = header.origin;
+  steps.append(tables.steps, newest);
+  events.append(tables.events, newest);
+  timeline.threshold = state?.threshold_dbfs;
   count(tables.steps);
+}
+
+function frame() {
+  requestAnimationFrame(frame);
+  const value = (column) => steps.newest(column);
+  hero.show({ touch: value(TOUCH), roughness: value(ROUGHNESS), amplitude: value(AMPLITUDE), frequency: value(FREQUENCY) }, bar.silence > 0.4);
+  const silence = bar.silence < 3600 ? bar.silence : 0;
+  timeline.draw((since) => [steps.after(since), events.after(since)], newest + silence);
 }
 
 const feed = new Feed("live", {
@@ -79,3 +95,4 @@ const feed = new Feed("live", {
   onLost: (why) => bar.lost(why),
 });
 const bar = new StateBar((request) => feed.send(request));
+requestAnimationFrame(frame);

@@ -1,14 +1,13 @@
 // The curtain is lifted: the stones, the path of the finger, and the signals of the round.
 
-import { Chart, line, stripes } from "../static/charts.js";
 import { list, put, formatNumber } from "../static/figures.js";
+import { Timeline, TRUTH } from "../static/timeline.js";
 import { lay, place } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
-const [, X, Y, FORCE, TRUTH] = Array(5).keys(); // of a row of the track
-const [, , , , TOUCH, LEVEL, ROUGHNESS, , AMPLITUDE] = Array(10).keys(); // of a row of the steps
-let span = 10;
-let charts = null;
+const [, X, Y, FORCE, UNDER] = Array(5).keys(); // of a row of the track
+let timeline = null;
+let signals = null; // {columns, end} of the round on the screen
 let shown = null; // {result, track} of the round on the screen
 
 new ResizeObserver(drawStones).observe($("lifted"));
@@ -70,13 +69,17 @@ function drawTrace(track) {
 }
 
 function drawSignals(steps, track) {
-  charts ??= makeCharts();
-  const end = Math.max(steps[0].at(-1) ?? 0, track[0].at(-1) ?? 0);
-  span = Math.max(1, end);
-  charts.touches.draw([steps[0], steps[TOUCH], truthAt(track, steps[0])], end);
-  charts.roughness.draw([steps[0], steps[ROUGHNESS]], end);
-  charts.level.draw([steps[0], steps[LEVEL]], end);
-  charts.amplitude.draw([steps[0], steps[AMPLITUDE]], end);
+  if (!timeline) {
+    timeline = new Timeline($("round"), { fixed: true });
+    setInterval(() => { if (document.body.dataset.screen === "reveal") drawRound(); }, 100);
+  }
+  steps[TRUTH] = Float64Array.from(truthAt(track, steps[0]));
+  signals = { columns: steps, end: Math.max(steps[0].at(-1) ?? 0, track[0].at(-1) ?? 0) };
+  drawRound();
+}
+
+function drawRound() {
+  timeline.draw(() => [signals.columns, [[], []]], signals.end, Math.max(1, signals.end));
 }
 
 /** The truth, known at each move of the finger, at the given times. */
@@ -84,25 +87,6 @@ function truthAt(track, times) {
   let at = 0;
   return times.map((time) => {
     while (at + 1 < track[0].length && track[0][at + 1] <= time) at++;
-    return track[TRUTH][at] ?? 0;
+    return track[UNDER][at] ?? 0;
   });
-}
-
-function makeCharts() {
-  const chart = (id, options) => new Chart($(id), { span: () => span, ...options });
-  return {
-    touches: chart("round-touches", {
-      lines: [line("ink"), line("ink")].map((entry) => ({ ...entry, paths: () => null })),
-      y: () => [0, 2], splits: () => [0.5, 1.5], label: (value) => (value > 1 ? "model" : "truth"), over: stripes,
-    }),
-    roughness: chart("round-roughness", {
-      lines: [line("rough", { fill: true })], y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1),
-    }),
-    level: chart("round-level", {
-      lines: [line("contact")], y: () => [-100, 0], splits: () => [-80, -60, -40, -20], label: (value) => formatNumber(value),
-    }),
-    amplitude: chart("round-amplitude", {
-      lines: [line("vibration", { fill: true })], y: () => [0, 1], splits: () => [0, 0.5, 1], label: (value) => formatNumber(value, 1), times: true,
-    }),
-  };
 }

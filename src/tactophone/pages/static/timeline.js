@@ -1,0 +1,146 @@
+// The touch timeline: sound, contact, roughness in the colours of the classes, the truth where it is known, and events.
+
+import { Chart, line } from "./charts.js";
+import { dbfs, formatNumber, percent, put } from "./figures.js";
+
+/** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
+export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
+export const TOUCHES = ["no contact", "smooth", "rough"];
+export const LONGEST = 20; // s
+const SPANS = [1, 2, 5, 10, LONGEST]; // s
+const CLASSES = ["none", "smooth", "rough"];
+// Kinds of touch events, counted from 1: EVENT_KINDS of types.py. The first is drawn, but not named.
+const EVENTS = ["", "", "tap", "knock in the air", "stroke", "slip", "lift-off"];
+const LOWEST = -100; // dBFS
+const place = (level) => 1.15 + 0.85 * Math.min(1, Math.max(0, 1 - level / LOWEST)); // sound above, roughness below
+
+/** Call `each(from, to, value)` for runs of equal values; rows `from` up to and with `to`. */
+function runs(values, each) {
+  for (let k = 0, from = 0; k < values.length; k++) {
+    if (k + 1 < values.length && values[k + 1] === values[from]) continue;
+    each(from, Math.min(k + 1, values.length - 1), values[from]);
+    from = k + 1;
+  }
+}
+
+export class Timeline {
+  #chart;
+  #node;
+  #readout;
+  #pause;
+  #span = 10;
+  #end = 0;
+  #rows = [];
+  #events = [[], []];
+  #frozen = null;
+  #pointed = null; // share of the width, of the cursor
+
+  /** `node` is filled; `hint` is said while nothing is pointed at; a `fixed` timeline shows what it is given, whole. */
+  constructor(node, { fixed = false, hint = "Point at the timeline to read its values." } = {}) {
+    this.#node = node;
+    this.hint = hint;
+    this.threshold = null;
+    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound level</b><b class=ground>contact</b><b class=smooth>smooth</b><b class=rough>rough</b></p></div>"
+      + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
+    this.#readout = node.querySelector(".readout");
+    if (!fixed) this.#addTools(node.querySelector(".tools"));
+    const plot = node.querySelector(".touch");
+    plot.ariaLabel = "Touch timeline: sound level above, roughness from 0 smooth to 1 rough below. Arrow keys read its values.";
+    this.#chart = new Chart(plot, {
+      span: () => this.#span,
+      lines: [{ ...line("ink"), paths: () => null }],
+      y: () => [0, 2.05],
+      splits: () => [0, 0.45, 0.9, place(-80), place(-40), 2],
+      label: (value) => (value <= 1 ? formatNumber(value / 0.9, 1) : formatNumber(LOWEST * (1 - (value - 1.15) / 0.85))),
+      times: true,
+      over: (chart) => this.#over(chart),
+    });
+    const box = () => plot.querySelector(".u-over").getBoundingClientRect();
+    const point = (share) => { this.#pointed = share === null ? null : Math.min(1, Math.max(0, share)); };
+    plot.addEventListener("pointermove", ({ clientX }) => point((clientX - box().left) / box().width));
+    for (const end of ["pointerleave", "blur"]) plot.addEventListener(end, () => point(null));
+    plot.addEventListener("keydown", ({ key }) => {
+      if (key === "ArrowLeft" || key === "ArrowRight") point((this.#pointed ?? 1) + (key === "ArrowLeft" ? -0.01 : 0.01));
+    });
+  }
+
+  /** `rows(since)` returns columns of steps, and of events, up to `end`. */
+  draw(rows, end, span = this.#span) {
+    this.#span = span;
+    const { rows: shown, end: last } = this.#frozen ?? { rows, end };
+    [this.#rows, this.#events] = shown(last - this.#span);
+    this.#end = last;
+    this.source = [rows, end];
+    this.#chart.draw([this.#rows[TIME], this.#rows[TIME]], last);
+    put(this.#readout, this.#words());
+  }
+
+  #addTools(tools) {
+    const button = (text, label, act) => {
+      const made = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: text, ariaLabel: label });
+      made.addEventListener("click", act);
+      tools.append(made);
+      return made;
+    };
+    this.#pause = button("Pause", "Pause the timeline", () => this.#toggle());
+    this.#pause.setAttribute("aria-keyshortcuts", "p");
+    button("−", "Show more time", () => this.#zoom(1));
+    button("+", "Show less time", () => this.#zoom(-1));
+    addEventListener("keydown", (event) => {
+      if (event.target.closest?.("input, select") || event.ctrlKey || event.metaKey) return;
+      ({ p: () => this.#toggle(), "+": () => this.#zoom(-1), "-": () => this.#zoom(1) })[event.key.toLowerCase()]?.();
+    });
+  }
+
+  #zoom(step) {
+    this.#span = SPANS[Math.min(SPANS.length - 1, Math.max(0, SPANS.indexOf(this.#span) + step))];
+  }
+
+  #toggle() {
+    if (this.#frozen) this.#frozen = null;
+    else if (this.source) {
+      const [rows, end] = this.source;
+      const kept = rows(end - LONGEST).map((columns) => columns.map((column) => column.slice()));
+      const from = (columns, since) => {
+        const at = columns[0].findIndex((time) => time >= since);
+        return columns.map((column) => (at < 0 ? [] : column.subarray(at)));
+      };
+      this.#frozen = { end, rows: (since) => kept.map((columns) => from(columns, since)) };
+    }
+    this.#pause.ariaPressed = Boolean(this.#frozen);
+    put(this.#pause, this.#frozen ? "Go on" : "Pause");
+  }
+
+  #over(chart) {
+    const rows = this.#rows;
+    if (!rows.length) return;
+    const time = rows[TIME];
+    runs(rows[TOUCH], (from, to, touch) => touch > 0 && chart.block([time[from], time[to]], [0, 2.05], "contact", 0.1));
+    chart.area(time, rows[LEVEL], place, place(LOWEST), "contact", 0.6);
+    if (Number.isFinite(this.threshold)) chart.rule(place(this.threshold), "ink", [5, 3]);
+    runs(rows[TOUCH], (from, to, touch) => {
+      if (touch > 0) chart.area(time.subarray(from, to + 1), rows[ROUGHNESS].subarray(from, to + 1), (value) => 0.9 * Math.max(0.04, value), 0, CLASSES[touch], 0.9);
+    });
+    runs(rows[TRUTH], (from, to, touch) => touch >= 0 && chart.block([time[from], time[to]], [1.0, 1.05], CLASSES[touch], touch ? 1 : 0.35));
+    const [times, kinds] = this.#events;
+    times.forEach((at, k) => chart.mark(at, EVENTS[kinds[k]], k ? at - times[k - 1] : Infinity));
+    if (this.#pointed !== null) chart.mark(this.#end - (1 - this.#pointed) * this.#span, "", 0);
+  }
+
+  /** What is said below: of the time that is pointed at. */
+  #words() {
+    if (this.#pointed === null) return this.#frozen ? "Paused: the run goes on." : this.hint;
+    const ago = (1 - this.#pointed) * this.#span;
+    const time = this.#rows[TIME] ?? [];
+    const at = time.findIndex((each) => each >= this.#end - ago);
+    if (at < 0) return `${formatNumber(ago, 2, "s")} ago: no data`;
+    const [touch, truth, amplitude] = [TOUCH, TRUTH, AMPLITUDE].map((column) => this.#rows[column][at]);
+    return [
+      `${formatNumber(ago, 2, "s")} ago: ${TOUCHES[touch] ?? "not decided"}`,
+      touch > 0 && `roughness ${formatNumber(this.#rows[ROUGHNESS][at], 2)}`,
+      amplitude > 0 ? `${formatNumber(this.#rows[FREQUENCY][at], 0, "Hz")} at ${percent(amplitude)} of full drive` : "no vibration",
+      `sound ${dbfs(this.#rows[LEVEL][at])}`,
+      truth >= 0 && `truth: ${TOUCHES[truth]}`,
+    ].filter(Boolean).join(" · ");
+  }
+}
