@@ -85,10 +85,7 @@ class OperatorEndpoint:
         Returns the pipeline for another number of channels, when a robot with other microphones connects; raises
         `ModelError` where the model cannot do with so many. Not for a hand.
 
-    Attributes
-    ----------
-    refusal
-        Why the sound of the connected robot cannot be used; empty while it can.
+    ``refusal``: why the sound of the connected robot cannot be used; empty while it can.
     """
 
     def __init__(

@@ -38,6 +38,8 @@ class Pipeline:
     events
         Adds a prediction for each touch event; without it, none are detected.
 
+    Examples
+    --------
     ::
 
         pipeline = open_pipeline(sample_rate=48_000, channels=2)
@@ -115,6 +117,8 @@ class Hand:
     fingers
         Number of fingers.
 
+    Examples
+    --------
     >>> hand = Hand([open_pipeline(sample_rate=48_000, channels=2) for _ in range(3)])
     >>> sound = AudioBlock(np.zeros((480, 6), np.float32), 48_000)
     >>> [(step.finger, step.block.channels) for step in hand.push(sound)]
@@ -206,8 +210,12 @@ def open_pipeline(
     tip
         Tip that touches, one of `tactophone.types.TIP_NAMES`.
 
-    Raises `ModelError` if there is no such model, or it does not fit the sound. Raises `ConfigError` if there is no
-    such profile.
+    Raises
+    ------
+    ModelError
+        If there is no such model, or it does not fit the sound.
+    ConfigError
+        If there is no such profile.
     """
     if channels not in (1, 2):
         raise ModelError(

@@ -80,20 +80,9 @@ class Setting:
 _KINDS = {str: "text", int: "whole number", float: "number", bool: "switch: true or false"}
 
 
-def _setting(
-    default: Any,
-    words: str,
-    *,
-    unit: str = "",
-    span: tuple[float, float] = (-math.inf, math.inf),
-    choices: tuple[str, ...] = (),
-    flag: str = "",
-    verbs: str = "",
-    device: str = "",
-    group: str = "",
-) -> Any:
-    """Declare a setting, and the ``verbs``, with spaces between them, whose option ``flag`` changes it."""
-    setting = Setting("", default, words, unit, span, choices, flag, tuple(verbs.split()), device, group)
+def _setting(default: Any, words: str, *, verbs: str = "", **rest: Any) -> Any:
+    """Declare a setting, and the ``verbs``, with spaces between them, whose option changes it; else as `Setting`."""
+    setting = Setting("", default, words, verbs=tuple(verbs.split()), **rest)
     return field(default=default, metadata={"setting": setting})
 
 

@@ -64,6 +64,8 @@ class AudioBlock:
     concealed
         True when the sound was lost on the network and these samples replace it.
 
+    Examples
+    --------
     >>> block = AudioBlock(np.zeros((480, 2), np.float32), sample_rate=48_000, start=960)
     >>> block.size, block.channels, block.time, block.duration
     (480, 2, 0.02, 0.01)

@@ -1,4 +1,5 @@
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,7 @@ def test_windows_are_scored_whatever_the_gate_reports() -> None:
 
 
 def test_it_can_be_written_as_json() -> None:
-    loaded = json.loads(json.dumps(make_report(made(), draws=20).as_json()))
+    loaded = json.loads(json.dumps(asdict(make_report(made(), draws=20))))
     assert set(loaded["rules"]) == {"authors", "two-class"}
     assert loaded["rules"]["authors"]["auc"].keys() == {"value", "low", "high"}
     assert [row["name"] for row in loaded["by_recording"]] == ["slate.wav", "brick.wav", "glass.wav", "steel.wav"]

@@ -27,8 +27,11 @@ class FileSource:
     loop
         Start again at the end, for ever; ``start`` keeps counting.
 
-    Raises `DatasetError` if the file is missing, empty, not a sound file, or of other channels or rates; while
-    iterating, if it is damaged.
+    Raises
+    ------
+    DatasetError
+        If the file is missing, empty, not a sound file, or of other channels or rates; while iterating, if it is
+        damaged.
     """
 
     def __init__(self, path: Path | str, *, block_size: int = 4096, loop: bool = False) -> None:

@@ -84,11 +84,8 @@ class LiveSource:
     def joined(self, needed: Callable[[], int] = _any) -> Iterator[AudioBlock]:
         """Iterate, with all blocks that wait in one: a reader that was late is in step again at once.
 
-        Parameters
-        ----------
-        needed
-            Returns the samples without which the reader has nothing to do: it is not woken for fewer. Called in the
-            device's thread, and only while the reader waits.
+        ``needed``: returns the samples without which the reader has nothing to do: it is not woken for fewer. Called in
+        the device's thread, and only while the reader waits.
         """
         self._needed = needed
         for arrived in self._arrivals():

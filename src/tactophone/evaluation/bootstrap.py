@@ -7,8 +7,8 @@ the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same d
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any, TypeVar
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,9 +72,6 @@ class Change:
     before: Estimate
     after: Estimate
     difference: Estimate
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def bootstrap(

@@ -6,8 +6,7 @@ that is rendered as plain contact, because the sound is unknown or not confirmed
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -72,9 +71,6 @@ class Report:
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
     """`by_surface` and `by_recording`: scores of single surfaces and recordings."""
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def rendered_scores(predictions: Iterable[TakePredictions], rule: DecisionRule, *, draws: int = DRAWS) -> Rendered:

@@ -61,11 +61,9 @@ def jack_hand_actuator(
 def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> DeviceActuator:
     """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
 
-    Parameters
-    ----------
-    channels
-        Counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by their number:
-        four are front and rear left and right, as a DualSense expects, but three would be left, right and bass.
+    ``channels``: counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by
+    their number: four are front and rear left and right, as a DualSense expects, but three would be left, right and
+    bass.
     """
     highest = max(channels)
     process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2

@@ -144,8 +144,6 @@ class Passthrough:
 
     def _ramps(self, values: Floats) -> FloatArray:
         """Interpolate linearly from value to value, ``STEP_SIZE`` samples each."""
-        if not len(values):
-            return np.empty(0, np.float32)
         before = np.concatenate(([self._last], values[:-1]))
         self._last = float(values[-1])
         share = np.arange(1, STEP_SIZE + 1) / STEP_SIZE  # shape (STEP_SIZE,); broadcast to (values, STEP_SIZE)

@@ -43,6 +43,8 @@ class PaperProfile:
     The paper does not say how to interpolate. Here the level is interpolated in dB and the frequency by ratio, as both
     are perceived (Weber's law; steps of 18 % in frequency: Pongrac 2008): half way lies at 84.9 Hz and -12.5 dBFS.
 
+    Examples
+    --------
     >>> prediction = Prediction((0.0, 0.5, 0.5), Touch.ROUGH, roughness=0.5, level_dbfs=-20.0, start=0.0, end=0.256)
     >>> command = PaperProfile().command(prediction)
     >>> round(command.frequency, 1), round(command.amplitude, 3)
@@ -72,6 +74,8 @@ _FORM = "wanted frequencies in Hz with levels in dB, rising, as in 40:-12,160:0,
 class ActuatorResponse:
     """An actuator's resonance, band, motor speeds and level by frequency; NaN or empty where unknown.
 
+    Examples
+    --------
     >>> response = ActuatorResponse(lowest=80.0, levels=((80.0, -10.0), (160.0, 0.0)))
     >>> response.level_db(80.0), response.level_db(113.137).__round__(1), response.level_db(400.0)
     (-10.0, -5.0, 0.0)
@@ -119,8 +123,13 @@ def known(value: float, typical: float) -> float:
 def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
     """Parse levels written as ``40:-12,160:0``.
 
-    Raises `ConfigError` if the text has another form, or the frequencies do not rise.
+    Raises
+    ------
+    ConfigError
+        If the text has another form, or the frequencies do not rise.
 
+    Examples
+    --------
     >>> parse_levels("40:-12, 160:0")
     ((40.0, -12.0), (160.0, 0.0))
     """
@@ -307,7 +316,10 @@ def open_profile(name: str, response: ActuatorResponse = UNKNOWN) -> Profile:
 
     The profile ``paper`` is the paper's whatever the actuator.
 
-    Raises `ConfigError` if there is no profile of that name.
+    Raises
+    ------
+    ConfigError
+        If there is no profile of that name.
     """
     if name in PROFILES:
         return PROFILES[name](response)

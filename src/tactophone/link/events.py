@@ -89,10 +89,7 @@ def read_event(content: bytes) -> Event:
 class LoggedSession:
     """Repeats the events of a log in place of a `Session`, as far as `ReceiveSession` uses one; it sends nothing.
 
-    Attributes
-    ----------
-    polled
-        Events, encoded, that the next `poll` returns.
+    ``polled``: events, encoded, that the next `poll` returns.
     """
 
     refused = 0

@@ -75,10 +75,7 @@ class NewRecords:
     comes more than a second after the newest flight, it writes that flight again, *before* the next one: an answerer
     takes the two together for a new call, and a caller that is done for a flight that was lost.
 
-    Attributes
-    ----------
-    changed_cipher
-        Whether this end has sent its last message, under the new keys.
+    ``changed_cipher``: whether this end has sent its last message, under the new keys.
     """
 
     def __init__(self) -> None:

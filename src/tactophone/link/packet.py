@@ -228,15 +228,9 @@ def ahead(value: int, reference: int, *, bits: int) -> int:
 class TimestampUnwrapper:
     """Turns wrapping timestamps into samples since the first timestamp.
 
-    Parameters
-    ----------
-    start
-        Position of the first timestamp.
+    ``start``: position of the first timestamp.
 
-    Attributes
-    ----------
-    origin
-        The timestamp at position 0; 0 before the first call.
+    ``origin``: the timestamp at position 0; 0 before the first call.
 
     >>> unwrapper = TimestampUnwrapper()
     >>> [unwrapper.position(timestamp) for timestamp in (2**32 - 100, 140, 20)]

@@ -78,10 +78,7 @@ class Step:
 class PlayoutController:
     """Controls the playout of one stream; positions are in samples of the sender, times in s of the local clock.
 
-    Attributes
-    ----------
-    position
-        The next sample to play; NaN before the first.
+    ``position``: the next sample to play; NaN before the first.
     """
 
     def __init__(self, *, block_size: int) -> None:
@@ -246,10 +243,7 @@ class Playout:
     ``push`` only queues, so that a network thread may call it while an actuator's thread calls ``pull``. ``channels``
     is of the output: a mono stream fills both, of a stereo stream the first is contact.
 
-    Attributes
-    ----------
-    controller
-        Its delay and margin, and the clock skew.
+    ``controller``: its delay and margin, and the clock skew.
     """
 
     def __init__(self, *, block_size: int, channels: int = 2) -> None:

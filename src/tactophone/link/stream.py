@@ -46,11 +46,8 @@ class EncodedSound:
 class BlockEncoder:
     """Cuts and encodes sound, for one stream of packets or for several that carry the same.
 
-    Parameters
-    ----------
-    prompt
-        Whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for the next
-        block: with periods of 512 samples and packets of 480, for up to 10 ms.
+    ``prompt``: whether the rest of a block longer than a packet is sent at once in shorter packets. Else it waits for
+    the next block: with periods of 512 samples and packets of 480, for up to 10 ms.
 
     Attributes
     ----------

@@ -128,10 +128,7 @@ class OfflineRenderer:
     Existing files are overwritten. The pipeline is opened for this sound, and its limits bound the waveform too;
     ``passthrough`` renders the sound itself, in place of its commands.
 
-    Attributes
-    ----------
-    microphones, vibration
-        Peak envelopes of sound and vibration, for a figure.
+    ``microphones``, ``vibration``: peak envelopes of sound and vibration, for a figure.
     """
 
     def __init__(

@@ -155,7 +155,10 @@ _OPEN_MODELS: WeakValueDictionary[bytes, Model] = WeakValueDictionary()
 def read_model(path: Path) -> Model:
     """Read a model file; nothing in it is unpickled or run as code.
 
-    Raises `ModelError` if the file is missing or damaged, or is not a Tactophone model.
+    Raises
+    ------
+    ModelError
+        If the file is missing or damaged, or is not a Tactophone model.
     """
     try:
         if path.stat().st_size > MAX_BYTES:

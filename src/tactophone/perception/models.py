@@ -92,7 +92,10 @@ def open_detector(
         Whether the contact gate's threshold begins at the model's own and then follows the noise floor; assigning a
         threshold ends that.
 
-    Raises `ModelError` if there is no such model, or this version cannot run it.
+    Raises
+    ------
+    ModelError
+        If there is no such model, or this version cannot run it.
     """
     detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
     return (

@@ -123,10 +123,7 @@ class FingerOutput:
     muted_because
         Why it starts muted; empty to start armed.
 
-    Attributes
-    ----------
-    roughness
-        Of the newest prediction.
+    ``roughness``: of the newest prediction.
     """
 
     def __init__(

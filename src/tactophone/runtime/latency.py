@@ -89,11 +89,8 @@ def operator_stages(
 def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     """Match the marks of each block of sound through the stages.
 
-    Parameters
-    ----------
-    marks
-        By stage. The blocks of the first stage are followed; a block has reached another stage when a mark at its end
-        or beyond has.
+    ``marks``: by stage. The blocks of the first stage are followed; a block has reached another stage when a mark at
+    its end or beyond has.
 
     Returns
     -------

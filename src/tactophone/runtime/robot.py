@@ -314,11 +314,8 @@ def paced(
     passes for them while nobody reads. A source that only *resumed* would lie behind its own times for ever, and the
     operator would take all of its sound for delayed by the network.
 
-    Parameters
-    ----------
-    skip
-        Whether sound that was missed is left out: right for a recording, whose times belong to its labels. Otherwise
-        the source goes on where it stopped, at later times: right for a simulation, which is slow to compute.
+    ``skip``: whether sound that was missed is left out: right for a recording, whose times belong to its labels.
+    Otherwise the source goes on where it stopped, at later times: right for a simulation, which is slow to compute.
     """
     due = asked = clock()
     moved = slow = 0

@@ -87,10 +87,7 @@ class Supervisor:
     ``report`` is called with a line for people: why a process is restarted, or what a slow start is at; from another
     thread.
 
-    Attributes
-    ----------
-    restarts
-        Number of new processes that had to be started.
+    ``restarts``: number of new processes that had to be started.
     """
 
     def __init__(self, main: Main, settings: Settings, *, name: str, report: Callable[[str], None] = ignore) -> None:

@@ -58,10 +58,7 @@ class PredictionLog(RunFollower):
         Called with a message when predictions were overwritten before they were read, and when the file can no longer
         be written: the log ends then, the run goes on.
 
-    Attributes
-    ----------
-    missed
-        Predictions that were overwritten before they were read.
+    ``missed``: predictions that were overwritten before they were read.
 
     Raises `ConfigError` when the file cannot be written.
     """

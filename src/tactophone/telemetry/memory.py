@@ -31,10 +31,7 @@ LEFT_AFTER = 60.0
 class Memory:
     """One run's shared memory as NumPy arrays, by field name: ``memory["steps"]``.
 
-    Attributes
-    ----------
-    fingers
-        As many as the run was created with; a reader finds the number in the memory.
+    ``fingers``: as many as the run was created with; a reader finds the number in the memory.
     """
 
     def __init__(self, name: str, *, create: bool, fingers: int = 1) -> None:

@@ -77,6 +77,8 @@ class Watcher:
     restarts
         How often `follow` went over to a new process.
 
+    Examples
+    --------
     >>> from tactophone.telemetry.writer import Telemetry
     >>> with Telemetry("doctest-watcher") as telemetry:
     ...     telemetry.count("xruns")

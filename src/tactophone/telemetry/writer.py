@@ -177,11 +177,8 @@ class Telemetry:
     def requests(self, now: float | None = None) -> list[Request]:
         """Empty the mailbox: return the requests since the last call, oldest first.
 
-        Parameters
-        ----------
-        now
-            Where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what lies
-            in memory that was overwritten.
+        ``now``: where given, a request that was not made within `REQUEST_AGE` of it is dropped: nobody asked for what
+        lies in memory that was overwritten.
         """
         before, self._seen = self._seen, self._request_counts.tobytes()
         if before == self._seen:
