@@ -11,7 +11,7 @@ PYTEST  = OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest
 # compile every module anew (`feel --help` 0.7 s in place of 0.2, collecting the tests 9 s in place of 6).
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo check test lint types imports fast unit package realtime fuzz coverage docs docs-figures lock clean
+.PHONY: demo check test lint types imports fast unit package realtime fuzz coverage docs docs-figures audit lock clean
 
 # RECORDING=finger.wav sends that instead of the simulated finger's sound.
 demo: $(READY)  ## stroke a smooth and a rough stone, with no hardware; prints where picture and sound are
@@ -81,6 +81,10 @@ docs: $(READY)  ## the documentation site, in build/site
 FIGURES = help_time live_compute simulation link demo_scores touch_events scale latency latency_figure page pictures
 docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
 	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
+
+# Without a network it says so, and succeeds.
+audit:  ## check the locked packages against the known vulnerabilities
+	scripts/audit
 
 # Resolves the lock anew from pyproject.toml, with the newest versions it allows.
 lock:

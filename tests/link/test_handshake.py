@@ -128,3 +128,14 @@ def test_a_finished_handshake_ends_even_where_each_flight_is_repeated() -> None:
         for datagram in operator.outgoing():
             robot.receive(datagram, now=10.0)
         assert robot.outgoing() == []
+
+
+def test_no_signature_with_sha1_is_offered() -> None:
+    robot = Handshakes(ROBOT, Peers({OPERATOR.fingerprint: "operator"})).call(now=0.0)
+    robot.poll(0.0)
+    (hello,) = robot.outgoing()
+    at = hello.index(b"\x00\x0d", 60) + 4  # the extension signature_algorithms (RFC 5246, 7.4.1.4.1), after its length
+    size = int.from_bytes(hello[at : at + 2])
+    offered = [hello[at + 2 + place : at + 4 + place] for place in range(0, size, 2)]
+    assert b"\x04\x03" in offered  # ECDSA with SHA-256
+    assert not [each.hex() for each in offered if each[0] == 2]

@@ -1,6 +1,8 @@
 """Recordings on the operator's page: played back through the pipeline at the pace of the sound."""
 
 import itertools
+import signal
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -37,6 +39,7 @@ class Take:
 
 def play_on_page(settings: Settings, takes: Sequence[Take], *, name: str) -> None:
     """Play takes on the page over and over until interrupted."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # in order: the shared memory is removed
     with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
         output.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):

@@ -158,7 +158,8 @@ class PcmEncoder:
     def encode(self, samples: FloatArray) -> bytes:
         """Encode ``samples``; values outside [-1, 1) are clipped."""
         # In place, and by the two functions that `clip` calls after a search of its own.
-        integers = samples * _FULL_SCALE
+        with np.errstate(over="ignore"):  # a page may send 3e38, which is clipped like 2
+            integers = samples * _FULL_SCALE
         np.rint(integers, out=integers)
         np.minimum(np.maximum(integers, -_FULL_SCALE, out=integers), _FULL_SCALE - 1, out=integers)
         return integers.astype(">i2").tobytes()
