@@ -86,7 +86,8 @@ class Networks:
         return self.start(
             "net", "turnserver", "-n", "-m", "1", "-a", "-u", USER, "-r", "lab", "--listening-ip", SERVERS,
             "--relay-ip", SERVERS, "--no-tls", "--no-dtls", "--no-cli", "--pidfile", "", "--log-file", "stdout",
-            *options,
+            # As in the guide: a relay must not lead into a network of its own.
+            "--denied-peer-ip", "10.1.0.0-10.2.255.255", *options,
         )  # fmt: skip
 
     def end(self, place: str, *words: str) -> "End":

@@ -1,8 +1,16 @@
 """Calls between two networks, each with a router of its own (`tests.call.networks`)."""
 
+import json
+import os
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
+from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from .networks import End, Networks, needs_namespaces
 
@@ -97,3 +105,32 @@ def test_a_changing_router_reaches_an_open_network_directly() -> None:
 def test_two_homes_with_ipv6_alone_find_a_direct_way() -> None:
     with Networks("open", "open", relay=False, ipv6=True) as networks:
         connect(begin(networks), relayed=False)
+
+
+def test_the_two_commands_feel_a_recording_through_a_relay_and_hang_up_with_a_word(
+    offices: Networks, tmp_path: Path
+) -> None:
+    sound = np.random.default_rng(1).normal(0.0, 0.1, (96_000, 2))
+    soundfile.write(tmp_path / "noise.wav", sound, 48_000)
+    words = {
+        "ope": ["call", "--actuator", "none"],
+        "rob": ["answer", "--yes", "--source", f"file:{tmp_path}/noise.wav"],
+    }
+
+    def start(place: str, *more: str) -> "subprocess.Popen[str]":
+        run = [*words[place], *more, "--json", "--name", f"test-{place}-{os.getpid()}", *offices.settings()]
+        command = [sys.executable, "-m", "tactophone", *run, "--set", f"link.identity={tmp_path / place}"]
+        return offices.start(place, *command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    operator = start("ope")
+    assert operator.stderr is not None
+    code = operator.stderr.readline().split()[-1]
+    robot = start("rob", code)
+    assert any("connected to" in line for line in operator.stderr)
+    time.sleep(1.0)
+    operator.terminate()  # as a person's q
+    heard, said = operator.communicate(timeout=20)[0], robot.communicate(timeout=20)
+    assert (operator.returncode, robot.returncode) == (0, 0)
+    assert json.loads(heard)["counters"]["packets_received"] > 50
+    assert "connected over the relay" in said[1]
+    assert "hung up" in said[1].splitlines()[-1]
