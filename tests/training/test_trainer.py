@@ -4,6 +4,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,17 @@ import torch
 from tactophone import DatasetError, ModelError, Touch
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Dataset
+from tactophone.errors import ConfigError
 from tactophone.perception.features import magnitudes
 from tactophone.perception.model_file import Gate, read_model
 from tactophone.training import trainer
 from tactophone.training import trainer as processor
 from tactophone.training.network import PaperNetwork, Windows, find_windows, weights_of, with_weights
-from tactophone.training.recipes import OPEN_GATE, NetworkSettings, network_settings
-from tactophone.training.trainer import NetworkRecipe, Progress, train
+from tactophone.training.recipes import OPEN_GATE, RECIPES, NetworkSettings, TrainingOptions, network_settings
+from tactophone.training.trainer import NetworkRecipe, Progress, predictor, train
 from tactophone.types import FloatArray
 from tests.dataset.folders import audiofolder
+from tests.surfaces import surfaces
 
 
 def make_windows(*, seconds: float = 2.0, seed: int = 0) -> Windows:
@@ -188,3 +191,21 @@ def test_recordings_of_one_class_make_no_new_model(tmp_path: Path) -> None:
     job = NetworkRecipe(SETTINGS)
     with pytest.raises(DatasetError, match="rough surfaces alone"):
         job.fit(job.read_windows(dataset.recordings))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"rate": 4000}, {"window": 0.128}, {"residual": False}, {"normalised": True}],
+    ids=lambda c: next(iter(c)),
+)
+def test_an_ablation_predicts_at_the_live_times_and_has_no_model_file(tmp_path: Path, changes: dict[str, Any]) -> None:
+    dataset = surfaces(tmp_path, each=1)
+    options = TrainingOptions(epochs=1, least_steps=2, batch_size=100, contact_threshold="off", **changes)
+    recipe = RECIPES["paper-fast"].with_options(options)
+    assert isinstance(recipe, NetworkRecipe)
+    windows = recipe.read_windows(dataset.recordings)
+    time, probabilities, _ = predictor(recipe, recipe.fit(windows))(dataset.recordings[0])
+    assert np.diff(time) == pytest.approx(512 / 48_000, abs=1.1e-3)
+    assert probabilities.sum(axis=1) == pytest.approx(1, abs=1e-4)
+    with pytest.raises(ConfigError, match="no model file holds"):
+        recipe.train(tmp_path / "a.onnx", dataset)

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 import onnxruntime
@@ -28,6 +28,9 @@ from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, Conf
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
 from tactophone.training.tracks import extract_features
 from tactophone.types import AIR
+
+if TYPE_CHECKING:
+    from tactophone.training.trainer import NetworkRecipe
 
 VERSION = 1
 """Raise it when a class here changes in a way that its settings do not show, so that cached folds are trained anew."""
@@ -71,6 +74,27 @@ class NetworkMethod:
             path = Path(folder) / "fold.onnx"
             self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))
             return model_predictor(read_model(path))
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkAblation:
+    """The paper's network with a choice undone, run by torch: no model file holds it."""
+
+    recipe: "NetworkRecipe"
+
+    @property
+    def name(self) -> str:
+        return self.recipe.name
+
+    @property
+    def identity(self) -> str:
+        return f"ablation {VERSION} {self.recipe.identity}"
+
+    def fit(self, recordings: Sequence[Recording]) -> Predictor:
+        from tactophone.training.trainer import predictor  # here: it imports torch
+
+        predict = predictor(self.recipe, self.recipe.fit(self.recipe.read_windows(recordings)))
+        return lambda recording: TakePredictions(recording, *predict(recording))
 
 
 @dataclass(frozen=True, slots=True)

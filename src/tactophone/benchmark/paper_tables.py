@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.benchmark.folds import Cache, cross_validate
-from tactophone.benchmark.methods import methods_for
+from tactophone.benchmark.methods import NetworkAblation, methods_for
 from tactophone.benchmark.regression import FULL_DRIVE
 from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
-from tactophone.dataset.splits import Fold
+from tactophone.dataset.splits import Fold, split
 from tactophone.dataset.values import Dataset, Recording, Segment
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.evaluation.bootstrap import COVERAGE, Estimate, estimate
@@ -40,7 +40,14 @@ from tactophone.perception.model_file import Gate
 from tactophone.perception.models import shipped_models
 from tactophone.pipeline import open_pipeline
 from tactophone.simulation.operator import SoundToVibration, perceive_visits, play_rounds, render_visits
-from tactophone.training.recipes import LABEL_LEVEL_DBFS, NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
+from tactophone.training.recipes import (
+    LABEL_LEVEL_DBFS,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    REFERENCE_GATE,
+    RecipeFile,
+)
+from tactophone.training.sets import FeatureRecipe
 from tactophone.training.tracks import read_signals
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, Touch
 
@@ -74,6 +81,9 @@ PAPER_ONE: Mapping[str, tuple[float, ...]] = {
 }  # fmt: skip
 """Table I, general model: shares of all windows, in the order of :data:`SHARES`."""
 
+PAPER_ONE_CHANNEL: Mapping[str, float] = {"competition": 0.033, "test": 0.155}
+"""The same of its piezo-only model, of which the text states ``smooth_as_rough`` alone."""
+
 TWO_COLUMNS = ("rough day 1", "rough day 2", "smooth day 1", "smooth day 2", "test rough", "test smooth")
 
 PAPER_TWO: Mapping[str, tuple[float, ...]] = {
@@ -87,10 +97,11 @@ BLOCK_SIZE = 512
 LIKE_PAPER = ("paper", "dualsense", "events")
 """Profiles that render roughness as the paper's does: one row stands for them."""
 
-PAPER_THREE: Mapping[str, str] = {
-    "NimbRo, day 1": "66", "NimbRo, day 2": "62", "fastest of three rivals": "119", "slowest of them": "567",
+PAPER_THREE: Mapping[str, tuple[int | None, int | None]] = {
+    "NimbRo": (66, 62), "Pollen Robotics": (144, 119), "Northeastern": (None, 567), "Avatrina": (288, None),
 }  # fmt: skip
-"""Table III: time in s from the begin of the task until a rough stone was fetched; of the rivals the paper's range."""
+"""Table III: each team's time in s from the begin of the task until a rough stone was fetched, on days 1 and 2;
+``None``: not attempted. ``NimbRo`` are the paper's authors."""
 
 VISITS = 12
 """Visits of each label, for practice and for rounds; rounds draw from them."""
@@ -171,6 +182,9 @@ def table_one(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
     rows = []
     for part in ("competition", "test"):
         rows.append(_published(f"paper's own, {part}", (*SHARES, IN_CONTACT), PAPER_ONE[part]))
+        if "paper/one-channel" in predictions:
+            stated = (math.nan, math.nan, PAPER_ONE_CHANNEL[part], math.nan)
+            rows.append(_published(f"paper's own one-channel, {part}", (*SHARES, IN_CONTACT), stated))
         for name, takes in predictions.items():
             if of_part := [take for take in takes if take.recording.known("split") == part]:
                 scores = _measure(of_part)
@@ -192,6 +206,40 @@ def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
         accuracies = [_accuracy(takes, label, day) for label, day in classes]
         rows.append(TableRow(name, dict(zip(columns, [*accuracies, contact_share(takes)], strict=True))))
     return [*own, *rows]
+
+
+ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positive_rate")
+
+
+def ablations_in(folder: Path) -> list[NetworkAblation]:
+    """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
+    recipes = {path: RecipeFile.read(path).configured() for path in sorted(folder.glob("*.toml"))}
+    if not recipes:
+        raise ConfigError(f"{folder}: holds no recipe file; examples/recipes/ablations has some")
+    methods = []
+    for path, recipe in recipes.items():
+        if isinstance(recipe, FeatureRecipe):
+            raise ConfigError(f"{path}: recipe {recipe.name}, but ablations are of the paper's network: paper-fast")
+        methods.append(NetworkAblation(recipe))
+    return methods
+
+
+def ablation_rows(
+    methods: Sequence[NetworkAblation],
+    dataset: Dataset,
+    name: str,
+    cache: Cache,
+    *,
+    report: Callable[[int, str], None] = lambda done, name: None,
+) -> list[TableRow]:
+    """Cross-validate ablations on a split of this name; scores of windows in true contact."""
+    rows = []
+    for done, method in enumerate(methods):
+        report(done, method.name)
+        takes = cross_validate(method, split(dataset, name), cache=cache)
+        scores = estimate(scores_of(map(in_true_contact, takes), "two-class"))
+        rows.append(TableRow(method.name, {column: scores[column] for column in ABLATION_COLUMNS}))
+    return rows
 
 
 def contact_share(takes: Sequence[TakePredictions]) -> Estimate:

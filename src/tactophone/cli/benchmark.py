@@ -76,6 +76,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--table3", action="store_true",
         help="print the paper's task with a simulated operator; --methods also takes paths of model files",
     )  # fmt: skip
+    parser.add_argument(
+        "--ablations", type=Path, metavar="DIR",
+        help="score the paper's network by each recipe file in DIR, on the first of --splits (default: 3-fold by kin)",
+    )  # fmt: skip
     parser.add_argument("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
     parser.add_argument(
         "--retrieval", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
@@ -91,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
     cache = cache_of(args)
     if args.table1 or args.table2 or args.table3:
         return print_tables(args, _datasets(args, cache) if args.table1 or args.table2 else [], cache)
+    if args.ablations:
+        return _print_ablations(args, cache)
     output.make_folder(args.out)  # now, not after hours
     results: list[DatasetResults] = []
     costs: dict[str, dict[str, Cost]] = {}
@@ -110,6 +116,33 @@ def run(args: argparse.Namespace) -> int:
         return 0
     output.log().print(f"{report}, {args.out / 'results.json'}")
     return 0
+
+
+def _print_ablations(args: argparse.Namespace, cache: "Cache") -> int:
+    from tactophone.benchmark.paper_tables import ablation_rows, ablations_in
+    from tactophone.benchmark.plan import origin_of
+
+    methods = ablations_in(args.ablations)
+    for dataset in _datasets(args, cache):
+        name = args.splits.split(",")[0] if args.splits else "3-fold"
+        with output.progress("ablations", len(methods)) as update:
+            rows = ablation_rows(methods, dataset, name, cache, report=lambda done, of: update(completed=done, note=of))
+        title = f"The paper's network and what its authors tried, {dataset.name} ({origin_of(dataset)}), {name}"
+        output.show(Ablations(title, rows), as_json=args.json)
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Ablations:
+    """The scores of the paper's network with one choice undone at a time."""
+
+    title: str
+    lines: "Sequence[TableRow]"
+
+    def parts(self) -> Iterator[output.Part]:
+        yield self.title
+        yield [{"network": row.name, **{name: str(value) for name, value in row.values.items()}} for row in self.lines]
+        yield "Windows in true contact, two-class rule; 90 % intervals over surfaces."
 
 
 def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
@@ -260,22 +293,33 @@ def _print_task(args: argparse.Namespace) -> None:
 
 @dataclass(frozen=True, slots=True)
 class OperatorTask:
-    """The paper's task: its own times by method, and how the simulated operator fared in so many rounds."""
+    """The paper's task: its times by team and day, and how the simulated operator fared in so many rounds."""
 
-    paper: "Mapping[str, str]"
+    paper: "Mapping[str, tuple[int | None, int | None]]"
     outcomes: "Sequence[TaskOutcome]"
     rounds: int
     retrieval: float
 
     def as_json(self) -> list[dict[str, Any]]:
         own: list[dict[str, Any]] = [
-            {"name": f"paper's own: {name}", "task": task} for name, task in self.paper.items()
+            {"name": f"paper's own: {team}, day {day}", "task": time}
+            for team, times in self.paper.items()
+            for day, time in enumerate(times, 1)
         ]
         played = [{**asdict(each), "task": each.median_duration + self.retrieval} for each in self.outcomes]
         return [*own, *played]
 
     def parts(self) -> Iterator[output.Part]:
+        yield "Table III as the paper has it: min:s until a rough stone was fetched; N/A: not attempted"
+        yield [
+            {"team": team, **{f"day {day}": _minutes(time) for day, time in enumerate(times, 1)}}
+            for team, times in self.paper.items()
+        ]
         yield _task_table(self)
+
+
+def _minutes(time: int | None) -> str:
+    return "N/A" if time is None else f"{time // 60}:{time % 60:02}"
 
 
 def _task_table(task: OperatorTask) -> Table:
@@ -283,13 +327,11 @@ def _task_table(task: OperatorTask) -> Table:
     caption = (
         "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
         "objects, on which the shipped models are trained, and plays with stones new to both. Task time: the median "
-        f"decision and {task.retrieval:g} s of retrieval (--retrieval). The paper's rows are people with a robot, who "
+        f"decision and {task.retrieval:g} s of retrieval (--retrieval). The paper's teams are people with a robot, who "
         "also moved an arm."
     )
     heading = ("method", "rough one found", "both found", "decision time (s)", "task (s)")
     table = Table(*heading, title=title, title_justify="left", caption=caption, caption_justify="left")
-    for name, time in task.paper.items():
-        table.add_row(f"paper's own: {name}", "yes", "", "", time)
     for outcome in task.outcomes:
         task_time = f"{outcome.median_duration + task.retrieval:.1f}"
         table.add_row(outcome.name, outcome.found, outcome.both, outcome.duration, task_time)

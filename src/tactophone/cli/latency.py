@@ -19,6 +19,7 @@ from tactophone.types import LIVE_SAMPLE_RATE
 if TYPE_CHECKING:  # their imports take a second, which would slow down --help
     from tactophone.measurement.delays import DecisionDelays
     from tactophone.measurement.impulses import ImpulseLatency
+    from tactophone.perception.model_file import ModelCard
 
 EXAMPLES = (
     "tactophone latency --dummy",
@@ -51,9 +52,12 @@ def run(args: argparse.Namespace) -> int:
     from tactophone.devices.dummy import DummyServer
     from tactophone.measurement.delays import measure_decisions
     from tactophone.measurement.impulses import Graph, measure
+    from tactophone.perception.model_file import read_model
+    from tactophone.perception.models import default_model, model_path
     from tactophone.runtime.wiring import open_pipeline_for
 
     settings = options.settings_of(args)
+    card = read_model(model_path(settings.detector.model or default_model(settings.capture.tip))).card
     with ExitStack() as stack:
         server = stack.enter_context(DummyServer(args.period)).name if args.dummy else settings.process.jack_server
         graph = Graph(server, args.impulse_port, args.vibration_port)
@@ -61,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         measured = measure(settings, graph, impulses=args.impulses, progress=lambda share: update(completed=share))
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
-    result = Latency(measured, delays, decider.detector.name if decider else None, settings, args.dummy)
+    result = Latency(measured, delays, decider.detector.name if decider else None, settings, args.dummy, card)
     output.show(result, as_json=args.json)
     return 0
 
@@ -75,12 +79,14 @@ class Latency:
     detector: str | None
     settings: Settings
     dummy: bool
+    card: "ModelCard"
 
     def as_json(self) -> dict[str, object]:
-        return {**as_figures(self.measured, self.delays), "detector": self.detector}
+        window = {"window_ms": 1000 * self.card.duration}
+        return {**as_figures(self.measured, self.delays), **window, "detector": self.detector}
 
     def parts(self) -> Iterator[output.Part]:
-        yield _table(self.measured, self.delays)
+        yield _table(self.measured, self.delays, self.card)
         yield _notes(self.measured, self.settings, dummy=self.dummy)
         if self.delays is not None and self.detector:
             yield _decision_notes(self.delays, self.detector)
@@ -108,7 +114,7 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
 
 
-def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> Table:
+def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Table:
     table = Table(title="milliseconds from an impulse to the first vibration", box=None, pad_edge=False)
     table.add_column("stage")
     for percentile in PERCENTILES:
@@ -117,6 +123,8 @@ def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> Table
         table.add_row(stage, *_cells(measured.stages[stage]))
     table.add_row("sum of the stages", *_cells(_sum(measured)), style="bold")
     table.add_row("end to end", *_cells(measured.end_to_end), style="bold")
+    table.add_row(f"window of {card.name}, all of the new surface", *_cells(np.array([card.duration])))
+    table.add_row("window to finger", *_cells(card.duration + measured.end_to_end), style="bold")
     if delays is not None:
         table.add_section()
         table.add_row("decision: contact to vibration", *_cells(np.array(delays.touch)))

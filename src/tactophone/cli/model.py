@@ -89,7 +89,7 @@ class ModelFile:
 
 
 def _lines(card: ModelCard) -> list[tuple[str, str]]:
-    duration, hop = card.window_size / card.sample_rate, float(card.hop) / card.sample_rate
+    duration, hop = card.duration, float(card.hop) / card.sample_rate
     gate, rule = card.gate, card.decision
     waits = 1000 * (rule.confirm - 1) * hop
     confirming = f"rough is confirmed {waits:.0f} ms later" if waits else "no confirmation"

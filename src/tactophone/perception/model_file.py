@@ -95,6 +95,11 @@ class ModelCard:
         return str(self.settings.get("microphone", "contact"))
 
     @property
+    def duration(self) -> float:
+        """Length of a window in s."""
+        return self.window_size / self.sample_rate
+
+    @property
     def imported(self) -> bool:
         """Whether another program trained it: ``tactophone model import`` names its source."""
         return "source" in self.training

@@ -122,4 +122,4 @@ def with_gate(detector: WindowDetector, *, sample_rate: int, follow_floor: bool 
         floor = NoiseFloor(contact.threshold_dbfs, spread_db=spread_db)
         detector.floor = NoiseFloor(contact.threshold_dbfs, spread_db=max(spread_db, WINDOW_SPREAD_DB))
     gate = ContactGate(contact.threshold_dbfs, sample_rate=sample_rate, rule=contact.rule, floor=floor, hold=HOLD)
-    return TouchDetector(detector, gate, window=detector.card.window_size / detector.card.sample_rate)
+    return TouchDetector(detector, gate, window=detector.card.duration)

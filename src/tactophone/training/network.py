@@ -33,6 +33,9 @@ class PaperNetwork(nn.Module):
     ----------
     channels
         2 as in the paper, or 1 for its piezo-only variant.
+    bins, residual, normalised
+        Ablations: magnitudes a channel, whether layers have residual connections, and whether each channel's magnitudes
+        are divided by their norm.
 
     >>> sum(parameter.numel() for parameter in PaperNetwork().parameters())
     1882755
@@ -40,9 +43,10 @@ class PaperNetwork(nn.Module):
     torch.Size([4, 3])
     """
 
-    def __init__(self, channels: int = 2) -> None:
+    def __init__(self, channels: int = 2, *, bins: int = BINS, residual: bool = True, normalised: bool = False) -> None:
         super().__init__()
-        self.layer1 = nn.Linear(BINS * channels, 1024)
+        self._channels, self._residual, self._normalised = channels, residual, normalised
+        self.layer1 = nn.Linear(bins * channels, 1024)
         self.layer2 = nn.Linear(1024, 512)
         self.layer3 = nn.Linear(512, 256)
         self.layer_resnet = nn.ModuleList(nn.Linear(256, 256) for _ in range(RESIDUALS))
@@ -52,11 +56,15 @@ class PaperNetwork(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape ``(windows, 257 * channels)``."""
+        if self._normalised:
+            each = features.reshape(len(features), self._channels, -1)
+            features = (each / each.norm(dim=2, keepdim=True).clamp_min(1e-9)).flatten(1)
         hidden = torch.relu(self.layer1(features))
         hidden = torch.relu(self.layer2(hidden))
         hidden = torch.relu(self.layer3(hidden))
         for residual in self.layer_resnet:
-            hidden = hidden + torch.relu(residual(hidden))
+            new = torch.relu(residual(hidden))
+            hidden = hidden + new if self._residual else new
         hidden = torch.relu(self.layer4(hidden))
         hidden = torch.relu(self.layer5(hidden))
         return torch.log_softmax(self.linear(hidden), dim=-1)
@@ -86,6 +94,8 @@ class Windows:
     """First sample of each window at a hop of one; no window crosses a recording's end."""
     labels: NDArray[np.int8]
     """A ``Touch`` for each start."""
+    size: int = SIZE
+    """Samples of a window."""
 
     def __len__(self) -> int:
         return len(self.starts)
@@ -95,17 +105,19 @@ class Windows:
         return f"{len(self)} windows, {', '.join(shares)}"
 
     def take(self, which: NDArray[np.intp]) -> FloatArray:
-        """Copy the windows with these numbers: float32, shape ``(windows, 512, channels)``."""
-        views = sliding_window_view(self.signal, SIZE, axis=0)
+        """Copy the windows with these numbers: float32, shape ``(windows, size, channels)``."""
+        views = sliding_window_view(self.signal, self.size, axis=0)
         return np.ascontiguousarray(views[self.starts[which]].transpose(0, 2, 1))
 
 
-def find_windows(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling) -> Windows:
+def find_windows(
+    signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule: Labelling, size: int = SIZE
+) -> Windows:
     """Return the windows of recordings, float32 ``(samples, channels)`` at 2 kHz, that a labelling keeps.
 
     Raises `DatasetError` if no window of a label is loud enough to count as contact.
     """
-    loudness = [_loudness(signal[:, 0], rule.loudness) for signal in signals]
+    loudness = [window_loudness(signal[:, 0], rule.loudness, size) for signal in signals]
     thresholds = {touch: _threshold(touch, loudness, labels, rule) for touch in set(labels)}
     starts, window_labels, offset = [], [], 0
     for signal, touch, loud in zip(signals, labels, loudness, strict=True):
@@ -115,16 +127,16 @@ def find_windows(signals: Sequence[FloatArray], labels: Sequence[Touch], *, rule
         starts.append((kept + offset).astype(np.int32))
         window_labels.append(np.where(contact[kept], touch, Touch.NONE).astype(np.int8))
         offset += len(signal)
-    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(window_labels))
+    windows = Windows(np.concatenate(signals), np.concatenate(starts), np.concatenate(window_labels), size)
     _require_contact(windows, labels, thresholds)
     return windows
 
 
-def _loudness(contact: FloatArray, kind: LoudnessRule) -> FloatArray:
+def window_loudness(contact: FloatArray, kind: LoudnessRule, size: int) -> FloatArray:
     """Loudness of the window at each start, from one running sum in double precision."""
     power = np.square(contact, dtype=np.float64) if kind == "rms" else np.abs(contact, dtype=np.float64)
     total = np.concatenate([[0.0], np.cumsum(power)])
-    mean: NDArray[np.float64] = np.maximum(total[SIZE:] - total[:-SIZE], 0) / SIZE
+    mean: NDArray[np.float64] = np.maximum(total[size:] - total[:-size], 0) / size
     return np.asarray(np.sqrt(mean) if kind == "rms" else mean, np.float32)
 
 

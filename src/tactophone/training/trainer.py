@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from tactophone.dataset.values import Dataset, Recording
-from tactophone.errors import DatasetError, ModelError
+from tactophone.errors import ConfigError, DatasetError, ModelError
 from tactophone.link.codec import Codec
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.features import magnitudes
@@ -33,10 +33,20 @@ from tactophone.training.export import (
     read_weights,
     write_model,
 )
-from tactophone.training.network import PaperNetwork, Windows, batches, find_windows, grid, weights_of, with_weights
+from tactophone.training.network import (
+    PaperNetwork,
+    Windows,
+    batches,
+    find_windows,
+    grid,
+    weights_of,
+    window_loudness,
+    with_weights,
+)
 from tactophone.training.recipes import (
     FAST_CHANGES,
     LABEL_LEVEL_DBFS,
+    NETWORK_HOP,
     NETWORK_RATE,
     OPEN_GATE,
     REFERENCE_GATE,
@@ -112,7 +122,7 @@ class Run:
         self._windows, self._settings, self._seed, self._path = windows, settings, seed, checkpoint_path
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.network = with_weights(initial) if initial else PaperNetwork(channels=settings.channels)
+            self.network = with_weights(initial) if initial else network_of(settings)
         self._optimiser = torch.optim.Adam(self.network.parameters(), lr=settings.learning_rate, fused=True)
         self._identity = _identity(windows, settings, seed=seed, initial=initial)
         self._skip = self._restore()
@@ -179,6 +189,12 @@ class Run:
         self.network.load_state_dict(held["network"])
         self._optimiser.load_state_dict(held["optimiser"])
         return steps
+
+
+def network_of(settings: NetworkSettings) -> PaperNetwork:
+    """Return a network of these settings, with random parameters."""
+    bins = settings.window_size // 2 + 1
+    return PaperNetwork(settings.channels, bins=bins, residual=settings.residual, normalised=settings.normalised)
 
 
 def train(
@@ -270,9 +286,10 @@ class NetworkRecipe:
 
     def read_windows(self, recordings: Sequence[Recording], *, report: Callable[[int], None] = silent) -> Windows:
         """Read labelled recordings and return the windows that the labelling keeps."""
-        signals = read_signals(recordings, channels=self.channels, rate=NETWORK_RATE, codec=self.codec, report=report)
+        rate = self.settings.rate
+        signals = read_signals(recordings, channels=self.channels, rate=rate, codec=self.codec, report=report)
         labels = [recording.label or Touch.NONE for recording in recordings]
-        return find_windows(signals, labels, rule=self.settings.labelling)
+        return find_windows(signals, labels, rule=self.settings.labelling, size=self.settings.window_size)
 
     def fit(
         self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = silent
@@ -322,7 +339,12 @@ class NetworkRecipe:
         report: Report = silent,
         log: Callable[[str], None] = silent,
     ) -> None:
-        """Train on a data set and write the model file."""
+        """Train on a data set and write the model file; raises `ConfigError` for an ablation."""
+        if self.settings.ablations:
+            raise ConfigError(
+                f"{self.name}: no model file holds {' and '.join(self.settings.ablations)}; score it with "
+                "`tactophone benchmark --ablations DIR`, or omit it from the recipe file"
+            )
         count = len(dataset.recordings)
         windows = self.read_windows(dataset.recordings, report=lambda done: report(done, count, "reading"))
         log(f"{count} recordings, {len(dataset.surfaces)} surfaces: {windows}")
@@ -338,11 +360,38 @@ class NetworkRecipe:
         self.write(path, self.fit(windows, checkpoint=checkpoint, report=show), dataset)
 
 
+def predictor(
+    recipe: NetworkRecipe, weights: Weights
+) -> Callable[[Recording], tuple[NDArray[np.float64], FloatArray, NDArray[np.bool_]]]:
+    """Return a function from a recording to its predictions by torch, for ablations that no model file holds.
+
+    A prediction at every 512 samples of 48 kHz, as live: time in s, probabilities, and whether the window is contact.
+    """
+    settings, threshold = recipe.settings, recipe.effective_gate.threshold_dbfs
+    network, size, rate = network_of(settings), settings.window_size, settings.rate
+    network.load_state_dict({name: torch.from_numpy(value) for name, value in weights.items()})
+
+    def predict(recording: Recording) -> tuple[NDArray[np.float64], FloatArray, NDArray[np.bool_]]:
+        (signal,) = read_signals([recording], channels=settings.channels, rate=rate)
+        count = int((len(signal) - size) / (hop := float(NETWORK_HOP) * rate / NETWORK_RATE)) + 1
+        starts = np.round(hop * np.arange(count)).astype(np.int32)
+        windows = Windows(signal, starts, np.zeros(count, np.int8), size).take(np.arange(count))
+        with torch.no_grad():
+            probabilities = network(torch.from_numpy(magnitudes(windows))).exp().numpy()
+        loud = window_loudness(signal[:, 0], "rms", size)[starts] >= 10 ** (threshold / 20)
+        return (starts + size) / rate, probabilities, loud
+
+    return predict
+
+
 def network_recipe(
     recipe: Recipe, options: TrainingOptions, *, start: Path | None = None, calibration: Calibration | None = None
 ) -> NetworkRecipe:
     """Return ``paper`` or ``paper-fast`` with its options, which name a variant and change settings."""
-    names = ("epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise")
+    names = (
+        "epochs", "least_steps", "batch_size", "hop", "learning_rate", "noise", "rate", "window", "residual",
+        "normalised",
+    )  # fmt: skip
     changes = {name: value for name in names if (value := getattr(options, name)) is not None}
     settings = replace(
         network_settings(options.variant, reference_code=options.reference_code),
