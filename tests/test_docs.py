@@ -1,6 +1,7 @@
 """The documentation builds, fetches nothing, and refers only to what exists."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,22 @@ def test_the_command_line_takes_each_command_that_shows_a_point_of_the_paper() -
     for words in commands:
         # A usage error would exit.
         assert _parse(words, words[0]).verb == words[0]
+
+
+def commands_of(page: Path) -> list[list[str]]:
+    """Return the words of each call of the program in the page's blocks of code, but for those with placeholders."""
+    blocks = re.findall(r"^```\w*\n(.*?)^```", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    calls = re.findall(r"(?:^|\s)(?:[./\w]*/)?tactophone ([^#|&>()\n]+)", "\n".join(blocks).replace("\\\n", " "))
+    calls = [re.split(r"\s{2,}|;", call)[0] for call in calls]
+    return [shlex.split(call) for call in calls if not re.search(r"\.\.\.|\[|{", call)]
+
+
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda page: page.name
+)
+def test_the_command_line_takes_each_command_that_a_page_shows(page: Path) -> None:
+    for words in commands_of(page):
+        assert _parse(words, words[0]).verb == words[0], words
 
 
 def test_the_glossary_is_one_page_of_at_most_20_terms() -> None:
