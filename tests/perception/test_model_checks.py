@@ -257,3 +257,32 @@ def test_a_changed_file_gives_a_model_error_or_a_model_that_runs(data: st.DataOb
         except ModelError:
             return
         detector.push(AudioBlock(np.zeros((24_000, 1), np.float32), 48_000))
+
+
+def slow_when_touched(path: Path, cap: float) -> Path:
+    """A network that fills as many numbers as its features are loud, up to ``cap``."""
+    nodes = [
+        helper.make_node("ReduceMax", [FEATURES], ["most"], keepdims=0),
+        helper.make_node("Mul", ["most", "much"], ["wanted"]),
+        helper.make_node("Clip", ["wanted", "zero", "cap"], ["count"]),
+        helper.make_node("Cast", ["count"], ["whole"], to=TensorProto.INT64),
+        helper.make_node("Unsqueeze", ["whole", "axis"], ["shape"]),
+        helper.make_node("ConstantOfShape", ["shape"], ["large"]),
+        helper.make_node("ReduceSum", ["large"], ["none"], keepdims=0),
+        helper.make_node("Add", ["shares", "none"], [LOG_PROBABILITIES]),
+    ]
+    numbers = {"much": 1e9, "zero": 0.0, "cap": cap}
+    weights = [numpy_helper.from_array(np.array(value, np.float32), name) for name, value in numbers.items()]
+    return with_nodes(path, nodes, [*weights, SHARES, numpy_helper.from_array(np.array([0]), "axis")])
+
+
+def test_a_model_that_is_slow_only_when_touched_is_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r"too slow|over 5 s"):
+        read_model(slow_when_touched(tmp_path / "slow.onnx", 3e8))
+
+
+def test_a_model_that_is_slow_in_the_run_ends_it_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    model = read_model(slow_when_touched(tmp_path / "slow.onnx", 1e6))
+    monkeypatch.setattr(checks, "SLOWEST", 0.0)
+    with pytest.raises(ModelError, match=r"too slow.*--model"):
+        checks.Engine(model.session).run([np.ones(257, np.float32)])

@@ -12,6 +12,7 @@ import json
 import math
 import re
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
@@ -248,7 +249,12 @@ MAX_DURATION = 10.0
 """Seconds of a window or a hop."""
 
 PROBE_TIMEOUT = 5.0
-"""Seconds for one inference at reading; the live system has a hundredth of a second."""
+"""Seconds for all inferences at reading."""
+
+SLOWEST = 0.25
+"""Seconds of processor time for one inference; the live system has a hundredth of a second."""
+
+TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
@@ -363,8 +369,15 @@ def _probe(session: "onnxruntime.InferenceSession", features: str, zeros: Any) -
     options.log_severity_level = 4
 
     def run() -> None:
+        rng = np.random.default_rng(0)
         try:
-            results.append(session.run(None, {features: zeros}, options)[0])
+            # A network may be quick on silence alone, and slow once something is touched.
+            for loudness in (0, 1, 1e4):
+                noise = zeros + (loudness * rng.standard_normal(zeros.shape)).astype(zeros.dtype)
+                begun = time.thread_time()
+                results.append(session.run(None, {features: noise}, options)[0])
+                if (taken := time.thread_time() - begun) > SLOWEST:
+                    failures.append(TOO_SLOW.format(taken))
         except Exception as error:  # ONNX Runtime raises a dozen types of its own
             failures.append(str(error).strip().partition("\n")[0][:160])
 
@@ -411,7 +424,10 @@ class Engine:
         binding, rows, log_probabilities = self._bound.get(len(features)) or self._bind(len(features))
         for number, row in enumerate(features):
             rows[number] = row
+        begun = time.thread_time()  # which stands still while this thread has to wait
         self._session.run_with_iobinding(binding)
+        if (taken := time.thread_time() - begun) > SLOWEST:
+            raise ModelError(f"{TOO_SLOW.format(taken)}; choose another with --model")
         # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
         return [
             (math.exp(min(none, 1.0)), math.exp(min(smooth, 1.0)), math.exp(min(rough, 1.0)))
