@@ -46,6 +46,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "sound": {
         "feel": "process recordings: write the vibration, its timeline and a picture",
         "replay": "replay a recorded run exactly, or with another model or profile",
+        "export": "write a recorded run beside a robot's own data: LeRobot",
         "dataset": "show what a data set holds, and check it for broken, silent, clipped or wrongly labelled files",
         "simulate": "render sound with the simulated finger: the paper's data set, competition runs, the catalogue",
         "roughness": "measure Ra, Rq, Rz, RSm, Sa and more of a height profile or height map",

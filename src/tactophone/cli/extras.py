@@ -29,6 +29,7 @@ EXTRA_OF_MODULE = {
     "cyclonedds": "ros",
     "rosbags": "ros",
     "zenoh": "zenoh",
+    "pyarrow": "lerobot",
     "tdw": "profiles",
 }
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
@@ -45,6 +46,7 @@ EXTRAS_OF_VERB = {
     "answer": ("call", "link"),
     "latency": ("jack", "link", "sim"),
     "replay": ("link", "record"),
+    "export": ("lerobot", "link", "record"),
     "simulate": ("sim",),
     "train": ("link", "train"),
     "setup": ("link", "train"),

@@ -1,0 +1,144 @@
+"""A run beside a robot's frames, written and read back by the description of LeRobotDataset v3.0."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from tactophone.bridges.mcap import LogEnd, read_messages
+from tactophone.cli import main
+from tests.bridges.recorded_run import record
+from tests.models import write_tiny_model
+
+pytest.importorskip("mcap")
+pyarrow = pytest.importorskip("pyarrow")
+parquet = pytest.importorskip("pyarrow.parquet")
+pandas = pytest.importorskip("pandas")
+
+FPS, FRAMES = 30, 45
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lerobot")
+    return record(folder / "run.mcap", write_tiny_model(folder / "tiny.onnx"))
+
+
+@pytest.fixture
+def dataset(tmp_path: Path) -> Path:
+    """Write two episodes of a robot with one joint, as lerobot does."""
+    root = tmp_path / "robot"
+    for place in ("meta/episodes/chunk-000", "data/chunk-000", "videos/front/chunk-000"):
+        (root / place).mkdir(parents=True)
+    (root / "videos/front/chunk-000/file-000.mp4").write_bytes(b"a film")
+    frames = np.arange(2 * FRAMES)
+    columns = {
+        "observation.state": np.sin(frames / 10).astype(np.float32),
+        "timestamp": (frames % FRAMES / FPS).astype(np.float32),
+        "frame_index": frames % FRAMES,
+        "episode_index": frames // FRAMES,
+        "index": frames,
+        "task_index": 0 * frames,
+    }
+    parquet.write_table(pyarrow.table(columns), root / "data/chunk-000/file-000.parquet")
+    episodes = {
+        "episode_index": [0, 1], "tasks": [["feel"]] * 2, "length": [FRAMES] * 2,
+        "data/chunk_index": [0, 0], "data/file_index": [0, 0],
+        "dataset_from_index": [0, FRAMES], "dataset_to_index": [FRAMES, 2 * FRAMES],
+    }  # fmt: skip
+    parquet.write_table(pyarrow.table(episodes), root / "meta/episodes/chunk-000/file-000.parquet")
+    pandas.DataFrame({"task_index": [0]}, index=pandas.Index(["feel"], name="task")).to_parquet(
+        root / "meta/tasks.parquet"
+    )
+    features = {name: {"dtype": str(values.dtype), "shape": [1], "names": None} for name, values in columns.items()}
+    info = {
+        "codebase_version": "v3.0", "fps": FPS, "features": features, "total_episodes": 2, "total_frames": 2 * FRAMES,
+        "total_tasks": 1, "chunks_size": 1000, "splits": {"train": "0:2"}, "robot_type": "test", "video_path": None,
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+    }  # fmt: skip
+    (root / "meta/info.json").write_text(json.dumps(info))
+    (root / "meta/stats.json").write_text("{}")
+    return root
+
+
+def read_episode(root: Path, episode: int) -> "pandas.DataFrame":
+    """Read as LeRobot's documentation describes it, with nothing of ours."""
+    info = json.loads((root / "meta/info.json").read_text())
+    rows = pandas.concat(map(pandas.read_parquet, (root / "meta/episodes").rglob("*.parquet")))
+    row = rows[rows["episode_index"] == episode].iloc[0]
+    path = info["data_path"].format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
+    return parquet.read_table(root / path, filters=[("episode_index", "=", episode)]).to_pandas()
+
+
+def test_every_prediction_stands_beside_the_frames_of_its_episode(log: Path, dataset: Path, tmp_path: Path) -> None:
+    original = (dataset / "data/chunk-000/file-000.parquet").read_bytes()
+    out = tmp_path / "felt"
+    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(out), "--episode", "1"]) == 0
+    logged = [
+        (message.time, json.loads(message.data))
+        for message in read_messages(log)
+        if not isinstance(message, LogEnd) and message.topic.name == "/tactophone/prediction"
+    ]
+    info = json.loads((out / "meta/info.json").read_text())
+    base = "observation.tactile.index"
+    (size,) = info["features"][f"{base}.roughness"]["shape"]
+    assert 3 <= size <= 12
+    felt, other = read_episode(out, 1), read_episode(out, 0)
+    assert len(felt) == len(other) == FRAMES
+    assert np.array_equal(felt["observation.state"], np.sin(np.arange(FRAMES, 2 * FRAMES) / 10).astype(np.float32))
+    assert not np.any(np.stack(other[f"{base}.valid"]))
+    lead = min(time - entry["window_end"] for time, entry in logged)
+    begin = lead + logged[0][1]["window_end"]
+    times = begin + felt["timestamp"].to_numpy(float)[:, None] - np.stack(felt[f"{base}.age"]).astype(float)
+    assert np.all(np.stack(felt[f"{base}.age"]) >= 0)  # nothing of a frame's future
+    found = {
+        (round(float(time), 3), round(float(rough), 4))
+        for time, rough in zip(times.ravel(), np.stack(felt[f"{base}.rough"]).ravel(), strict=True)
+    }
+    until = begin + (FRAMES - 1) / FPS
+    expected = {
+        (round(lead + entry["window_end"], 3), round(entry["rough"], 4))
+        for _, entry in logged
+        if lead + entry["window_end"] < until
+    }
+    near = {(round(time + step / 1000, 3), rough) for time, rough in found for step in (-1, 0, 1)}
+    assert len(expected) > 100
+    assert not expected - near
+    stats = json.loads((out / "meta/stats.json").read_text())
+    assert set(stats[f"{base}.roughness"]) == {"min", "max", "mean", "std", "count", "q01", "q10", "q50", "q90", "q99"}
+    (sound,) = (out / "raw_audio").rglob("*.wav")
+    assert sound.relative_to(out).as_posix() == "raw_audio/observation.audio.index/episode_000001.wav"
+    assert soundfile.info(sound).subtype == "FLOAT"
+    assert info["tactophone"]["audio"][sound.relative_to(out).as_posix()]["sample_rate"] == 48_000
+    assert (dataset / "data/chunk-000/file-000.parquet").read_bytes() == original
+    assert "tactophone" not in json.loads((dataset / "meta/info.json").read_text())
+    assert (out / "videos/front/chunk-000/file-000.mp4").read_bytes() == b"a film"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--start", "5"], "covers no frame of episode 0"),
+        (["--with", "nowhere"], "no LeRobot data set"),
+        (["--out", "."], "exists already"),
+    ],
+)
+def test_what_does_not_fit_is_one_line(
+    log: Path, dataset: Path, tmp_path: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "out"), *words]
+    assert main(command) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_lerobot_itself_opens_it(log: Path, dataset: Path, tmp_path: Path) -> None:
+    pytest.importorskip("lerobot")
+    os.environ["HF_HUB_OFFLINE"] = "1"
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    assert main(["export", "lerobot", str(log), "--with", str(dataset), "--out", str(tmp_path / "felt")]) == 0
+    opened = LeRobotDataset("local/felt", root=tmp_path / "felt")
+    assert opened[10]["observation.tactile.index.roughness"].ndim == 1
