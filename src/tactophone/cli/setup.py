@@ -258,7 +258,8 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     output.show(result, as_json=args.json)
     if screen.page is not None:
         content = finite(output.as_values(result))
-        screen.page.show(result=content | {"words": f"written: {args.out}; {_estimate(fit)}"})
+        words = f"written: {args.out}; {_estimate(fit)}. Now feel with it: tactophone receive --model {args.out}"
+        screen.page.show(result=content | {"words": words})
     return 0
 
 
@@ -279,15 +280,15 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     out.print(TIP_PICTURE, highlight=False, markup=False)
     out.print(f"press 1 to {len(TIP_NAMES)}, or any other key for {tip}")
     if screen.page is not None:
-        question, _, picture = TIP_PICTURE.partition("\n\n")
+        question = TIP_PICTURE.partition("\n\n")[0]
         screen.begin(0)
-        screen.page.show(instruction=question, picture=picture, buttons={name: name for name in TIP_NAMES})
+        screen.page.show(instruction=question, buttons={name: name for name in TIP_NAMES})
     while not (key := screen.pressed(0.5)):
         pass
     if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
-        screen.page.show(picture="", buttons={})
+        screen.page.show(buttons={})
     return key if key in TIP_NAMES else dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
 
 

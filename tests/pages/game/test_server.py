@@ -92,6 +92,49 @@ def test_a_round_that_cannot_be_saved_is_shown_all_the_same(
     assert text(browser, "kept") == f"Not saved in {results}: Is a directory"
 
 
+def test_a_vibration_can_be_felt_before_the_round_and_stop_ends_it(
+    browser: webdriver.Chrome, box: Page, led: tuple[Run, GameSettings]
+) -> None:
+    browser.get(box.url)
+    wait(browser, lambda: browser.find_element(By.ID, "test").is_enabled())
+    browser.execute_script(
+        "window.played = []; const post = MessagePort.prototype.postMessage;"
+        "MessagePort.prototype.postMessage = function (data, ...rest) {"
+        "if (data) window.played.push(Math.max(...data)); return post.call(this, data, ...rest); };"
+    )
+    browser.find_element(By.ID, "test").click()
+    wait(browser, lambda: "buzz of half a second" in text(browser, "test-state"))
+    played = [peak for peak in browser.execute_script("return window.played") if peak > 0]
+    assert len(played) == 12
+    assert max(played) == pytest.approx(0.25, abs=0.01)  # half the ceiling
+    browser.find_element(By.ID, "stop").click()
+    wait(browser, lambda: not browser.find_element(By.ID, "test").is_enabled())
+    wait(browser, lambda: not browser.find_element(By.ID, "begin").is_enabled())
+    assert not led[0].state.armed
+
+
+def test_a_third_mark_is_answered(browser: webdriver.Chrome, box: Page) -> None:
+    begin(browser, box)
+    marks = browser.find_elements(By.CSS_SELECTOR, "#marks button")
+    for stone in (0, 2, 4):
+        marks[stone].click()
+    assert "take one of the marks off" in text(browser, "marked")
+    assert [mark.get_attribute("aria-pressed") for mark in marks] == ["true", "false", "true", "false", "false"]
+    marks[0].click()
+    assert text(browser, "marked") == ""
+
+
+def test_the_result_is_kept_as_a_picture(browser: webdriver.Chrome, box: Page) -> None:
+    begin(browser, box)
+    finish(browser)
+    browser.execute_script(
+        "HTMLAnchorElement.prototype.click = function () {window.saved = [this.download, this.href.slice(0, 5)]; };"
+    )
+    browser.find_element(By.ID, "card").click()
+    wait(browser, lambda: browser.execute_script("return window.saved"))
+    assert browser.execute_script("return window.saved") == ["stone-box-7.png", "blob:"]
+
+
 def test_nothing_reveals_a_stone_before_the_curtain_is_lifted(browser: webdriver.Chrome, box: Page) -> None:
     begin(browser, box)
     looks = []

@@ -6,6 +6,14 @@ import { Meter } from "./meter.js";
 
 const $ = (id) => document.getElementById(id);
 const meters = new Map();
+// Each tip over glass, and the mark that it leaves there when it is inked.
+const GLASS = '<path class="glass" d="M8 74H112"/>';
+const TIPS = {
+  rubber: ["Soft rubber, silicone", "mark: a round blot, 2 mm", '<path d="M34 10H86V44C86 66 74 74 60 74C46 74 34 66 34 44Z"/><ellipse class="ink" cx="60" cy="92" rx="22" ry="9"/>'],
+  pad: ["Hard skin on a silicone pad", "mark: 0.1 to 0.5 mm", '<path d="M30 10H90V40C90 62 76 70 60 70C44 70 30 62 30 40Z"/><path class="skin" d="M32 52C40 72 50 74 60 74C70 74 80 72 88 52"/><ellipse class="ink" cx="60" cy="92" rx="8" ry="4"/>'],
+  plastic: ["Rod or pen of plastic", "mark: 0.1 mm", '<path d="M50 10H70V60Q70 74 60 74Q50 74 50 60Z"/><ellipse class="ink" cx="60" cy="92" rx="4" ry="2.5"/>'],
+  stylus: ["Steel rod", "mark: a dot", '<path d="M52 10H68V44L60 74L52 44Z"/><circle class="ink" cx="60" cy="92" r="1.8"/>'],
+};
 
 function element(name, text, properties = {}) {
   return Object.assign(document.createElement(name), { textContent: text, ...properties });
@@ -22,7 +30,17 @@ function showSteps({ steps, step }) {
 
 function showButtons(buttons) {
   const items = Object.entries(buttons).map(([name, label]) => element("button", label, { type: "button", className: "primary", value: name }));
-  for (const item of items) item.addEventListener("click", () => socket.send(item.value));
+  for (const item of items) {
+    const [title, mark, drawing] = TIPS[item.value] ?? [];
+    if (drawing) {
+      item.className = "tip";
+      item.innerHTML = `<svg viewBox="0 0 120 104" aria-hidden="true">${drawing}${GLASS}</svg><b>${item.value}</b><span>${title}</span><span>${mark}</span>`;
+    }
+    item.addEventListener("click", () => {
+      socket.send(item.value);
+      for (const each of items) each.disabled = true; // answered, until the command says what comes next
+    });
+  }
   $("buttons").replaceChildren(...items);
 }
 
@@ -57,10 +75,6 @@ function showResult({ objects, before, after, words }) {
 function show(update) {
   if (update.steps || "step" in update) showSteps(update);
   if ("instruction" in update) put($("instruction"), update.instruction);
-  if ("picture" in update) {
-    put($("picture"), update.picture);
-    $("picture").hidden = !update.picture;
-  }
   if (update.buttons) showButtons(update.buttons);
   if ("state" in update) put($("state"), update.state);
   if (update.levels) showLevels(update.levels);

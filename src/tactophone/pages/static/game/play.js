@@ -2,7 +2,7 @@
 
 import { put, formatNumber } from "../static/figures.js";
 import { Feed } from "../static/live.js";
-import { reveal } from "./reveal.js";
+import { reveal, saveCard } from "./reveal.js";
 import { Fingertip } from "../static/fingertip.js";
 import { Speaker } from "../static/speaker.js";
 import { StateBar } from "../static/statebar.js";
@@ -10,9 +10,12 @@ import { Hand } from "./stage.js";
 
 const $ = (id) => document.getElementById(id);
 const LONGEST_DELAY = 1000; // ms after a touch; later sound has another cause
+const TEST = { pieces: 12, size: 2400 }; // samples: 50 ms each
 const delays = [];
 let begun = 0;
 let touchedAt = -Infinity;
+let testing = 0;
+let ceiling = 0;
 
 const speaker = new Speaker((time) => {
   const delay = time - touchedAt;
@@ -30,8 +33,12 @@ const motor = new Fingertip({ onWay: () => {}, quiet: true });
 const feed = new Feed("player", {
   onMessage: ({ header, tables }) => {
     if (header.result) return lift(header, tables);
-    speaker.play(tables.vibration.numbers);
-    motor.take(header);
+    ceiling = header.ceiling;
+    if (!testing) {
+      speaker.play(tables.vibration.numbers);
+      motor.take(header);
+    }
+    $("test").disabled = !header.alive || !header.armed || Boolean(testing);
     bar.take({ ...header, age: 0 }, tables.vibration.rows);
     $("begin").disabled = $("again").disabled = !header.alive || bar.state === "stopped";
     if (header.detected) train(header);
@@ -42,7 +49,7 @@ const feed = new Feed("player", {
   },
   onLost: (why) => {
     bar.lost(why);
-    $("begin").disabled = $("again").disabled = true;
+    $("test").disabled = $("begin").disabled = $("again").disabled = true;
   },
 });
 
@@ -65,8 +72,10 @@ $("marks").append(...marks);
 const chosen = () => marks.flatMap((mark, k) => (mark.ariaPressed === "true" ? [k] : []));
 
 function toggle(mark) {
-  const on = mark.ariaPressed !== "true" && chosen().length < 2;
-  mark.ariaPressed = on;
+  const wanted = mark.ariaPressed !== "true";
+  const third = wanted && chosen().length === 2;
+  put($("marked"), third ? "Two stones are marked already: take one of the marks off first." : "");
+  mark.ariaPressed = wanted && !third;
   $("done").disabled = chosen().length !== 2;
 }
 
@@ -84,19 +93,43 @@ async function begin() {
   show("play");
   begun = performance.now();
   delays.length = 0;
-  ["message", "delay"].forEach((id) => put($(id), ""));
+  ["message", "delay", "marked"].forEach((id) => put($(id), ""));
   marks.forEach((mark) => { mark.ariaPressed = false; });
   $("done").disabled = true;
   feed.send({ action: "begin", trainer: $("trainer").checked });
   $("stage").focus();
+  put($("message"), await startOutput());
+}
+
+/** Start sound and motor, from a button's handler; returns what is missing, in words. The motor goes on without sound. */
+async function startOutput() {
   motor.start();
   try {
     await speaker.start();
   } catch (error) {
-    return put($("message"), error.message); // vibration goes on where there is any
+    return error.message;
   }
   speaker.volume = $("volume").valueAsNumber;
   speaker.overtones = $("overtones").checked;
+  return "";
+}
+
+/** Before a round: a rough vibration, half the ceiling, made by this page alone; it ends as soon as the run is muted. */
+async function test() {
+  const missing = await startOutput();
+  let left = TEST.pieces;
+  clearInterval(testing);
+  testing = setInterval(() => {
+    if (left-- > 0 && bar.armed) {
+      const begin = (TEST.pieces - left) * TEST.size;
+      speaker.play(Float32Array.from({ length: TEST.size }, (_, k) => 0.5 * ceiling * Math.sin((2 * Math.PI * 60 * (begin + k)) / 48000)));
+      return motor.take({ command: [0.5 * ceiling, 1, 60], ceiling, armed: true, alive: true });
+    }
+    clearInterval(testing);
+    testing = 0;
+    motor.take({ command: [0, 0, 60], ceiling, armed: true, alive: true });
+    put($("test-state"), missing || "A buzz of half a second? Then begin. Nothing? Turn the volume up, take headphones, or add overtones, and press again.");
+  }, TEST.size / 48);
 }
 
 function lift(header, tables) {
@@ -106,7 +139,9 @@ function lift(header, tables) {
   reveal(header, tables);
 }
 
+$("test").addEventListener("click", test);
 $("begin").addEventListener("click", begin);
+$("card").addEventListener("click", saveCard);
 $("again").addEventListener("click", () => show("door"));
 $("volume").addEventListener("input", ({ target }) => { speaker.volume = target.valueAsNumber; });
 $("overtones").addEventListener("change", ({ target }) => { speaker.overtones = target.checked; });

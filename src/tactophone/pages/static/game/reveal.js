@@ -90,3 +90,35 @@ function truthAt(track, times) {
     return track[UNDER][at] ?? 0;
   });
 }
+
+/** The result as a picture to share, or to keep where nothing can be shared. */
+export async function saveCard() {
+  const { order, choices, correct, duration, seed } = shown.result;
+  const canvas = Object.assign(document.createElement("canvas"), { width: 1000, height: 420 });
+  const context = canvas.getContext("2d");
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  const write = (text, size, left, top, name = "ink") => {
+    context.font = `600 ${size}px system-ui, sans-serif`;
+    context.fillStyle = colour(name);
+    context.fillText(text, left, top);
+  };
+  context.fillStyle = colour("panel");
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  write(`The stone box: ${correct} of 2 rough stones found by touch`, 34, 50, 80);
+  write(`in ${formatNumber(duration, 1)} s, seed ${seed}`, 24, 50, 122, "soft");
+  order.forEach((touch, k) => {
+    context.fillStyle = colour(touch);
+    context.beginPath();
+    context.roundRect(50 + 184 * k, 160, 160, 130, 24);
+    context.fill();
+    write(touch, 24, 66 + 184 * k, 235, "panel");
+    if (choices.includes(k)) write(touch === "rough" ? "✓ marked" : "✗ marked", 24, 60 + 184 * k, 330);
+  });
+  write("tactophone play: a telephone for touch", 22, 50, 390, "soft");
+  const blob = await new Promise((done) => { canvas.toBlob(done); });
+  const file = new File([blob], `stone-box-${seed}.png`, { type: "image/png" });
+  if (navigator.userAgentData?.mobile && navigator.canShare?.({ files: [file] })) return navigator.share({ files: [file] }).catch(() => {});
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(file), download: file.name });
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
