@@ -69,6 +69,7 @@ function showResult({ objects, before, after, words }) {
   });
   $("objects").replaceChildren(...rows);
   put($("summary"), words);
+  put($("instruction"), "Finished: the result is below, with what to run next.");
   $("result-panel").hidden = false;
 }
 

@@ -129,7 +129,7 @@ export class StateBar {
     if (role === "replay") return ["waiting", this.ready, "This is a replay: there is no output to control."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
     if (STOPPED.test(why ?? "")) return ["stopped", "stopped", `${sentence(why.replace(/, then arm$/, ""))} Then hold the button to release.`];
-    return armed ? ["live", this.ready, "Armed: the actuator vibrates."] : ["muted", "muted", sentence(why || "not armed")];
+    return armed ? ["live", this.ready, "Armed: vibration is on."] : ["muted", "muted", sentence(why || "not armed")];
   }
 
   #show() {

@@ -49,7 +49,7 @@ export class Timeline {
     this.#chart = new Chart(plot, {
       span: () => this.#span,
       lines: [{ ...line("ink"), paths: () => null }],
-      y: () => [0, 2.05],
+      y: () => [-0.06, 2.05],
       splits: () => [0, 0.45, 0.9, place(-80), place(-40), 2],
       label: (value) => (value <= 1 ? formatNumber(value / 0.9, 1) : formatNumber(LOWEST * (1 - (value - 1.15) / 0.85))),
       times: true,
