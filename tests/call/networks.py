@@ -4,6 +4,7 @@ robot 10.1.0.2 - its router - 10.9.0.0/24, where the servers are at 10.9.0.10 - 
 """
 
 import contextlib
+import itertools
 import json
 import os
 import select
@@ -18,7 +19,7 @@ import pytest
 
 Nat: TypeAlias = Literal["keeps", "changes", "open"]
 
-SERVERS, SERVERS6 = "10.9.0.10", "fd09::10"
+SERVERS, SECOND, SERVERS6 = "10.9.0.10", "10.9.0.11", "fd09::10"
 USER = "u:p"
 TIMEOUT = 25.0
 SOURCES = Path(__file__).parents[2]
@@ -43,13 +44,16 @@ def run(command: str) -> None:
     subprocess.run(command.split(), check=True, capture_output=True)
 
 
+_numbers = itertools.count()
+
+
 class Networks:
     """The five namespaces and the processes in them; a context manager."""
 
     def __init__(self, robot: Nat, operator: Nat, *, relay: bool = True, forget: int = 0, ipv6: bool = False) -> None:
         self._nats = {"rob": robot, "ope": operator}
         self._relay, self._forget, self._ipv6 = relay, forget, ipv6
-        self._prefix = f"tp{os.getpid()}"
+        self._prefix = f"tp{os.getpid()}{next(_numbers)}"
         self._processes: list[subprocess.Popen[str]] = []
         self.relay: subprocess.Popen[str] | None = None
 
@@ -84,7 +88,8 @@ class Networks:
     def start_relay(self, *options: str) -> "subprocess.Popen[str]":
         # One thread: with several at one address, datagrams of one client reach different ones.
         return self.start(
-            "net", "turnserver", "-n", "-m", "1", "-a", "-u", USER, "-r", "lab", "--listening-ip", SERVERS,
+            "net", "turnserver", "-n", "-m", "1", "-a", "-u", USER, "-r", "lab",
+            "--listening-ip", SERVERS, "--listening-ip", SECOND,
             "--relay-ip", SERVERS, "--no-tls", "--no-dtls", "--no-cli", "--pidfile", "", "--log-file", "stdout",
             # As in the guide: a relay must not lead into a network of its own.
             "--denied-peer-ip", "10.1.0.0-10.2.255.255", *options,
@@ -116,7 +121,7 @@ class Networks:
             run(f"ip -n {p}{name} link set lo up")
         run(f"ip -n {p}net link add br0 type bridge")
         run(f"ip -n {p}net link set br0 up")
-        self._address("net", "br0", f"{SERVERS}/24", f"{SERVERS6}/64")
+        self._address("net", "br0", f"{SERVERS}/24", f"{SECOND}/24", f"{SERVERS6}/64")
         # Without a route, coturn ends the session of whoever names a private address.
         run(f"ip -n {p}net route add default via 10.9.0.254")
         for number, place in enumerate(("rob", "ope"), 1):

@@ -83,18 +83,23 @@ def test_two_calls_at_once_pass_through_one_relay_where_no_direct_way_exists(off
 
 
 def test_two_networks_that_need_a_relay_and_have_none_say_so(offices: Networks) -> None:
-    # The relay's port answers as the second STUN server, which tells the kinds of routers apart.
-    ends = begin(offices, "--set", "call.turn=", "--set", "call.stun=10.9.0.10,10.9.0.10:3479")
+    # From two STUN servers each end knows what kind of router it is behind.
+    ends = begin(offices, "--set", "call.turn=", "--set", "call.stun=10.9.0.10,10.9.0.11")
     for end in ends:
         error = end.next("error")
+        assert error.count("its router takes another port for each destination") == 2
         assert "this pair needs a relay, call.turn: see *Your own exchange*" in error
 
 
 def test_a_network_that_blocks_udp_says_so(homes: Networks) -> None:
-    homes.nft("natrob", "insert rule ip filter through meta l4proto udp drop")
-    caller, answerer = begin(homes)
-    assert "no STUN server answers: UDP to the internet is blocked" in answerer.next("error")
-    assert "there, no STUN server answers" in caller.next("error")
+    block = "table ip block { chain through { type filter hook forward priority -1; meta l4proto udp drop; }; }"
+    homes.nft("natrob", block)
+    try:
+        caller, answerer = begin(homes)
+        assert "no STUN server answers: UDP to the internet is blocked" in answerer.next("error")
+        assert "there, no STUN server answers" in caller.next("error")
+    finally:
+        homes.nft("natrob", "delete table ip block")
 
 
 def test_a_changing_router_reaches_an_open_network_directly() -> None:
@@ -134,3 +139,15 @@ def test_the_two_commands_feel_a_recording_through_a_relay_and_hang_up_with_a_wo
     assert json.loads(heard)["counters"]["packets_received"] > 50
     assert "connected over the relay" in said[1]
     assert "hung up" in said[1].splitlines()[-1]
+
+
+def test_check_says_which_router_is_here_and_which_way_a_call_would_take(offices: Networks, homes: Networks) -> None:
+    for networks, router in ((offices, "its router takes another port"), (homes, "its router keeps one port")):
+        more = ["--set", "call.stun=10.9.0.10,10.9.0.11"]
+        command = [sys.executable, "-m", "tactophone", "call", "--check", *networks.settings(), *more]
+        said = networks.start("rob", *command, stdout=subprocess.PIPE).communicate(timeout=30)[0].splitlines()
+        assert router in said[0]
+        assert said[1:4] == [
+            "STUN: 10.9.0.10:3478, 10.9.0.11:3478 answered", "mailbox: answers", "relay: gives an address",
+        ]  # fmt: skip
+        assert "direct" in said[-1]

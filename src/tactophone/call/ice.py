@@ -18,7 +18,7 @@ from tactophone.call.messages import Address, Nat, Offer
 from tactophone.errors import DeviceError
 from tactophone.link.way import Way, read_kept
 
-CONNECT_TIMEOUT = 8.0
+CONNECT_TIMEOUT = 6.0
 """Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
 
 CHANNEL_REFRESH = 240
