@@ -5,6 +5,7 @@ import subprocess
 import sys
 import tomllib
 import venv
+import zipfile
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -47,6 +48,7 @@ WORDS = {
     "benchmark": ["--data", "set"],
     "roughness": ["heights.csv", "--pixel", "1e-5"],
     "dataset": ["check", "set"],
+    "export": ["lerobot", "run.mcap", "--with", "set", "--out", "felt"],
 }
 """Arguments with which each verb gets past parsing."""
 
@@ -88,6 +90,19 @@ def test_without_extras_each_verb_works_or_names_the_extra(program: Path, folder
         assert len(done.stderr.splitlines()) == 1, done.stderr
         named = INSTALL.findall(done.stderr)[0].split(",")
         assert set(EXTRAS_OF_VERB[verb]) <= set(named)
+
+
+@pytest.mark.package
+def test_the_readmes_install_line_fits_the_wheel(program: Path) -> None:
+    line = re.search(r"^pip install '\.\[([\w,]+)\]'$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert line
+    wheel = next(program.parents[2].glob("*.whl"))
+    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--no-index", "--no-deps", f"{wheel}[{line[1]}]"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "does not provide the extra" not in done.stderr
+    with zipfile.ZipFile(wheel) as opened:
+        metadata = next(opened.read(name).decode() for name in opened.namelist() if name.endswith("METADATA"))
+    assert set(line[1].split(",")) <= set(re.findall(r"^Provides-Extra: (.+)$", metadata, re.MULTILINE))
 
 
 def test_every_optional_module_has_its_extra() -> None:
