@@ -19,7 +19,7 @@ def make(*, render: RenderHand, fingers: int, device: str) -> DeviceActuator:
         print(*(f"{'#' * round(40 * float(np.abs(out).max())):40}" for out in outputs))
 
     period = LIVE_SAMPLE_RATE // 100
-    return DeviceActuator(ClockedDevice(play, period=period, sample_rate=LIVE_SAMPLE_RATE, path=None, outputs=fingers))
+    return DeviceActuator(ClockedDevice(play, period=period, outputs=fingers))
 
 
 if __name__ == "__main__":

@@ -81,10 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="score the paper's network by each recipe file in DIR, on the first of --splits (default: 3-fold by kin)",
     )  # fmt: skip
     parser.add_argument("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
-    parser.add_argument(
-        "--retrieval", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
-        help="time to fetch the stone, added to the decision time in Table III, %(type)s; the paper states none",
-    )  # fmt: skip
     options.add_json(parser, "print JSON instead of tables")
 
 
@@ -288,7 +284,7 @@ def _print_task(args: argparse.Namespace) -> None:
     names = args.methods.split(",") if args.methods else task_methods()
     with output.progress("simulated operator", len(names) + 1) as update:
         outcomes = play_task(names, rounds=args.rounds, report=lambda name: update(advance=1, note=name))
-    output.show(OperatorTask(PAPER_THREE, outcomes, args.rounds, args.retrieval), as_json=args.json)
+    output.show(OperatorTask(PAPER_THREE, outcomes, args.rounds), as_json=args.json)
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,7 +294,6 @@ class OperatorTask:
     paper: "Mapping[str, tuple[int | None, int | None]]"
     outcomes: "Sequence[TaskOutcome]"
     rounds: int
-    retrieval: float
 
     def as_json(self) -> list[dict[str, Any]]:
         own: list[dict[str, Any]] = [
@@ -306,7 +301,7 @@ class OperatorTask:
             for team, times in self.paper.items()
             for day, time in enumerate(times, 1)
         ]
-        played = [{**asdict(each), "task": each.median_duration + self.retrieval} for each in self.outcomes]
+        played = [{**asdict(each), "task": each.median_duration} for each in self.outcomes]
         return [*own, *played]
 
     def parts(self) -> Iterator[output.Part]:
@@ -326,13 +321,11 @@ def _task_table(task: OperatorTask) -> Table:
     title = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {task.rounds} rounds a method"
     caption = (
         "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
-        "objects, on which the shipped models are trained, and plays with stones new to both. Task time: the median "
-        f"decision and {task.retrieval:g} s of retrieval (--retrieval). The paper's teams are people with a robot, who "
-        "also moved an arm."
+        "objects, on which the shipped models are trained, and plays with stones new to both. The paper's teams are "
+        "people with a robot, who also moved an arm and fetched the stone."
     )
-    heading = ("method", "rough one found", "both found", "decision time (s)", "task (s)")
+    heading = ("method", "rough one found", "both found", "decision time (s)")
     table = Table(*heading, title=title, title_justify="left", caption=caption, caption_justify="left")
     for outcome in task.outcomes:
-        task_time = f"{outcome.median_duration + task.retrieval:.1f}"
-        table.add_row(outcome.name, outcome.found, outcome.both, outcome.duration, task_time)
+        table.add_row(outcome.name, outcome.found, outcome.both, outcome.duration)
     return table

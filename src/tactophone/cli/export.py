@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="episode that the log belongs to, %(type)s",
     )
     add(
-        "--start", type=float, metavar="S",
-        help="time of the episode's first frame, s since 1970; by default that of the log's first prediction",
+        "--start", type=options.Within(float, 0, unit="s since 1970"), metavar="S",
+        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction",
     )  # fmt: skip
     options.add_json(parser, "print the summary as JSON")
 

@@ -58,7 +58,7 @@ class PaperNetwork(nn.Module):
         """Return log-probabilities, shape ``(windows, 3)``, of magnitudes, shape ``(windows, 257 * channels)``."""
         if self._normalised:
             each = features.reshape(len(features), self._channels, -1)
-            features = (each / each.norm(dim=2, keepdim=True).clamp_min(1e-9)).flatten(1)
+            features = (each / each.pow(2).sum(dim=2, keepdim=True).sqrt().clamp_min(1e-9)).flatten(1)
         hidden = torch.relu(self.layer1(features))
         hidden = torch.relu(self.layer2(hidden))
         hidden = torch.relu(self.layer3(hidden))
