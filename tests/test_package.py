@@ -26,6 +26,8 @@ WORDS = {
     "play": [],
     "loopback": ["--source", "finger", "--actuator", "none", "--duration", "1"],
     "send": ["--peer", "127.0.0.1"],
+    "call": [],
+    "answer": ["3-escapade-peachy"],
     "receive": ["--actuator", "none", "--duration", "1"],
     "try": ["--duration", "1"],
     "replay": ["run.mcap"],
