@@ -126,7 +126,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     listener.get(address)
     watch(f"{NAME}-robot")
     operator = watch(NAME)
-    wait(listener, lambda: text(listener, "life") == "live", 20)
+    wait(listener, lambda: text(listener, "life") == "waiting", 20)  # for the microphone
     time.sleep(1)
     assert text(listener, "faults") == ""  # before the button is pressed, nothing is wrong
     listener.find_element(By.ID, "listen").click()
