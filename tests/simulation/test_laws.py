@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.perception.features import BAND_COUNT, BandFeatures
 from tactophone.perception.resample import Resampler
 from tactophone.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone.simulation.finger import TIPS, Electronics
@@ -14,6 +13,9 @@ from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.motion import single
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.surface import SIZE, SPACING, Surface, envelope, height_profile, track
+from tactophone.training.features import describe
+from tactophone.training.recipes import BAND_COUNT
+from tactophone.training.tracks import FeatureSpec
 from tactophone.types import AIR
 
 QUIET = Electronics(
@@ -75,8 +77,7 @@ def clicks(samples: np.ndarray) -> float:
     """Mean of the detector's feature: log10 of the slope's kurtosis, 0.48 for Gaussian noise."""
     slower = Resampler(48_000, 16_000, channels=1).push(samples[:, None].astype(np.float32))
     windows = sliding_window_view(slower[:, 0], 512)[::160, :, None]
-    bands = BandFeatures(512, 16_000)
-    return float(bands.describe(bands.spectrum(windows))[:, 0, CLICKS].mean())
+    return float(describe(windows, FeatureSpec(channels=1))[:, 0, CLICKS].mean())
 
 
 def patch_over_spacing(obj: SimulatedObject, session: SessionVariation) -> float:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tactophone.dataset.values import Dataset
-from tactophone.perception.features import BAND_COUNT, BAND_VALUES, CREST_INDEX
-from tactophone.training.recipes import Augmentation
+from tactophone.training.recipes import BAND_COUNT, BAND_VALUES, CREST_INDEX, Augmentation
 from tactophone.training.sets import build_training_set
 from tactophone.training.tracks import FeatureSpec, accumulate, extract_features
 from tests.surfaces import surfaces
@@ -23,8 +22,9 @@ def test_an_offset_after_the_running_statistics_equals_one_before(dataset: Datas
     prior = np.zeros((2, 2, BAND_VALUES))
     metric = np.zeros((2, BAND_VALUES, BAND_VALUES))
     moved = replace(track, description=track.description + offset.astype(np.float32))
-    after = accumulate(track, -60.0, metric, memory=0.25).offset(offset).features(prior, track.present)
-    before = accumulate(moved, -60.0, metric, memory=0.25).features(prior, track.present)
+    plain, other = accumulate([track, moved], [-60.0, -60.0], metric, fading=spec.fading)
+    after = plain.offset(offset).features(prior, track.present)
+    before = other.features(prior, track.present)
     assert after == pytest.approx(before, abs=2e-3, nan_ok=True)
 
 

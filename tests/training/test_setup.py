@@ -18,6 +18,7 @@ from tactophone.training.setup import (
     impulse_columns,
     write_set_up,
 )
+from tests.models import classifier
 from tests.sounds import noise
 
 COLUMNS = impulse_columns(40, 1)
@@ -102,7 +103,7 @@ def test_a_graph_with_the_correction_gives_its_logit_also_without_the_air_microp
     model = read_model(start)
     rng = np.random.default_rng(1)
     features = rng.normal(0, 1, (60, 80)).astype(np.float32)
-    before = model.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]
+    before = classifier(start).run([LOG_PROBABILITIES], {FEATURES: features})[0]
     sounds = [
         ObjectSound(name, name == "rough", features[part], (before[part, 2] - before[part, 1]).astype(np.float64), 0.5)
         for name, part in (("smooth", slice(0, 30)), ("rough", slice(30, 60)))
@@ -111,11 +112,11 @@ def test_a_graph_with_the_correction_gives_its_logit_also_without_the_air_microp
     path = tmp_path / "own.onnx"
     write_set_up(path, start, model, fit, threshold_dbfs=-55.0, tip="pad")
     own = read_model(path)
-    after = own.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]
+    after = classifier(path).run([LOG_PROBABILITIES], {FEATURES: features})[0]
     wanted = np.concatenate([fit.correction.logit(sound) for sound in sounds])
     assert after[:, 2] - after[:, 1] == pytest.approx(wanted, abs=1e-3)
     features[:, 40:] = np.nan
-    assert np.isfinite(own.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]).all()
+    assert np.isfinite(classifier(path).run([LOG_PROBABILITIES], {FEATURES: features})[0]).all()
     card = own.card
     assert (card.name, card.tip, card.gate.threshold_dbfs) == ("own", "pad", -55.0)
     assert card.decision.abstain_from == NEVER_ABSTAIN

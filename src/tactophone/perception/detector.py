@@ -1,29 +1,29 @@
 """The detector: sound in; predictions out at every window, and whenever contact begins or ends.
 
-`WindowDetector` resamples, cuts windows, extracts features, runs the network, compares the level, decides. The paper
+`WindowDetector` resamples, cuts windows, compares the level, runs the model's graph, decides. The paper
 classifies the last 256 ms of both microphones at every sound buffer (section III); this does so at the hop of the
 model's card. `TouchDetector` joins it with the contact gate. Predictions are bit-equal at any block size.
 
-Several fingers share the calls: one for the features of all their windows, one of the network for every three. A
-detector takes a block of sound as a generator. Where windows fall due it yields them, and it is sent their predictions.
-So whoever has several detectors collects what all of them wait for (`process_together`), and a single detector is the
-case of one. What a call computes for a window does not depend on the other windows in it, bit for bit.
+Several fingers share the calls of the graph, with a window of each. A detector takes a block of sound as a generator.
+Where windows fall due it yields them, and it is sent their predictions. So whoever has several detectors collects what
+all of them wait for (`process_together`), and a single detector is the case of one. What a call computes for a finger
+depends on the other fingers in it by its last bits alone.
 """
 
 import math
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, Probabilities
-from tactophone.perception.features import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_meter
 from tactophone.perception.health import InvalidSampleFilter
-from tactophone.perception.model_file import Engine, Model, ModelCard
+from tactophone.perception.levels import LOUDNESS
+from tactophone.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.resample import LOWEST_RATE, Resampler, Windower
 from tactophone.types import AIR, CONTACT, AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
@@ -71,23 +71,31 @@ def process_together(processings: Sequence[Processing]) -> list[list[Prediction]
 
 def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
     results: list[list[Prediction]] = [[] for _ in pending]
-    by_network: dict[object, list[tuple[int, WindowDetector, int, FloatArray]]] = {}
-    for number, (detector, windows) in enumerate(pending):
-        entries = by_network.setdefault(detector.network, [])
-        for end, window in windows:
-            entries.append((number, detector, end, window))
-    for entries in by_network.values():
-        _, alike, _, window = entries[0]
-        # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
-        sound = np.empty((len(entries), *window.shape[::-1]), np.float32)
-        for place, (_, _, _, window) in zip(sound, entries, strict=True):
-            place[:] = window.T
-        described = zip(entries, sound, alike.describe(sound.swapaxes(1, 2)), strict=True)
-        measured = [detector.measure(place.T, description) for (_, detector, _, _), place, description in described]
-        found = alike.classify([features for _, _, features in measured])
-        for (number, detector, end, _), each, probabilities in zip(entries, measured, found, strict=True):
-            results[number].append(detector.decide(end, probabilities, *each))
+    by_network: dict[object, list[int]] = {}
+    for number, (detector, _) in enumerate(pending):
+        by_network.setdefault(detector.network, []).append(number)
+    for numbers in by_network.values():
+        # A window of each finger at a time: what the graph remembers of a touch depends on the windows before.
+        for place in range(max(len(pending[number][1]) for number in numbers)):
+            due = [number for number in numbers if place < len(pending[number][1])]
+            found = _predict_one_each([(pending[number][0], *pending[number][1][place]) for number in due])
+            for number, prediction in zip(due, found, strict=True):
+                results[number].append(prediction)
     return results
+
+
+def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
+    """Return the prediction of a window of each detector, all of one network."""
+    # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
+    sound = np.empty((len(due), *due[0][2].shape[::-1]), np.float32)
+    for place, (_, _, window) in zip(sound, due, strict=True):
+        place[:] = window.T
+    measured = [detector.measure(place[CONTACT]) for place, (detector, _, _) in zip(sound, due, strict=True)]
+    found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
+    return [
+        detector.decide(end, *level, *each)
+        for (detector, end, _), level, each in zip(due, measured, found, strict=True)
+    ]
 
 
 CERTAINLY_NONE: Probabilities = (1.0, 0.0, 0.0)
@@ -130,6 +138,10 @@ class WindowDetector:
                 f"sound at {sample_rate} Hz, but models need {LOWEST_RATE} Hz or more; record at a higher rate"
             )
         card = self.card = model.card
+        if card.kind not in KINDS:
+            raise ModelError(
+                f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(KINDS)}; update Tactophone"
+            )
         self.name, self.hop, self.bandwidth = card.name, float(card.hop / card.sample_rate), card.sample_rate / 2
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
@@ -137,13 +149,12 @@ class WindowDetector:
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self._sample_rate = sample_rate
         self._decision = Decision(card.decision)
-        self._extractor = _open_extractor(card)
         self.network = model
         """Detectors of one network compute their windows together."""
-        self._engine = Engine(model.session)
-        self.describe, self.classify = self._extractor.describe, self._engine.run
-        self._check_width()
-        self._level_of = level_meter(self._extractor, card.gate.rule)
+        engine = Engine(model.session)
+        self.classify, self.state = engine.run, engine.new_state()
+        """`state`: what the graph remembers of the touch."""
+        self._level_of = LOUDNESS[card.gate.rule]
         self.reset()
         # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
         # the low-pass has all around it.
@@ -165,7 +176,7 @@ class WindowDetector:
         self._arrived: list[FloatArray] = []
         self._missing = self._resampler.missing_until(self._windower.next_end)
         self._decision.reset()
-        self._extractor.reset()
+        self.state[:] = 0
         if self.floor:
             self.floor.reset()
 
@@ -212,16 +223,6 @@ class WindowDetector:
         self._missing = self._resampler.missing_until(self._windower.next_end)
         return windows
 
-    def _check_width(self) -> None:
-        """Raise `ModelError` if the network does not take as many features as its kind computes."""
-        windows = np.zeros((1, self.card.window_size, self.card.channels), np.float32)
-        found = self._extractor.push(self.describe(windows)[0], contact=False).shape
-        if found != (self._engine.width,):
-            raise ModelError(
-                f"model {self.card.name}: its network takes {self._engine.width} features, but its kind "
-                f"{self.card.kind} has {found[0]} of such windows; export it again"
-            )
-
     def _select_channels(self, samples: FloatArray) -> FloatArray:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
@@ -229,18 +230,18 @@ class WindowDetector:
         first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def measure(self, window: FloatArray, description: Any) -> tuple[float, bool, FloatArray]:
-        """Return a window's level, whether that is contact, and the features of the touch so far."""
-        level_dbfs = self._level_of(window, description)
+    def measure(self, contact: FloatArray) -> tuple[float, bool]:
+        """Return the level of a window's first channel, and whether that is contact."""
+        level_dbfs = self._level_of(contact)
         loud = level_dbfs >= self.threshold_dbfs
         if self.floor and self.threshold.follows_floor:
             self.floor.push(level_dbfs, touching=loud)
-        return level_dbfs, loud, self._extractor.push(description, contact=loud)
+        return level_dbfs, loud
 
     def decide(
-        self, end: int, probabilities: Probabilities, level_dbfs: float, loud: bool, features: FloatArray
+        self, end: int, level_dbfs: float, loud: bool, probabilities: Probabilities, features: FloatArray
     ) -> Prediction:
-        """Return the prediction of the next window, from the model's probabilities and what :meth:`measure` found."""
+        """Return the prediction of the next window, from its level and what the graph returned."""
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = CERTAINLY_NONE
@@ -263,18 +264,6 @@ class WindowDetector:
             self.faults["model"] += 1
             return True
         return False
-
-
-def _open_extractor(card: ModelCard) -> Extractor:
-    if card.kind not in EXTRACTORS:
-        raise ModelError(
-            f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(EXTRACTORS)}; "
-            "update Tactophone"
-        )
-    try:
-        return EXTRACTORS[card.kind](card)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise ModelError(f"model {card.name}: its settings cannot be used ({error}); export it again") from None
 
 
 MAX_INTERVAL = 0.02

@@ -8,8 +8,7 @@ from types import MappingProxyType
 from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import TouchDetector, WindowDetector
-from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import ModelCard, read_model
+from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
 from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 from tactophone.plugins import DETECTORS, load, registered
 from tactophone.types import DEFAULT_TIP, Detector

@@ -1,7 +1,7 @@
 """The classifiers of the recipes on features by name, and the baselines: hand-made rules and standard classifiers.
 
 The only place where level and median frequency are turned into detectors; their values come from
-:mod:`tactophone.perception.features`.
+:mod:`tactophone.training.features`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
 from tactophone.errors import DatasetError
-from tactophone.perception.features import CUES
 from tactophone.training.export import Floats, build_known, build_linear, fill_missing
 from tactophone.training.linear import build_texture
+from tactophone.training.recipes import CUES
 from tactophone.training.sets import TrainingSet
 
 RULES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")

@@ -13,8 +13,8 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from tactophone.perception.features import CREST_INDEX
 from tactophone.training.export import Floats, build_classifier_graph
+from tactophone.training.recipes import CREST_INDEX
 from tactophone.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 from tactophone.types import FloatArray
 

@@ -12,8 +12,8 @@ A new detector on existing features takes two changes:
    ``export.build_linear`` makes that of a linear classifier.
 2. One :class:`Recipe` of the same name in :data:`RECIPES` below.
 
-``tests/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are an extractor in
-``perception/features.py``, registered in ``EXTRACTORS``, with their window in ``training/tracks.py``.
+``tests/training/test_recipes.py`` then trains it, runs it live and on one channel. New *features* are a torch module in
+``training/features.py``, with their window in ``training/tracks.py``; live code needs no change.
 
 The paper's three models are values here, each as the paper describes it and as its authors' reference code has it;
 docs/guide/training.md lists where the two differ and what this package does otherwise.
@@ -34,10 +34,8 @@ from numpy.typing import NDArray
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.decision import DecisionRule
-from tactophone.perception.features import BAND_COUNT, BAND_VALUES
 from tactophone.perception.levels import LoudnessRule
 from tactophone.perception.model_file import Gate
-from tactophone.perception.texture import MEMORY
 from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:
@@ -50,6 +48,19 @@ ConfiguredRecipe: TypeAlias = "FeatureRecipe | NetworkRecipe"
 
 FeatureKind = Literal["texture", "cues", "scalogram"]
 """Features that recipes other than the paper's network learn from; also the kind in their model cards."""
+
+BAND_COUNT, SHAPES = 16, 4
+BAND_VALUES = BAND_COUNT + SHAPES
+CREST_INDEX = BAND_COUNT + 1
+"""Bands and shapes of the waveform among the values that describe one channel of a window in texture features, their
+sum, and the index of the crest among them; clicks follow it. `tactophone.training.features` computes them."""
+
+CUES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "median_octaves", "air_to_contact_db")
+"""The values of kind ``cues``, in order; octaves are over 1 Hz."""
+
+MEMORY = 0.1
+"""Seconds after which the weight of a window in the running statistics has fallen to 1/e, where a recipe says nothing
+else."""
 
 Microphone = Literal["contact", "air"]
 Variant = Literal["general", "fine-tuned", "one-channel"]

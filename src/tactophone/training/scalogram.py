@@ -6,9 +6,9 @@ import torch
 from onnx import NodeProto, helper
 from torch import nn
 
-from tactophone.perception.features import BAND_COUNT
 from tactophone.perception.model_file import FEATURES
 from tactophone.training.export import build_known
+from tactophone.training.recipes import BAND_COUNT
 from tactophone.training.sets import TrainingSet
 
 MAPS = (16, 32)

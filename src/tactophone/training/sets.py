@@ -1,5 +1,6 @@
 """Training sets of classifiers on features: contact threshold, average touch, change metric, labelled windows."""
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,14 +17,16 @@ from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import Gate, ModelCard
-from tactophone.perception.texture import MIN_VARIANCE, ChangeMetric, Moments
-from tactophone.training.export import Floats, caveats_of, is_simulation, licence_of, tip_of, write_graph
+from tactophone.training.export import Floats, caveats_of, is_simulation, join, licence_of, tip_of, write_graph
 from tactophone.training.recipes import RECIPES, Augmentation, FeatureKind, Recipe, Report, TrainingOptions, silent
 from tactophone.training.tracks import (
     FEATURE_RATE,
+    MIN_VARIANCE,
     WINDOWS,
+    ChangeMetric,
     FeatureSpec,
     FeatureTrack,
+    Moments,
     RunningMoments,
     accumulate,
     extract_features,
@@ -136,7 +139,7 @@ class TrainingSet:
     prior: Moments
     change_metric: ChangeMetric
     """`prior` and `change_metric`: of the running statistics, for kind ``texture``: see
-    :mod:`tactophone.perception.texture`."""
+    :class:`tactophone.training.features.Statistics`."""
     examples: Examples
     """Windows in contact."""
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
@@ -145,40 +148,57 @@ class TrainingSet:
     """That touches; empty where it is unknown."""
 
     def features(self, track: FeatureTrack) -> FloatArray:
-        """Return the features that the live extractor returns, shape ``(windows, features)``."""
+        """Return the features that the model's graph computes, shape ``(windows, features)``."""
         if self.spec.kind != "texture":
             return track.description
-        return self._moments(track).features(self.prior, track.present)
+        (moments,) = self._moments([track])
+        return moments.features(self.prior, track.present)
 
     def varied(
-        self, track: FeatureTrack, mask: NDArray[np.bool_], augmentation: Augmentation | None, rng: np.random.Generator
-    ) -> FloatArray:
-        """Return the features of some windows of a track, of each of its copies; just of itself without augmentation.
+        self,
+        tracks: Sequence[FeatureTrack],
+        masks: Sequence[NDArray[np.bool_]],
+        augmentation: Augmentation | None,
+        rng: np.random.Generator,
+    ) -> list[FloatArray]:
+        """Return the features of some windows of each track, of each of its copies; just of itself if not augmented.
 
         Copies have the windows' order, one after another.
         """
-        if augmentation is None or self.spec.kind != "texture":
-            return self.features(track)[mask]
-        moments = self._moments(track)
-        draw = augmentation.draw
-        offsets = [draw(rng, channels=self.spec.channels, values=self.spec.values) for _ in range(augmentation.copies)]
-        return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
+        if self.spec.kind != "texture":
+            return [track.description[mask] for track, mask in zip(tracks, masks, strict=True)]
+        found = []
+        for track, mask, moments in zip(tracks, masks, self._moments(tracks), strict=True):
+            copies = [moments]
+            if augmentation:
+                draw = functools.partial(augmentation.draw, channels=self.spec.channels, values=self.spec.values)
+                copies = [moments.offset(draw(rng)) for _ in range(augmentation.copies)]
+            found.append(np.concatenate([copy.features(self.prior, track.present)[mask] for copy in copies]))
+        return found
 
-    def _moments(self, track: FeatureTrack) -> RunningMoments:
-        threshold_dbfs = _threshold_for(track, self.threshold_dbfs)
-        return accumulate(track, threshold_dbfs, self.change_metric, memory=self.spec.memory)
+    def _moments(self, tracks: Sequence[FeatureTrack]) -> list[RunningMoments]:
+        thresholds = [_threshold_for(track, self.threshold_dbfs) for track in tracks]
+        return accumulate(tracks, thresholds, self.change_metric, fading=self.spec.fading)
+
+    def whole(self, classifier: onnx.ModelProto) -> onnx.ModelProto:
+        """Return the graph of a model file: the features, then the classifier."""
+        from tactophone.training.features import front  # here, as it needs torch
+
+        constants: dict[str, NDArray[np.float64]] = {}
+        if self.spec.kind == "texture":
+            constants = {
+                "prior": self.prior,
+                "change_metric": self.change_metric,
+                "fading": np.array(self.spec.fading),
+            }
+        return join(front(self.spec, constants), classifier)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
         """Return the card of a model trained with it."""
         size, hop = WINDOWS[self.spec.kind]
         settings: dict[str, Any] = {}
         if self.spec.kind == "texture":
-            settings = {
-                "microphone": self.spec.microphone,
-                "prior": self.prior.tolist(),
-                "change_metric": self.change_metric.tolist(),
-                "memory": self.spec.memory,
-            }
+            settings = {"microphone": self.spec.microphone, "memory": self.spec.memory}
         gate = Gate(self.threshold_dbfs, "banded")
         return ModelCard(
             name, self.spec.kind, FEATURE_RATE, size, hop, self.spec.channels, gate, rule, settings=settings,
@@ -236,14 +256,14 @@ def build_training_set(
     prior = np.stack((every.mean(axis=0), np.square(every).mean(axis=0))).round(6)
     if spec.change_detection and spec.kind == "texture":
         change_metric = fit_change_metric(
-            [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
+            mean_shifts(tracks, [_threshold_for(track, threshold_dbfs) for track in tracks], fading=spec.fading)
         )
     else:
         change_metric = np.zeros((spec.channels, spec.values, spec.values))
     # The features of the examples follow from the prior and the metric, so these come first.
     unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
     rng = np.random.default_rng(seed)
-    features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
+    features = unfilled.varied(tracks, masks, augmentation, rng)
     sizes = [len(rows) for rows in features]
     rough = np.repeat([track.recording.rough for track in tracks], sizes)
     names = sorted({kin_of(track.recording) for track in tracks})
@@ -372,7 +392,7 @@ class FeatureRecipe:
         card = training_set.card(path.stem, rule=self.recipe.response_for(training_set.tip).decision, training=facts)
         settings = {**card.settings, "tip": training_set.tip}
         card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
-        write_graph(path, self.build(training_set), card)
+        write_graph(path, training_set.whole(self.build(training_set)), card)
 
 
 def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:

@@ -20,9 +20,9 @@ from onnx import ModelProto, helper, numpy_helper
 from tactophone.errors import ModelError
 from tactophone.perception.decision import NEVER_ABSTAIN
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features import BAND_VALUES, CREST_INDEX
 from tactophone.perception.model_file import Gate, Model
 from tactophone.training.export import Floats, write_graph
+from tactophone.training.recipes import BAND_VALUES, CREST_INDEX
 from tactophone.training.sets import HARD_TIPS
 from tactophone.types import AudioBlock, FloatArray, Prediction
 

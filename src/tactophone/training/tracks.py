@@ -5,7 +5,7 @@ training recordings are chosen. Their weight at each window is known in advance,
 """
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -16,20 +16,9 @@ from numpy.typing import NDArray
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec, encode_and_decode
-from tactophone.perception.features import BAND_VALUES, EXTRACTORS, BandFeatures
 from tactophone.perception.levels import banded_dbfs
-from tactophone.perception.model_file import Gate, ModelCard
 from tactophone.perception.resample import Resampler
-from tactophone.perception.texture import (
-    MEMORY,
-    SILENT_POWER,
-    ChangeMetric,
-    Moments,
-    RunningStatistics,
-    fading_of,
-    texture_features,
-)
-from tactophone.training.recipes import NETWORK_RATE, FeatureKind, Microphone, Offset, silent
+from tactophone.training.recipes import BAND_VALUES, MEMORY, NETWORK_RATE, FeatureKind, Microphone, Offset, silent
 from tactophone.types import CONTACT, LIVE_SAMPLE_RATE, FloatArray
 
 FEATURE_RATE = 16_000
@@ -43,6 +32,19 @@ WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
 
 _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)
+
+MIN_VARIANCE = 1e-4
+"""Keeps the root of a variance from being NaN after rounding; negligible beside any real variance."""
+
+SILENT_POWER = 1e-14
+"""Mean square, -140 dBFS, under which a channel carries no signal: even a good microphone's noise is far over it."""
+
+Moments = NDArray[np.float64]
+"""Mean and mean square of descriptions, shape ``(2, channels, values)``."""
+
+ChangeMetric = NDArray[np.float64]
+"""A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
+than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,15 @@ class FeatureSpec:
     """Of the running statistics, in s."""
     unevenness: bool = False
     """Whether texture features hold the unevenness of the treble: for hard tips."""
+
+    @property
+    def fading(self) -> float:
+        """The memory in windows.
+
+        >>> FeatureSpec(memory=0.25).fading
+        25.0
+        """
+        return self.memory / _TEXTURE_HOP
 
     @property
     def values(self) -> int:
@@ -125,12 +136,14 @@ class RunningMoments:
         return RunningMoments(moved, self.prior_weight)
 
     def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
-        """Return what the live extractor returns with this prior, shape ``(windows, features)``.
+        """Return what the model's graph computes with this prior, shape ``(windows, features)``.
 
         ``prior`` has shape ``(2, channels, values)``; ``present`` is :attr:`FeatureTrack.present`.
         """
         # (windows, 1, 1) * (2, 1, channels, values): each window's share of the prior, for both moments.
-        features = texture_features(self.moments + self.prior_weight[:, None, None] * prior[:, None])
+        mean, square = self.moments + self.prior_weight[:, None, None] * prior[:, None]
+        deviation = np.sqrt(np.maximum(square - mean * mean, MIN_VARIANCE))
+        features = np.concatenate((mean, deviation), axis=-1).astype(np.float32)
         features[~present] = np.nan
         return features.reshape(len(features), -1)
 
@@ -222,47 +235,43 @@ def _extract_track(recording: Recording, changed_ns: int, spec: FeatureSpec) -> 
     level_dbfs = np.array([banded_dbfs(window[:, CONTACT]) for window in windows])
     present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
     start, end = starts / FEATURE_RATE, (starts + size) / FEATURE_RATE
-    return FeatureTrack(recording, _describe(windows, spec), level_dbfs, start, end, present)
+    from tactophone.training import features  # here, as it needs torch
 
-
-def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
-    size, hop = WINDOWS[spec.kind]
-    if spec.kind == "texture":
-        bands = BandFeatures(size, FEATURE_RATE, unevenness=spec.unevenness)
-        return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, spec.values)
-    extractor = EXTRACTORS[spec.kind](ModelCard("", spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(0.0)))
-    descriptions = extractor.describe(windows)
-    return np.array([extractor.push(description, contact=True) for description in descriptions], np.float32)
+    return FeatureTrack(recording, features.describe(windows, spec), level_dbfs, start, end, present)
 
 
 def accumulate(
-    track: FeatureTrack, threshold_dbfs: float, change_metric: ChangeMetric, *, memory: float = MEMORY
-) -> RunningMoments:
-    """Return the running statistics of a track; contact begins at a threshold."""
-    statistics = RunningStatistics(change_metric, fading=fading_of(memory, _TEXTURE_HOP))
-    moments = np.empty((len(track.description), 2, *track.description.shape[1:]))
-    prior_weight = np.empty(len(moments))
-    for number, (description, contact) in enumerate(_windows(track, threshold_dbfs)):
-        statistics.push(description, contact=contact)
-        moments[number], prior_weight[number] = statistics.moments, statistics.prior_weight
-    # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
-    return RunningMoments(np.moveaxis(moments, 1, 0), prior_weight)
+    tracks: Sequence[FeatureTrack], thresholds_dbfs: Sequence[float], change_metric: ChangeMetric, *, fading: float
+) -> list[RunningMoments]:
+    """Return the running statistics of tracks; contact begins at the threshold of each."""
+    found = []
+    for track, (_, states) in zip(tracks, _run(tracks, thresholds_dbfs, change_metric, fading), strict=True):
+        # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
+        moments = states["running"].reshape(-1, 2, *track.description.shape[1:])
+        found.append(RunningMoments(np.moveaxis(moments, 1, 0).copy(), 1 - states["evidence"][:, 0]))
+    return found
 
 
-# A cross-validation asks in every fold; thresholds are whole decibels, so that most answers are in the cache.
-@functools.lru_cache(maxsize=1 << 13)
-def mean_shifts(track: FeatureTrack, threshold_dbfs: float, memory: float = MEMORY) -> NDArray[np.float32]:
+def mean_shifts(
+    tracks: Sequence[FeatureTrack], thresholds_dbfs: Sequence[float], *, fading: float
+) -> list[NDArray[np.float32]]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
-    channels, values = track.description.shape[1:]
-    nothing = np.zeros((channels, values, values))
-    statistics = RunningStatistics(nothing, fading=fading_of(memory, _TEXTURE_HOP))
+    from tactophone.training.features import BEFORE, SETTLED, shift_of
+
+    channels, values = tracks[0].description.shape[1:]
     shifts = []
-    for description, contact in _windows(track, threshold_dbfs):
-        statistics.push(description, contact=contact)
-        if contact and (shift := statistics.shift()) is not None:
-            shifts.append(shift)
-    return np.array(shifts, np.float32).reshape(-1, *track.description.shape[1:])
+    for loud, states in _run(tracks, thresholds_dbfs, np.zeros((channels, values, values)), fading):
+        settled = loud & (states["count"][:, 0] >= BEFORE + SETTLED)
+        shift = shift_of({name: each[settled] for name, each in states.items()})
+        shifts.append(shift.reshape(-1, channels, values).astype(np.float32))
+    return shifts
 
 
-def _windows(track: FeatureTrack, threshold_dbfs: float) -> Iterator[tuple[FloatArray, bool]]:
-    return zip(track.description, (track.level_dbfs >= threshold_dbfs).tolist(), strict=True)
+def _run(
+    tracks: Sequence[FeatureTrack], thresholds_dbfs: Sequence[float], change_metric: ChangeMetric, fading: float
+) -> Iterator[tuple[NDArray[np.bool_], Mapping[str, NDArray[np.float64]]]]:
+    from tactophone.training.features import run_statistics
+
+    loud = [track.level_dbfs >= threshold for track, threshold in zip(tracks, thresholds_dbfs, strict=True)]
+    descriptions = [track.description for track in tracks]
+    return zip(loud, run_statistics(descriptions, loud, change_metric, fading=fading), strict=True)

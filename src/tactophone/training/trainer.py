@@ -21,7 +21,6 @@ from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError, ModelError
 from tactophone.link.codec import Codec
 from tactophone.perception.calibration import Calibration
-from tactophone.perception.features import magnitudes
 from tactophone.perception.model_file import Gate
 from tactophone.processes import atomic_write
 from tactophone.training.export import (
@@ -33,7 +32,16 @@ from tactophone.training.export import (
     read_weights,
     write_model,
 )
-from tactophone.training.network import PaperNetwork, Windows, batches, find_windows, grid, weights_of, with_weights
+from tactophone.training.network import (
+    PaperNetwork,
+    Windows,
+    batches,
+    find_windows,
+    grid,
+    magnitudes,
+    weights_of,
+    with_weights,
+)
 from tactophone.training.recipes import (
     FAST_CHANGES,
     LABEL_LEVEL_DBFS,
@@ -142,7 +150,7 @@ class Run:
         labels = torch.from_numpy(self._windows.labels[which].astype(np.int64))
         self._optimiser.zero_grad(set_to_none=True)
         with torch.autocast("cpu", torch.bfloat16, enabled=self._settings.precision == "bfloat16"):
-            log_probabilities = self.network(torch.from_numpy(magnitudes(samples)))
+            log_probabilities = self.network(magnitudes(torch.from_numpy(samples)))
         weight = torch.tensor(self._settings.class_weights)
         loss = nn.functional.nll_loss(log_probabilities.float(), labels, weight=weight, reduction="sum")
         loss = loss / weight[labels].sum()
