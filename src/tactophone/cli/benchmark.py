@@ -15,7 +15,6 @@ from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
 from tactophone.cli.options import Within
 from tactophone.dataset.values import Dataset
-from tactophone.json_numbers import finite
 
 if TYPE_CHECKING:
     from tactophone.benchmark.folds import Cache
@@ -105,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         "costs": {name: {method: asdict(cost) for method, cost in methods.items()} for name, methods in costs.items()},
         "profiles": steps_by_profile(),
     }
-    (args.out / "results.json").write_text(json.dumps(finite(summary), indent=1))
+    (args.out / "results.json").write_text(json.dumps(output.finite(summary), indent=1))
     report = write_report(args.out, results, costs=costs, notes=NOTES)
     output.show(Benchmark(results, costs, summary), as_json=args.json)
     if args.json:

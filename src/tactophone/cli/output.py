@@ -19,7 +19,6 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from tactophone.errors import ConfigError
-from tactophone.json_numbers import finite
 
 Entry = TypeVar("Entry")
 
@@ -40,6 +39,19 @@ def out() -> Console:
 def log() -> Console:
     """The console for everything that is not a result."""
     return Console(stderr=True, highlight=False, emoji=False)
+
+
+def finite(value: Any) -> Any:
+    """Replace infinities and NaN by ``None``, in dictionaries and lists too, as JSON has neither.
+
+    >>> finite({"level": -math.inf, "shares": (0.5, math.nan)})
+    {'level': None, 'shares': [0.5, None]}
+    """
+    if isinstance(value, dict):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def show(result: Any, *, as_json: bool) -> None:

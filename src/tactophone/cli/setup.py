@@ -17,7 +17,6 @@ from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, ModelError
-from tactophone.json_numbers import finite
 from tactophone.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
 from tactophone.perception.health import MICROPHONES
 from tactophone.perception.model_file import Model, read_model
@@ -257,7 +256,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     result = Fitted(args.out, fit, findings, floor.threshold_dbfs, tip, model.card.name)
     output.show(result, as_json=args.json)
     if screen.page is not None:
-        content = finite(output.as_values(result))
+        content = output.finite(output.as_values(result))
         words = f"written: {args.out}; {_estimate(fit)}. Now feel with it: tactophone receive --model {args.out}"
         screen.page.show(result=content | {"words": words})
     return 0

@@ -1,8 +1,6 @@
 """The demonstration: a finger strokes a smooth stone, then a rough one, and slips off its edge.
 
-A simulated finger that explores five stones without end: a live source that needs no hardware.
-
-A simulated hand that explores five stones without end: each finger by strokes, and lifted now and then.
+`StrokingFinger` and `StrokingHand` explore five stones without end: live sources that need no hardware.
 """
 
 from collections.abc import Iterator, Sequence

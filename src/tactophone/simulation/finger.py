@@ -1,7 +1,7 @@
 """The finger: masses, springs and dampers, and the sensitivity of its two microphones.
 
 Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III); the other
-tips are in :mod:`~tactophone.simulation.finger`. They were chosen within the cited ranges so that levels come out
+tips are in `TIPS`. They were chosen within the cited ranges so that levels come out
 as the paper reports them: noise floor of the contact microphone a little under -26 dBFS, air microphone well under it,
 more so on smooth surfaces.
 

@@ -1,6 +1,6 @@
-"""The paper's seven takes by name; separate from the movements, so that this needs neither numba nor scipy.
+"""The paper's seven takes by name, and the order of the competition's stones.
 
-Order of the competition's stones; separate from the scenes, so that it needs neither numba nor scipy.
+Separate from strokes and scenes, so that neither numba nor scipy is needed.
 """
 
 from typing import NamedTuple

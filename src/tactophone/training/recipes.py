@@ -56,7 +56,6 @@ Variant = Literal["general", "fine-tuned", "one-channel"]
 Precision = Literal["float32", "bfloat16"]
 
 VARIANTS: tuple[Variant, ...] = ("general", "fine-tuned", "one-channel")
-PRECISIONS: tuple[Precision, ...] = ("float32", "bfloat16")
 
 NETWORK_RATE = 2000
 """Sample rate of the paper's network in Hz."""
