@@ -2,7 +2,7 @@
 
 Everything goes to 127.0.0.1, to two processes that it starts itself; each part is bounded in time and ends by itself.
 The attacker shares the machine's processors with its victims. ``--only flood`` runs one part; all of them take about
-fifteen minutes, most of it ``fault`` (``--faults`` sets its repetitions).
+an hour, most of it ``kill`` and ``fault`` (``--kills`` and ``--faults`` set their repetitions).
 """
 
 import argparse
@@ -13,6 +13,7 @@ import os
 import random
 import secrets
 import select
+import signal
 import socket
 import statistics
 import subprocess
@@ -37,7 +38,9 @@ from failsafe import (
     measure_time_to_silence,
 )
 from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
+from kills import DAY, KINDS, WallClock, kill, left_by, running_link
 from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient, silent
 from tactophone.errors import TactophoneError
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import Packet, Payload, PayloadType
@@ -50,6 +53,7 @@ from tactophone.runtime.robot import run_robot
 from tactophone.runtime.supervisor import Supervisor
 from tactophone.settings import Settings, change
 from tactophone.telemetry.watcher import Watcher
+from tactophone.types import FloatArray
 
 HOST = "127.0.0.1"
 FLOOD_SECONDS = 12.0
@@ -58,6 +62,24 @@ MAX_DATAGRAMS = 2_000_000
 """Datagrams after which any flood stops."""
 
 FORK = multiprocessing.get_context("fork")
+
+
+STARVED = """
+import sys, threading, time
+from tactophone.devices.jack import JackClient, silent
+
+def compute():
+    while True:
+        sum(range(200_000))
+
+client = JackClient("starved", silent, inputs={"in": ""}, outputs={"out": ""}, server=sys.argv[1])
+client.open()
+for _ in range(3):
+    threading.Thread(target=compute, daemon=True).start()
+time.sleep(0.3)
+client.close()
+"""
+"""A program whose client's callback waits for the interpreter most of the time."""
 
 
 class Sender:
@@ -96,7 +118,6 @@ class Victims:
 
 
 @contextmanager
-@contextmanager
 def busy_processes(count: int) -> Iterator[None]:
     """Keep so many processes computing."""
     processes = [multiprocessing.Process(target=_compute, args=(os.getpid(),), daemon=True) for _ in range(count)]
@@ -115,6 +136,7 @@ def _compute(parent: int) -> None:
         sum(range(100_000))
 
 
+@contextmanager
 def victims(*, second: bool = False) -> Iterator[Victims]:
     """Run both sides, connected through a relay, with no actuator."""
     with ExitStack() as stack:
@@ -537,6 +559,104 @@ def faults(count: int) -> Iterator[str]:
         yield row(f"{end.__name__.replace('_', ', ')}, until -60 dB", "all <= 100 ms (quiet machine)", result, met)
 
 
+def kills(count: int) -> Iterator[str]:
+    """Kill a random process of a demonstration, a loopback, or one of two ends, each with a log, at a random moment."""
+    dice, found = random.Random(5), []
+    for number in range(count):
+        with TemporaryDirectory(prefix="tactophone-attack-") as folder:
+            # Every other one at its start, when there is no log yet.
+            running = number % 2 == 1
+            found.append(kill(Path(folder), KINDS[number // 2 % len(KINDS)], dice, running=running))
+    wrong = [line for finding in found for line in finding.wrong]
+    result = (
+        f"{sum(finding.equal for finding in found):,} predictions replayed to the bit; a killed recorder's log lacks "
+    )
+    result += f"at most {max(finding.behind for finding in found):.1f} s; wrong: {'; '.join(wrong) or 'nothing'}"
+    goal = "every log replays, no process after 5 s, no shared memory"
+    yield row(f"{count} SIGKILLs at random moments", goal, result, not wrong)
+
+
+def clocks() -> Iterator[str]:
+    """Set the wall clock by a day and back, then stop both ends for a minute."""
+    with TemporaryDirectory(prefix="tactophone-attack-") as text:
+        clock = WallClock(Path(text))
+        with running_link(Path(text), f"attack-{secrets.token_hex(3)}", clock) as link:
+            quiet = link.longest_gap(3.0)
+            gaps = []
+            for offset in (DAY, 0, -DAY, 0):
+                clock.set(offset)
+                gaps.append(link.longest_gap(3.0))
+            until_fresh, stale = link.stop(60.0)
+            restarted, left = link.restarts(), left_by(link.run)
+        result = f"longest gap {1_000 * max(gaps):.0f} ms ({1_000 * quiet:.0f} ms before)"
+        yield row("wall clock set by a day and back, twice", "gap < 0.3 s", result, max(gaps) < 0.3)
+        result = f"fresh after {until_fresh:.1f} s; before that, amplitude {stale:.3f}; {restarted} restarts; "
+        result += f"logs: {left.equal} predictions to the bit, wrong: {'; '.join(left.wrong) or 'nothing'}"
+        met = until_fresh < 2.5 and stale == 0.0 and not restarted and not left.wrong
+        yield row("both ends stopped for 60 s", "fresh within 2.5 s, nothing stale", result, met)
+
+
+def jack_restarts() -> Iterator[str]:
+    """Kill jackd 20 times; each successor has another period, and every other one another rate."""
+    periods, rates = itertools.cycle((64, 256, 1_024, 128)), itertools.cycle((48_000, 44_100, 48_000, 96_000))
+    server, calls, wrong, times = DummyServer(128, synchronous=False), [0], [], []
+
+    def render(_: object, outputs: list[FloatArray]) -> None:
+        calls[0] += 1
+        silent([], outputs)
+
+    client = JackClient("restarted", render, inputs={}, outputs={"out": "system:playback_1"}, server=server.name)
+    server.start()
+    client.open()
+    for number in range(20):
+        server.kill()
+        server.period, server.sample_rate = next(periods), next(rates)
+        server.start()
+        began, before, works = time.monotonic(), calls[0], server.sample_rate == 48_000
+        while time.monotonic() < began + 10.0:
+            client.revive()
+            if (client.fault == "" and calls[0] > before) if works else ("is needed" in client.fault):
+                break
+            time.sleep(0.05)
+        else:
+            wrong.append(f"{number}: {server.sample_rate} Hz, {server.period} samples: {client.fault or 'no callback'}")
+        times.append(time.monotonic() - began)
+    client.close()
+    server.stop()
+    result = f"joined, or refused by its rate, after at most {max(times):.1f} s; wrong: {'; '.join(wrong) or 'nothing'}"
+    yield row("jackd killed 20 times, back at other rates and periods", "all within 10 s", result, not wrong)
+
+
+def starved_close() -> Iterator[str]:
+    """Close a JACK client while three threads of its process compute without end."""
+    ended, slowest = 0, 0.0
+    with DummyServer(128, synchronous=False) as server:
+        for _ in range(20):
+            began = time.monotonic()
+            with suppress(subprocess.TimeoutExpired):
+                subprocess.run([sys.executable, "-c", STARVED, server.name], timeout=20, check=False)
+                ended += 1
+                slowest = max(slowest, time.monotonic() - began)
+    result = f"{ended} of 20 ended, the slowest {slowest:.1f} s after its start"
+    yield row("a JACK client closed in a starved interpreter", "all end by themselves", result, ended == 20)
+
+
+def restarts(count: int) -> Iterator[str]:
+    """Kill the robot again as soon as its sound is back."""
+    with victims() as at:
+        times = []
+        for _ in range(count):
+            before, began = at.robot.pid, time.monotonic()
+            os.kill(before, signal.SIGKILL)
+            await_that(lambda before=before: at.robot.pid != before, "the next process", timeout=30.0)
+            received = at.counters()["packets_received"]
+            await_that(lambda received=received: at.counters()["packets_received"] > received, "sound", timeout=30.0)
+            times.append(time.monotonic() - began)
+        result = f"back after {statistics.median(times):.1f} s, at most {max(times):.1f} s; "
+        result += f"operator restarted {at.operator.restarts} times"
+        yield row(f"the robot killed {count} times", "back each time within 10 s", result, max(times) < 10.0)
+
+
 def row(attack: str, goal: str, measured: str, met: bool | None = None) -> str:
     verdict = "" if met is None else "met" if met else "missed"
     return f"| {attack} | {goal} | {measured} | {verdict} |"
@@ -550,16 +670,26 @@ PARTS: dict[str, Callable[[], Iterator[str]]] = {
     "two": two_robots,
     "connect": connecting,
     "memory": shared_memory,
+    "clock": clocks,
+    "jackd": jack_restarts,
+    "starved": starved_close,
 }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", choices=[*PARTS, "fault", "inside"], action="append", help="run this part alone")
+    parser.add_argument(
+        "--only", choices=[*PARTS, "fault", "kill", "restart", "inside"], action="append", help="run this part alone"
+    )
     parser.add_argument("--faults", type=int, default=20, help="times that each side is killed and frozen")
+    parser.add_argument("--kills", type=int, default=200, help="random processes to kill, and a quarter of it robots")
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy processes beside the attacks")
     args = parser.parse_args()
-    parts = PARTS | {"fault": partial(faults, min(args.faults, 100))}
+    parts = PARTS | {
+        "fault": partial(faults, min(args.faults, 100)),
+        "kill": partial(kills, args.kills),
+        "restart": partial(restarts, args.kills // 4),
+    }
     if args.only == ["inside"]:
         print(*inside(), sep="\n")
         return

@@ -1,9 +1,11 @@
 """How many predictions reach other systems, and how long after they were made, from a live run on this machine.
 
-``python benchmarks/bridges.py [osc] [ros] [zenoh] [foxglove]`` runs a loopback with the simulated finger and prints
-for each way, the share of predictions that arrived, the delay from the moment at which one was made (p50, p95), and the
-processor time of the run's two ends without and with the bridge. The readers are the libraries of those systems and a
-plain socket; nothing of the bridges.
+``python benchmarks/bridges.py [WAY ...]`` runs a loopback with the simulated finger for each way: osc, ros, gloves,
+zenoh, foxglove; ``none`` without a bridge, and ``all`` with four. It prints the share of predictions that arrived, the
+delay from the moment at which one was made (p50, p95), the live latency (median from microphone to vibration) and the
+processor time of the run's two ends; at the end, both with all bridges over those without. Four minutes.
+The readers are the libraries of those systems and a plain socket; nothing of the bridges. A glove's message holds
+amplitudes alone, so only predictions whose amplitude no other has are looked for.
 """
 
 import asyncio
@@ -17,6 +19,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +28,7 @@ import numpy as np
 
 from tactophone.telemetry.watcher import Watcher, running
 
-SECONDS = float(os.environ.get("SECONDS_EACH", "20"))
+SECONDS = float(os.environ.get("SECONDS_EACH", "10"))
 DOMAIN = 91
 LOOPBACK = "<General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces></General>"
 Arrived = Callable[[tuple[float, ...]], None]
@@ -127,7 +130,31 @@ def read_foxglove(arrived: Arrived, port: int) -> None:
     asyncio.run(view())
 
 
-READERS = {"osc": read_osc, "ros": read_ros, "zenoh": read_zenoh, "foxglove": read_foxglove}
+def read_gloves(arrived: Arrived, port: int) -> None:
+    """Take the messages to a MANUS glove: amplitudes of thumb to little finger."""
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.domain import DomainParticipant
+    from cyclonedds.idl import IdlStruct, types
+    from cyclonedds.sub import DataReader
+    from cyclonedds.topic import Topic
+    from cyclonedds.util import duration
+
+    @dataclass
+    class Command(IdlStruct, typename="manus_ros2_msgs::msg::dds_::ManusVibrationCommand_"):
+        intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)
+
+    qos = Qos(Policy.Reliability.Reliable(duration(milliseconds=100)), Policy.History.KeepLast(10))
+    domain = DomainParticipant(DOMAIN)
+    reader = DataReader(domain, Topic(domain, "rt/manus_glove_0/vibration_cmd", Command, qos))
+    while not ended.is_set():
+        for message in reader.take(N=10):
+            arrived((message.intensities[1],))
+        time.sleep(0.0005)
+
+
+READERS = {
+    "osc": read_osc, "ros": read_ros, "gloves": read_gloves, "zenoh": read_zenoh, "foxglove": read_foxglove,
+}  # fmt: skip
 addresses: dict[str, str] = {}
 
 
@@ -146,12 +173,17 @@ def key(values: tuple[float, ...]) -> bytes:
     return np.asarray(values, np.float32).tobytes()
 
 
-def measure(way: str) -> None:
-    with socket.socket() as probe:
+def measure(way: str) -> tuple[float, float]:
+    """Return the live latency in s, and the processor time of both ends as a share of a core."""
+    with socket.socket() as probe, socket.socket() as other:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    bridge = {"osc": f"osc=127.0.0.1:{port}", "ros": f"ros={DOMAIN}", "zenoh": f"zenoh={DOMAIN}",
-              "foxglove": f"foxglove=127.0.0.1:{port}"}.get(way)  # fmt: skip
+        other.bind(("127.0.0.1", 0))
+        port, page = probe.getsockname()[1], other.getsockname()[1]
+    bridges = {"osc": f"osc=127.0.0.1:{port}", "ros": f"ros={DOMAIN}", "zenoh": f"zenoh={DOMAIN}",
+               "foxglove": f"foxglove=127.0.0.1:{page}"}  # fmt: skip
+    chosen = {"all": list(bridges), "none": [], "gloves": ["ros"]}.get(way, [way])
+    options = [word for name in chosen for word in ("--bridge", bridges[name])]
+    options += ["--set", "bridges.ros_sinks=manus"] if way == "gloves" else []
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder, "zenoh.json5")
         listen = {"mode": "peer", "scouting": {"multicast": {"enabled": False}},
@@ -160,7 +192,7 @@ def measure(way: str) -> None:
         environment = os.environ | {"CYCLONEDDS_URI": LOOPBACK, "ZENOH_SESSION_CONFIG_URI": str(config)}
         os.environ["CYCLONEDDS_URI"] = LOOPBACK
         command = [sys.executable, "-m", "tactophone", "loopback", "--source", "finger", "--actuator", "none"]
-        run = subprocess.Popen([*command, *(["--bridge", bridge] if bridge else [])], env=environment,
+        run = subprocess.Popen([*command, *options], env=environment,
                                stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)  # fmt: skip
         assert run.stdout
         lines: list[str] = []
@@ -173,14 +205,14 @@ def measure(way: str) -> None:
             for line in lines:
                 if "ws://" in line:
                     addresses["foxglove"] = "ws://" + line.split("ws://")[1].strip()
-            _report(way, ends_of(run.pid), port)
+            return _report(way, ends_of(run.pid), port)
         finally:
             ended.set()
             run.send_signal(signal.SIGINT)
             run.wait(20)
 
 
-def _report(way: str, watchers: list[Watcher], port: int) -> None:
+def _report(way: str, watchers: list[Watcher], port: int) -> tuple[float, float]:
     operator = next(each for each in watchers if each.state().role == "operator")
     arrivals: dict[bytes, float] = {}
     ended.clear()
@@ -194,18 +226,30 @@ def _report(way: str, watchers: list[Watcher], port: int) -> None:
     share = (processor_time(pids) - used) / SECONDS
     rows, _ = operator.predictions(first)
     time.sleep(0.3)
-    delays = [
-        1000 * (arrivals[found] - row["made"])
-        for row in rows
-        if (found := key((row["none"], row["smooth"], row["rough"]))) in arrivals
-    ]
-    text = f"{way:9} {len(rows) / SECONDS:6.1f} predictions/s, both ends {100 * share:.1f} % of a core"
+    latency = operator.gauge("latency_total")
+    text = f"{way:9} {len(rows) / SECONDS:6.1f} predictions/s, live {1000 * latency:.2f} ms"
+    text += f", both ends {100 * share:.1f} % of a core"
     if way in READERS:
+        keys = [
+            key((row["amplitude"],) if way == "gloves" else (row["none"], row["smooth"], row["rough"])) for row in rows
+        ]
+        counts = Counter(keys)
+        sought = [
+            (found, row["made"])
+            for found, row in zip(keys, rows, strict=True)
+            if way != "gloves" or (counts[found] == 1 and row["amplitude"] > 0)
+        ]
+        delays = [1000 * (arrivals[found] - made) for found, made in sought if found in arrivals]
         p50, p95 = np.percentile(delays, (50, 95)) if delays else (np.nan, np.nan)
-        text += f", {100 * len(delays) / len(rows):.1f} % arrived, p50 {p50:.1f} ms, p95 {p95:.1f} ms"
+        text += f", {100 * len(delays) / max(1, len(sought)):.1f} % of {len(sought)} arrived"
+        text += f", p50 {p50:.1f} ms, p95 {p95:.1f} ms"
     print(text, flush=True)
+    return latency, share
 
 
 if __name__ == "__main__":
-    for way in sys.argv[1:] or ["none", *READERS]:
-        measure(way)
+    print("load average when this began:", " ".join(f"{load:.1f}" for load in os.getloadavg()), flush=True)
+    found = {way: measure(way) for way in sys.argv[1:] or ["none", *READERS, "all"]}
+    if {"none", "all"} <= found.keys():
+        latency, share = (with_all / without for with_all, without in zip(found["all"], found["none"], strict=True))
+        print(f"all four bridges: live latency x {latency:.2f}, processor time of both ends x {share:.2f}")

@@ -1,4 +1,4 @@
-"""How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, gaps; simulated sound.
+"""How the demonstration is rendered, over many seeds: rough and smooth stone, false bumps, dips, gaps; simulated sound.
 
 python benchmarks/demo_scores.py [--seeds 30] [--first 0] [--tip pad] [--model NAME]
 
@@ -9,6 +9,7 @@ import argparse
 
 import numpy as np
 
+from tactophone.perception.decision import count_dips
 from tactophone.pipeline import open_pipeline
 from tactophone.simulation.demonstration import demonstration
 from tactophone.types import DEFAULT_TIP, TIP_NAMES, Touch
@@ -17,8 +18,8 @@ BRIDGE = 0.03
 """Seconds; bumps closer than this are perceived as one."""
 
 
-def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, float]:
-    """Return the shares of contact: rough rendered rough, smooth rendered rough, silent; and false bumps in 10 s."""
+def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, float, float]:
+    """Return shares of contact (rough as rough, smooth as rough, silent), false bumps in 10 s, dips in a minute."""
     finger = demonstration(seed, tip=tip)
     labels = [each.label for each in finger.scene.objects]
     pipeline = open_pipeline(model, sample_rate=finger.sample_rate, channels=finger.channels, tip=tip)
@@ -41,6 +42,7 @@ def score(seed: int, *, tip: str, model: str) -> tuple[float, float, float, floa
         float((touches[smooth] == Touch.ROUGH).mean()),
         float((touches[rough | smooth] == Touch.NONE).mean()),
         10 * count / (hop * smooth.sum()),
+        60 * count_dips(touches == Touch.ROUGH, rough) / (hop * rough.sum()),
     )
 
 
@@ -59,6 +61,7 @@ def main() -> None:
         "smooth rendered rough",
         "silent in contact",
         "false bumps in 10 s of smooth contact",
+        "dips in a minute of rough contact",
     )
     for name, mean, extreme in zip(names, scores.mean(axis=0), worst, strict=True):
         print(f"{name}: mean {mean:.3f}, worst {extreme:.3f}")

@@ -1,9 +1,9 @@
 """Latency of the whole system on a JACK server without a sound card: both processes on this machine, encrypted.
 
 Run ``python benchmarks/latency.py``; ``--impulses 300`` for more precise tails, ``--only PART`` for less. Prints the
-tables of docs/guide/latency.md. Rows of short periods end with their bound: the same impulses through codec, pipeline
-and renderer in this process, as if no computation took any time. JackTrip is measured beside it where it is installed:
-``apt install jacktrip``.
+tables of docs/research/latency.md. Rows of short periods end with their bound: the same impulses through codec,
+pipeline and renderer in this process, as if no computation took any time. JackTrip is measured beside it where it is
+installed: ``apt install jacktrip``.
 """
 
 import argparse

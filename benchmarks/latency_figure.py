@@ -1,4 +1,4 @@
-"""Draws docs/images/latency.svg from the table in docs/guide/latency.md: p50 to p99 of each row, by samples a period.
+"""Draws docs/images/latency.svg from the table in docs/research/latency.md: p50 to p99 of each row, by period.
 
 Run ``python benchmarks/latency_figure.py`` after the table has changed.
 """
@@ -31,11 +31,13 @@ ROWS = {
 }
 """Period and label of each bar, and the first cell of its row."""
 
-COLOURS = {"Tactophone, PCM": "#1b6ca8", "Tactophone, Opus": "#7fb3d8", "JackTrip": "#b0653a"}
+_PALETTE = (DOCS.parent / "src/tactophone/pages/static/palette.css").read_text()
+COLOUR = dict(re.findall(r"--(\w+): (#\w+)", _PALETTE.partition("[data-theme")[0]))
+COLOURS = {"Tactophone, PCM": COLOUR["contact"], "Tactophone, Opus": COLOUR["smooth"], "JackTrip": COLOUR["rough"]}
 
 
 def main() -> None:
-    table = (DOCS / "guide" / "latency.md").read_text()
+    table = (DOCS / "research" / "latency.md").read_text()
     figure, axes = plt.subplots(figsize=(8, 5.2))
     labels, place, before = [], 0.0, 0
     for (period, name), cell in ROWS.items():
@@ -43,19 +45,20 @@ def main() -> None:
         place += 1.0 if period == before else 1.6
         before = period
         colour = next(colour for start, colour in COLOURS.items() if name.startswith(start))
-        axes.barh(place, p99, color=colour, alpha=0.45, height=0.72)
-        axes.barh(place, p50, color=colour, height=0.72)
         limit = 2 * period / 48 + LOOKAHEAD * ("Opus" in name)
-        axes.plot([limit, limit], [place - 0.48, place + 0.48], color="black", linewidth=1.6)
-        axes.text(max(p99, limit) * 1.06, place, f"{p50:.1f} / {p99:.1f}", va="center", fontsize=8)
+        axes.plot([p50, p99], [place, place], color=colour, linewidth=2.5, alpha=0.5, solid_capstyle="butt")
+        axes.plot(p50, place, "o", color=colour, markersize=7)
+        axes.plot(p99, place, "o", color=colour, markersize=7, markerfacecolor="white", markeredgewidth=1.6)
+        axes.plot(limit, place, "|", color="#1c2127", markersize=13, markeredgewidth=1.6)
+        axes.text(max(p99, limit) + 0.8, place, f"{p50:.1f} / {p99:.1f}", va="center", fontsize=9)
         labels.append((place, f"{period} samples: {name}"))
-    axes.set_yticks([place for place, _ in labels], [label for _, label in labels], fontsize=8)
+    axes.set_yticks([place for place, _ in labels], [label for _, label in labels], fontsize=9)
     axes.invert_yaxis()
-    axes.set_xscale("log")
-    axes.set_xlim(0.3, 90)
-    axes.set_xticks([0.5, 1, 2, 5, 10, 20, 50], ["0.5", "1", "2", "5", "10", "20", "50"])
-    axes.minorticks_off()
-    axes.set_xlabel("ms: p50 (dark), p99 (pale); black line: two periods and look-ahead", fontsize=9)
+    axes.set_xlim(0, None)
+    axes.grid(axis="x", color="#e6e2d9")
+    axes.set_axisbelow(True)
+    axes.set_title("Impulse to first vibration", loc="left", fontsize=11)
+    axes.set_xlabel("ms: p50 (dot), p99 (ring); black mark: two periods and look-ahead", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     figure.tight_layout()
     # No date and fixed names, so that the file changes with the figures alone.
@@ -67,7 +70,7 @@ def measured(table: str, cell: str) -> tuple[float, float]:
     """Return p50 and p99 in ms of the row that begins with a cell."""
     found = re.search(rf"^\| {re.escape(cell)} \|.*?p50 ([\d.]+), p95 [\d.]+, p99 ([\d.]+) ms", table, re.MULTILINE)
     if found is None:
-        raise SystemExit(f"docs/guide/latency.md has no figures for {cell!r}: paste what benchmarks/latency.py prints")
+        raise SystemExit(f"docs/research/latency.md has no figures for {cell!r}: paste what latency.py prints")
     return float(found[1]), float(found[2])
 
 

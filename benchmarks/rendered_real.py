@@ -1,11 +1,15 @@
 """What `tactophone feel --tip stylus` renders of real kinds that its model was not trained on.
 
-    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface]     (needs TACTOPHONE_RECORDINGS)
+    python benchmarks/rendered_real.py [SIMULATED ...] [--by surface] [--distorted] [--takes N]
+
+(needs TACTOPHONE_RECORDINGS)
 
 For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on the other kinds, core and extended, and
 on SIMULATED sets of the stylus, as `make model` trains the shipped one; its takes then pass through the pipeline of
 `feel`, with the gate's threshold from each take itself. Every run is a look at real scores: enter it in
 docs/research/looks.md. *Right*: share of the time within 30 dB of the take's loudest that is rendered as its label.
+With ``--distorted`` the kept takes pass besides through each channel of `distortions`, which nothing is trained on.
+``--takes`` scores the first N of each surface alone; all are trained on.
 """
 
 import argparse
@@ -18,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from distortions import DISTORTIONS, distorted
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import kin_of, with_kin
 from tactophone.dataset.values import Dataset, Recording
@@ -30,6 +35,11 @@ from tactophone.types import Touch
 
 AUDIBLE_DB = 30.0
 
+AS_IT_IS = "as it is"
+
+Counts = dict[str, NDArray[np.int64]]
+"""Windows of each surface that are rendered as nothing, smooth and rough."""
+
 OPTIONS = TrainingOptions(channels=1, microphone="air", tip="stylus")
 
 
@@ -40,9 +50,9 @@ def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
     return read_model(path)
 
 
-def rendered(model: Model, recording: Recording) -> NDArray[np.int8]:
-    """Return what is rendered while the take is at most `AUDIBLE_DB` under its loudest."""
-    take = model_predictor(model, own_floor=True)(recording)
+def rendered(model: Model, recording: Recording, heard: Recording) -> NDArray[np.int8]:
+    """Return what is rendered of ``heard`` while the take itself is at most `AUDIBLE_DB` under its loudest."""
+    take = model_predictor(model, own_floor=True)(heard)
     (track,) = extract_features([recording], FeatureSpec(channels=1, microphone="air"))
     audible = track.end[track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB]
     # The newest prediction at the end of each audible window.
@@ -54,6 +64,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("simulated", type=Path, nargs="*")
     parser.add_argument("--by", choices=("kin", "surface"), default="kin")
+    parser.add_argument("--distorted", action="store_true")
+    parser.add_argument("--takes", type=int, default=1000)
     args = parser.parse_args()
     real = with_kin(
         open_dataset(Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")), Path(__file__).with_name("lmt_kin.csv")
@@ -61,31 +73,48 @@ def main() -> None:
     real = real.where(lambda take: take.tier in ("core", "extended")).labelled()
     simulated = [take for folder in args.simulated for take in open_dataset(folder).recordings]
     group = kin_of if args.by == "kin" else (lambda take: take.surface)
-    counts: dict[str, NDArray[np.int64]] = defaultdict(lambda: np.zeros(3, np.int64))
+    channels = [AS_IT_IS, *(DISTORTIONS if args.distorted else ())]
+    counts: dict[str, Counts] = {name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels}
     with tempfile.TemporaryDirectory() as folder:
-        for name in sorted({group(take) for take in real.recordings}):
-            kept = [take for take in real.recordings if group(take) != name]
+        for left_out in sorted({group(take) for take in real.recordings}):
+            kept = [take for take in real.recordings if group(take) != left_out]
             model = train(kept + simulated, real, Path(folder))
             for take in real.recordings:
-                if group(take) == name:
-                    counts[take.surface] += np.bincount(rendered(model, take), minlength=3)
-    print_table(real, counts)
+                if group(take) == left_out and int(take.take or 0) <= args.takes:
+                    for name in channels:
+                        heard = take if name == AS_IT_IS else distorted(take, name, Path(folder))
+                        counts[name][take.surface] += np.bincount(rendered(model, take, heard), minlength=3)
+    print_surfaces(real, counts[AS_IT_IS])
+    print_channels(real, counts)
 
 
-def print_table(real: Dataset, counts: dict[str, NDArray[np.int64]]) -> None:
-    """Print the shares of each surface, then of core and of all."""
+def print_surfaces(real: Dataset, counts: Counts) -> None:
+    """Print the shares of each surface."""
     first = {take.surface: take for take in reversed(real.recordings)}
     print("| surface | label | right | nothing rendered |\n|---|---|--:|--:|")
-    right = {name: count[first[name].label or 0] / count.sum() for name, count in counts.items()}
-    gaps = {name: count[Touch.NONE] / count.sum() for name, count in counts.items()}
     for name in sorted(counts, key=lambda name: (first[name].tier, name)):
-        print(f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right[name]:.2f} | {gaps[name]:.3f} |")
-    for tier in ("core", "core + extended"):
-        names = [name for name in counts if first[name].tier in tier]
-        rough = np.array([first[name].label is Touch.ROUGH for name in names])
-        share, gap = np.array([right[name] for name in names]), np.mean([gaps[name] for name in names])
-        balanced = (share[rough].mean() + share[~rough].mean()) / 2
-        print(f"{tier}: right {share.mean():.3f}, balanced {balanced:.3f}, nothing rendered {gap:.3f}")
+        right, gap = (counts[name][touch] / counts[name].sum() for touch in (first[name].label or 0, Touch.NONE))
+        print(f"| {name} | {Touch(first[name].label or 0).name.lower()} | {right:.2f} | {gap:.3f} |")
+
+
+def print_channels(real: Dataset, counts: dict[str, Counts]) -> None:
+    """Print the balanced shares that are right through each channel, of core and of all; then their means."""
+    first = {take.surface: take for take in reversed(real.recordings)}
+    print("\n| channel | core: balanced (right) | all: balanced (right) | nothing rendered |\n|---|--:|--:|--:|")
+    table = {}
+    for channel, of_surface in counts.items():
+        row = []
+        for tiers in (("core",), ("core", "extended")):
+            names = [name for name in of_surface if first[name].tier in tiers]
+            rough = np.array([first[name].label is Touch.ROUGH for name in names])
+            share = np.array([of_surface[name][first[name].label or 0] / of_surface[name].sum() for name in names])
+            row += [(share[rough].mean() + share[~rough].mean()) / 2, share.mean()]
+        row.append(float(np.mean([count[Touch.NONE] / count.sum() for count in of_surface.values()])))
+        table[channel] = row
+    if len(table) > 1:
+        table["mean of the channels"] = list(np.mean([table[name] for name in table if name != AS_IT_IS], axis=0))
+    for channel, row in table.items():
+        print("| {} | {:.3f} ({:.3f}) | {:.3f} ({:.3f}) | {:.3f} |".format(channel, *row))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,10 @@ KNOCK_TO_CONTACT_DB = -20.0
 """What the finger passes on of a knock in the air to its contact microphone: a guess, as nobody measured it."""
 
 BOUNCE = 0.06
-"""Seconds; touches closer than this are one, and so is sliding that reverses its direction."""
+"""Seconds; touches closer than this are one."""
+
+TURN = 0.12
+"""Seconds; sliding that pauses for less, as where it reverses its direction, is one."""
 
 SLIDING_SPEED = 0.01
 """Metres a second from which a finger slides."""
@@ -106,7 +109,7 @@ def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
     speed = np.abs(np.gradient(truth.x)) * LIVE_SAMPLE_RATE
     events = [TouchEvent("tap", begin) for begin, _ in touches]
     slid = -1.0
-    for begin, end in _stretches(contact & (speed > SLIDING_SPEED)):
+    for begin, end in _stretches(contact & (speed > SLIDING_SPEED), TURN):
         if end - begin >= SHORTEST_SLIDE:
             landed = max((time for time, _ in touches if time <= begin), default=0.0)
             events += [TouchEvent("stroke" if slid < landed else "slip", begin), TouchEvent("lift-off", end)]
@@ -114,12 +117,12 @@ def _events(truth: Truth) -> tuple[list[TouchEvent], list[tuple[float, float]]]:
     return events, [(before[1], after[0]) for before, after in pairwise(touches)]
 
 
-def _stretches(on: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return begin and end of each stretch, in s; stretches closer than a bounce are one."""
+def _stretches(on: NDArray[np.bool_], closer: float = BOUNCE) -> list[tuple[float, float]]:
+    """Return begin and end of each stretch, in s; those closer than so many seconds are one."""
     edges = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2) / LIVE_SAMPLE_RATE
     found: list[tuple[float, float]] = []
     for begin, end in edges:
-        if found and begin - found[-1][1] < BOUNCE:
+        if found and begin - found[-1][1] < closer:
             found[-1] = found[-1][0], float(end)
         else:
             found.append((float(begin), float(end)))

@@ -31,8 +31,7 @@ from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import Fold, split
 from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import TakePredictions, scores_of
-from tactophone.perception.features import magnitudes
-from tactophone.training.network import SIZE, PaperNetwork, Windows, find_windows
+from tactophone.training.network import SIZE, PaperNetwork, Windows, find_windows, magnitudes
 from tactophone.training.recipes import FAST_CHANGES, NetworkSettings, network_settings
 from tactophone.training.tracks import read_signals
 from tactophone.training.trainer import Run
@@ -71,7 +70,7 @@ def held_out(fold: Fold) -> HeldOut:
     for recording, signal in zip(fold.test, read_signals(fold.test, channels=2), strict=True):
         starts = np.arange(0, len(signal) - SIZE, 64)
         windows = np.stack([signal[start : start + SIZE] for start in starts])
-        features.append(magnitudes(windows))
+        features.append(magnitudes(torch.from_numpy(windows)).numpy())
         contact = np.square(windows[:, :, 0]).mean(axis=1) > SETTINGS.labelling.threshold**2
         takes.append(TakePredictions(recording, starts / 2000, np.empty((0, 3), np.float32), contact))
     return HeldOut(features, takes)

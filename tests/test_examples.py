@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.perception.models import model_path
 from tactophone.telemetry.writer import Telemetry
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -36,10 +37,10 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-def test_there_are_fourteen_and_each_is_under_40_lines() -> None:
+def test_there_are_fifteen_and_each_is_under_40_lines() -> None:
     lengths = {path.name: len(path.read_text().splitlines()) for path in EXAMPLES.glob("*.py")}
-    assert len(lengths) == 14
-    for whole in ("isaac_device.py", "own_detector.py"):  # to be copied
+    assert len(lengths) == 15
+    for whole in ("isaac_device.py", "own_detector.py", "run_anywhere.py"):  # to be copied
         del lengths[whole]
     assert max(lengths.values()) < 40, lengths
 
@@ -48,6 +49,12 @@ def test_a_recording_is_classified(recording: Path) -> None:
     lines = run("classify_wav.py", recording).splitlines()
     assert "none" in lines[0]
     assert len(lines) >= 2
+
+
+def test_a_model_runs_without_this_package(recording: Path) -> None:
+    rows = [line.split() for line in run("run_anywhere.py", model_path("stylus"), recording).splitlines()]
+    assert [rows[0][5], len(rows)] == ["none", 97]
+    assert {row[5] for row in rows[60:]} <= {"smooth", "rough"}
 
 
 def test_the_oscillator_obeys_its_limits_and_fades_without_commands(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,20 @@ def test_each_finger_computes_what_it_computes_alone(model: str, name: str, fing
     for finger in range(fingers):
         expected = alone(pipeline_of(chosen), samples[:, 2 * finger : 2 * finger + 2], size)
         assert expected
-        assert of_finger(steps, finger) == expected
+        # What several fingers compute in one batch differs from what each computes alone by its last bits.
+        assert flat(of_finger(steps, finger)) == pytest.approx(flat(expected), abs=1e-5 if name == "texture" else 0)
+
+
+def flat(pairs: list[Any]) -> list[float]:
+    """Return the numbers of predictions and commands."""
+    return [
+        number
+        for prediction, command in pairs
+        for number in (
+            *prediction.probabilities, prediction.touch, prediction.roughness, prediction.level_dbfs, prediction.end,
+            command.amplitude, command.frequency, command.time,
+        )
+    ]  # fmt: skip
 
 
 def test_a_finger_without_an_air_microphone_and_one_with_broken_sound_leave_the_others_alone(model: str) -> None:

@@ -120,3 +120,14 @@ def test_every_optional_module_has_its_extra() -> None:
         for name in distributions.get(module, ()):  # Ray, for example, need not be installed here
             assert declared[name.lower().replace("_", "-")] == extra
     assert set(declared.values()) == set(EXTRA_OF_MODULE.values())
+
+
+def test_a_release_states_where_source_issues_and_documentation_are(tmp_path: Path) -> None:
+    workflow = pytest.importorskip("yaml").safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text())
+    (step,) = (step for step in workflow["jobs"]["build"]["steps"] if "URL" in step.get("env", {}))
+    (tmp_path / "pyproject.toml").write_bytes((ROOT / "pyproject.toml").read_bytes())
+    subprocess.run(["bash", "-ec", step["run"]], cwd=tmp_path, env={"URL": "https://host/owner/name"}, check=True)
+    urls = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["urls"]
+    assert urls["Source"] == "https://host/owner/name"
+    assert urls["Issues"] == "https://host/owner/name/issues"
+    assert urls["Documentation"].startswith("https://host/owner/name/")

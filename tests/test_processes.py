@@ -38,6 +38,35 @@ def test_ctrl_c_is_blocked_in_a_child_from_its_start_and_not_in_its_parent(tmp_p
     assert (done.stdout, done.stderr) == ("True False \n" * 2, "")
 
 
+DEAF = """
+import os, signal, sys
+from pathlib import Path
+from tactophone import processes
+
+def work(parent, path):
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    processes.time.sleep = lambda grace: None
+    Path(path).write_text(str(os.getpid()))
+    signal.pause()
+
+if __name__ == "__main__":
+    processes.Child(work, sys.argv[1], name="test").how_ended()
+"""
+
+
+def test_a_child_that_heeds_nothing_ends_with_its_killed_parent(tmp_path: Path) -> None:
+    script, path = tmp_path / "script.py", tmp_path / "pid"
+    script.write_text(DEAF)
+    parent = subprocess.Popen([sys.executable, script, path])
+    try:
+        _wait_until(lambda: path.exists() and path.read_text() != "")
+        child = int(path.read_text())
+        assert psutil.pid_exists(child)
+    finally:
+        parent.kill()
+    _wait_until(lambda: not psutil.pid_exists(child))
+
+
 WORKERS = """
 import os, sys, time
 from pathlib import Path

@@ -48,54 +48,20 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
-    "AIR",
-    "CONTACT",
-    "LIVE_SAMPLE_RATE",
-    "AudioBlock",
-    "ConfigError",
-    "ContactThreshold",
-    "DatasetError",
-    "Detector",
-    "DeviceError",
-    "FileSource",
-    "HapticCommand",
-    "Limits",
-    "Live",
-    "ModelError",
-    "Oscillator",
-    "PacketError",
-    "Pipeline",
-    "PipelineStep",
-    "Prediction",
-    "Profile",
-    "Source",
-    "Table",
-    "TactophoneError",
-    "Touch",
-    "Watcher",
-    "__version__",
-    "classify",
-    "jack_source",
-    "live",
-    "open_detector",
-    "open_pipeline",
-    "open_profile",
-    "portaudio_source",
-    "read_model",
-]
+    "AIR", "CONTACT", "LIVE_SAMPLE_RATE", "AudioBlock", "ConfigError", "ContactThreshold", "DatasetError", "Detector",
+    "DeviceError", "FileSource", "HapticCommand", "Limits", "Live", "ModelError", "Oscillator", "PacketError",
+    "Pipeline", "PipelineStep", "Prediction", "Profile", "Source", "Table", "TactophoneError", "Touch", "Watcher",
+    "__version__", "classify", "jack_source", "live", "open_detector", "open_pipeline", "open_profile",
+    "portaudio_source", "read_model",
+]  # fmt: skip
 
 _MODULES = {
-    "capture.files": ("FileSource",),
-    "capture.microphones": ("jack_source", "portaudio_source"),
-    "haptics.limits": ("Limits",),
-    "haptics.oscillator": ("Oscillator",),
-    "haptics.profiles": ("open_profile",),
-    "perception.model_file": ("read_model",),
-    "perception.models": ("open_detector",),
-    "pipeline": ("Pipeline", "open_pipeline"),
-    "tables": ("Live", "Table", "classify", "live"),
+    "capture.files": ("FileSource",), "capture.microphones": ("jack_source", "portaudio_source"),
+    "haptics.limits": ("Limits",), "haptics.oscillator": ("Oscillator",), "haptics.profiles": ("open_profile",),
+    "perception.model_file": ("read_model",), "perception.models": ("open_detector",),
+    "pipeline": ("Pipeline", "open_pipeline"), "tables": ("Live", "Table", "classify", "live"),
     "telemetry.watcher": ("Watcher",),
-}
+}  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

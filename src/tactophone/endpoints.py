@@ -89,13 +89,9 @@ class OperatorEndpoint:
     """
 
     def __init__(
-        self,
-        session: ReceiveSession,
-        pipeline: Pipeline | Hand,
-        *,
-        channels: int = 2,
+        self, session: ReceiveSession, pipeline: Pipeline | Hand, *, channels: int = 2,
         reopen: Callable[[int], Pipeline] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.session = session
         self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
         self._channels, self._reopen = channels, reopen

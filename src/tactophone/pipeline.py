@@ -174,17 +174,9 @@ def split_fingers(block: AudioBlock, channels: Sequence[int]) -> list[AudioBlock
 
 
 def open_pipeline(
-    model: str = "",
-    *,
-    sample_rate: int,
-    channels: int,
-    profile: str = "paper",
-    limits: Limits | None = None,
-    fast_contact: bool = True,
-    follow_floor: bool = True,
-    events: bool = False,
-    tip: str = DEFAULT_TIP,
-) -> Pipeline:
+    model: str = "", *, sample_rate: int, channels: int, profile: str = "paper", limits: Limits | None = None,
+    fast_contact: bool = True, follow_floor: bool = True, events: bool = False, tip: str = DEFAULT_TIP,
+) -> Pipeline:  # fmt: skip
     """Open a pipeline for sound of a given rate and channel count.
 
     Parameters

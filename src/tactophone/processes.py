@@ -2,14 +2,16 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -17,6 +19,10 @@ from tactophone.errors import TactophoneError
 
 Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
 """What a child tells its parent: what it does next, that it has begun, or the error or the bug that ended it."""
+
+
+ORPHAN_TIMEOUT = 2.5
+"""Seconds after the end of its parent in which a child may end in order; a log is complete by then."""
 
 
 class _ChildProcess(SpawnProcess):
@@ -30,6 +36,8 @@ class _ChildProcess(SpawnProcess):
     """The parent's end, kept while the process lives: it would close with the last `Child`, and end the process."""
 
     def start(self) -> None:
+        from multiprocessing import resource_tracker  # Unix alone has it; `feel` and `train` run elsewhere too
+
         resource_tracker.ensure_running()  # which unblocks SIGINT when it begins
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -42,6 +50,22 @@ class _ChildContext(SpawnContext):
     """Spawns processes rather than forking: a fork would carry audio threads' locks and files along."""
 
     Process = _ChildProcess
+
+
+class _Later:
+    """What a child unpickles only when asked to: that may import for seconds, which would delay all it does before."""
+
+    def __init__(self, value: Any) -> None:
+        self._value = value
+
+    def __getstate__(self) -> bytes:
+        return bytes(ForkingPickler.dumps(self._value))
+
+    def __setstate__(self, state: bytes) -> None:
+        self._state = state
+
+    def unpickle(self) -> Any:
+        return pickle.loads(self._state)
 
 
 class Parent:
@@ -81,7 +105,9 @@ class Child:
     def __init__(self, work: Callable[..., None], *arguments: Any, name: str, niceness: int = 0) -> None:
         context = _ChildContext()
         self._pipe, its = context.Pipe()
-        self._process = context.Process(target=_begin, args=(work, arguments, niceness, its), name=name, daemon=True)
+        self._process = context.Process(
+            target=_begin, args=(_Later((work, arguments)), niceness, its), name=name, daemon=True
+        )
         self._process.start()
         self._process.pipe = self._pipe
         its.close()  # the child's copy alone is left, so the pipe ends when the child does
@@ -136,10 +162,15 @@ class Child:
         self._pipe.close()
 
 
-def _begin(work: Callable[..., None], arguments: tuple[Any, ...], niceness: int, pipe: Connection) -> None:
+def _begin(later: _Later, niceness: int, pipe: Connection) -> None:
     os.nice(niceness)
+    if orphaned():
+        return
+    # A side that still starts looks at nothing else, and without its parent nobody would end it.
+    threading.Thread(target=_end_with_parent, args=(ORPHAN_TIMEOUT,), daemon=True).start()
     parent = Parent(pipe)
     try:
+        work, arguments = later.unpickle()
         work(parent, *arguments)
     except TactophoneError as error:
         parent.tell(("error", str(error)))
@@ -172,9 +203,10 @@ def _begin_worker(prepare: Callable[[], None] | None) -> None:
         prepare()
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(grace: float = 0.0) -> None:
     if parent := multiprocessing.parent_process():
         parent.join()
+        time.sleep(grace)
         os._exit(1)
 
 
@@ -197,5 +229,5 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 def flush_to_disk(path: Path) -> None:
     """Return when a file's bytes are on the disk."""
-    with path.open("rb") as file:
+    with path.open("r+b") as file:  # Windows flushes only what may be written
         os.fsync(file.fileno())

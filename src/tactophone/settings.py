@@ -105,12 +105,9 @@ class Capture:
         "empty: the default",
     )
     tip: str = _setting(
-        DEFAULT_TIP,
-        "tip that touches: it chooses the model where none is named, and is the simulated finger's",
-        choices=TIP_NAMES,
-        flag="--tip",
-        verbs="answer call demo feel loopback play receive send setup",
-    )
+        DEFAULT_TIP, "tip that touches: it chooses the model where none is named, and is the simulated finger's",
+        choices=TIP_NAMES, flag="--tip", verbs="answer call demo feel loopback play receive send setup",
+    )  # fmt: skip
     contact: str = _setting("system:capture_1", "JACK port of the contact microphone")
     air: str = _setting("system:capture_2", "JACK port of the air microphone; empty: there is none")
     block_size: int = _setting(128, "block of a file or of the simulated finger", unit="samples", span=(1, 4096))
@@ -131,12 +128,9 @@ class Link:
     port: int = _setting(48_470, "UDP port of the operator's side", span=(0, 65_535))
     identity: str = _setting("", "folder with this side's key and trusted peers; empty: ~/.config/tactophone")
     codec: str = _setting(
-        "opus",
-        "pcm16 for a local network, opus for the rest",
-        choices=("opus", "pcm16"),
-        flag="--codec",
+        "opus", "pcm16 for a local network, opus for the rest", choices=("opus", "pcm16"), flag="--codec",
         verbs="latency send",
-    )
+    )  # fmt: skip
     packet_duration: float = _setting(
         0.005, "sound in a packet", unit="s", span=(0.0005, 0.02), flag="--packet-duration", verbs="latency"
     )
@@ -194,13 +188,9 @@ class Detector:
         True, "detect faulty microphones and fall back safely; switch off for synthetic test signals"
     )
     threshold_dbfs: float = _setting(
-        math.nan,
-        "level of the contact gate; nan: from the calibration, or just over the noise floor",
-        unit="dBFS",
-        span=(-120, 0),
-        flag="--threshold",
-        verbs="feel try",
-    )
+        math.nan, "level of the contact gate; nan: from the calibration, or just over the noise floor", unit="dBFS",
+        span=(-120, 0), flag="--threshold", verbs="feel try",
+    )  # fmt: skip
     events: bool = _setting(
         False, "detect taps, strokes and slips too; the profile events always does", flag="--events", verbs="feel"
     )
@@ -218,13 +208,9 @@ class Rendering:
         verbs="demo loopback play receive replay try",
     )
     ceiling: float = _setting(
-        DEFAULT_CEILING,
-        "greatest amplitude; a profile that asks for more is scaled down as a whole",
-        unit="of full drive",
-        span=(0, 1),
-        flag="--ceiling",
-        verbs="feel loopback receive replay try",
-    )
+        DEFAULT_CEILING, "greatest amplitude; a profile that asks for more is scaled down as a whole",
+        unit="of full drive", span=(0, 1), flag="--ceiling", verbs="feel loopback receive replay try",
+    )  # fmt: skip
     output_level: float = _setting(1.0, "volume below the ceiling", unit="of the profile's amplitude", span=(0, 1))
     muted: bool = _setting(False, "start muted, until armed")
 
@@ -234,14 +220,10 @@ class Output:
     """Where the vibration goes."""
 
     actuator: str = _setting(
-        "jack",
-        "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
-        choices=("jack", "portaudio", "gamepad", "file", "none"),
-        group=ACTUATORS,
-        flag="--actuator",
-        verbs="answer call devices loopback receive try",
-        device="output.device",
-    )
+        "jack", "device that drives the actuator, the motors of a gamepad, a WAV file, or nothing",
+        choices=("jack", "portaudio", "gamepad", "file", "none"), group=ACTUATORS, flag="--actuator",
+        verbs="answer call devices loopback receive try", device="output.device",
+    )  # fmt: skip
     device: str = _setting(
         "", "PortAudio device (name or number), gamepad (name), or the WAV file to write; empty: the default"
     )
@@ -276,7 +258,7 @@ class Process:
         "",
         "name of this run for `status`, `stop`, `mute` and `arm`; empty: the verb",
         flag="--name",
-        verbs="answer call demo latency loopback play receive send try",
+        verbs="answer call feel latency loopback play receive replay send try",
     )
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
@@ -300,6 +282,10 @@ class Page:
         flag="--lan",
         verbs="demo feel play receive replay send try",
     )
+    open: bool = _setting(
+        False, "open the page in this machine's browser, besides printing its address", flag="--open",
+        verbs="demo play try",
+    )  # fmt: skip
     https: bool = _setting(
         False,
         "serve the page encrypted, with the certificate of `tactophone pair init`; a phone needs it for sound and "

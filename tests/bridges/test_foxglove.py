@@ -13,7 +13,7 @@ import pytest
 
 from tactophone.bridges.connections import TIMEOUT
 from tactophone.bridges.foxglove import LAYOUT, PROTOCOLS, FoxgloveBridge
-from tactophone.bridges.topics import TOPICS
+from tactophone.bridges.log_topics import TOPICS
 from tactophone.errors import ConfigError
 from tactophone.runtime.recorder import SessionRecorder
 from tactophone.settings import Settings

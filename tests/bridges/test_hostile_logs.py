@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import soundfile
 
+from tactophone.bridges.log_topics import CONTROLS, PACKETS, RUN
 from tactophone.bridges.mcap import FORMAT, LARGEST_CHUNK, MAGIC, read_log
-from tactophone.bridges.topics import CONTROLS, PACKETS, RUN
 from tactophone.cli import main
 from tactophone.errors import TactophoneError
 from tactophone.offline.replay import Replay

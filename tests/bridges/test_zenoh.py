@@ -17,9 +17,9 @@ pytest.importorskip("rosbags")
 import zenoh
 from zenoh import ext
 
-from tactophone.bridges import ros_messages as messages
+from tactophone.bridges import ros_topics as messages
 from tactophone.bridges.ros import RosBridge
-from tactophone.bridges.ros_messages import open_type_store
+from tactophone.bridges.ros_topics import open_type_store
 from tactophone.errors import ConfigError
 from tactophone.telemetry.writer import Telemetry
 from tests.bridges.test_osc import STEP

@@ -4,24 +4,27 @@ robot 10.1.0.2 - its router - 10.9.0.0/24, where the servers are at 10.9.0.10 - 
 """
 
 import contextlib
+import functools
 import itertools
-import json
 import os
-import select
 import shutil
+import signal
 import subprocess
-import sys
+import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import pytest
 
+from .end import End, Ends, enter_network
+
 Nat: TypeAlias = Literal["keeps", "changes", "open"]
 
+PLACES = ("rob", "natrob", "net", "natope", "ope")
 SERVERS, SECOND, SERVERS6 = "10.9.0.10", "10.9.0.11", "fd09::10"
 USER = "u:p"
-TIMEOUT = 25.0
 SOURCES = Path(__file__).parents[2]
 
 needs_namespaces = pytest.mark.skipif(
@@ -29,22 +32,25 @@ needs_namespaces = pytest.mark.skipif(
     reason="network namespaces need root and Debian's iproute2, nftables and coturn",
 )
 
-SERVED = """
-from twisted.internet import reactor
-from wormhole_mailbox_server.server import make_server
-from wormhole_mailbox_server.database import create_channel_db
-from wormhole_mailbox_server.web import make_web_server
-site = make_web_server(make_server(create_channel_db(":memory:")), log_requests=False)
-reactor.listenTCP(4000, site, interface="::")
-reactor.run()
-"""
-
 
 def run(command: str) -> None:
     subprocess.run(command.split(), check=True, capture_output=True)
 
 
+def batch(namespace: str, *commands: str) -> None:
+    """Run commands of `ip` in a namespace."""
+    lines = "\n".join(commands)
+    done = subprocess.run(["ip", "-n", namespace, "-batch", "-"], input=lines, text=True, capture_output=True)
+    assert done.returncode == 0, f"{lines}\n{done.stderr}"
+
+
 _numbers = itertools.count()
+
+
+@functools.cache
+def ends() -> Ends:
+    """Return the process that forks ends and mailboxes; it ends with this one."""
+    return Ends().__enter__()
 
 
 class Networks:
@@ -61,7 +67,7 @@ class Networks:
         with contextlib.ExitStack() as stack:
             stack.callback(self.__exit__)
             self._build()
-            self.start("net", sys.executable, "-c", SERVED)
+            ends().start(self._prefix + "net", "mailbox")
             if self._relay:
                 self.relay = self.start_relay()
             self._await_servers()
@@ -72,11 +78,14 @@ class Networks:
         for process in self._processes:
             process.kill()
             process.wait()
-        for name in ("rob", "natrob", "net", "natope", "ope"):
+        for name in PLACES:
+            for pid in self.pids(name):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
             subprocess.run(["ip", "netns", "del", self._prefix + name], capture_output=True)
 
     def start(self, place: str, *command: str, **options: Any) -> "subprocess.Popen[str]":
-        environment = {**os.environ, "PYTHONPATH": f"{SOURCES / 'src'}:{SOURCES}"}
+        environment = options.pop("env", {**os.environ, "PYTHONPATH": f"{SOURCES / 'src'}:{SOURCES}"})
         process = subprocess.Popen(
             ["ip", "netns", "exec", self._prefix + place, *command],
             text=True, bufsize=1, env=environment, stdout=options.pop("stdout", subprocess.DEVNULL),
@@ -98,8 +107,7 @@ class Networks:
     def end(self, place: str, *words: str) -> "End":
         """Start one end of a call (`tests.call.end`) in a home."""
         first = next((place for place, word in enumerate(words) if word.startswith("--")), len(words))
-        command = [sys.executable, "-m", "tests.call.end", *words[:first], *self.settings(), *words[first:]]
-        return End(self.start(place, *command, stdout=subprocess.PIPE, stderr=None))
+        return ends().start(self._prefix + place, *words[:first], *self.settings(), *words[first:])
 
     def settings(self) -> list[str]:
         mailbox = f"ws://[{SERVERS6}]:4000/v1" if self._ipv6 else f"ws://{SERVERS}:4000/v1"
@@ -108,6 +116,36 @@ class Networks:
             word for each in (f"call.mailbox={mailbox}", f"call.stun={SERVERS}", *relay) for word in ("--set", each)
         ]
 
+    def pids(self, place: str) -> list[int]:
+        found = subprocess.run(
+            ["ip", "netns", "pids", self._prefix + place], capture_output=True, text=True, check=False
+        )
+        return [int(each) for each in found.stdout.split()]
+
+    def namespace(self, place: str) -> str:
+        return self._prefix + place
+
+    @contextlib.contextmanager
+    def entered(self, place: str) -> Iterator[None]:
+        """Let this thread open its sockets at a place meanwhile."""
+        before = os.open(f"/proc/self/task/{threading.get_native_id()}/ns/net", os.O_RDONLY)
+        enter_network(f"/run/netns/{self._prefix}{place}")
+        try:
+            yield
+        finally:
+            enter_network(f"/proc/self/fd/{before}")
+            os.close(before)
+
+    def udp_ports(self, place: str) -> set[int]:
+        """Return the ports of the UDP sockets at a place."""
+        shown = subprocess.run(
+            ["ip", "netns", "exec", self._prefix + place, "ss", "-Hnua"], capture_output=True, text=True
+        )
+        return {int(line.split()[3].rpartition(":")[2]) for line in shown.stdout.splitlines()}
+
+    def ip(self, place: str, *commands: str) -> None:
+        batch(self._prefix + place, *commands)
+
     def nft(self, place: str, rules: str) -> None:
         subprocess.run(
             ["ip", "netns", "exec", self._prefix + place, "nft", "-f", "-"], input=rules, text=True, check=True
@@ -115,43 +153,41 @@ class Networks:
 
     def _build(self) -> None:
         p = self._prefix
-        for name in ("rob", "natrob", "net", "natope", "ope"):
-            subprocess.run(["ip", "netns", "del", p + name], capture_output=True)
+        for name in PLACES:
             run(f"ip netns add {p}{name}")
-            run(f"ip -n {p}{name} link set lo up")
-        run(f"ip -n {p}net link add br0 type bridge")
-        run(f"ip -n {p}net link set br0 up")
-        self._address("net", "br0", f"{SERVERS}/24", f"{SECOND}/24", f"{SERVERS6}/64")
+            batch(p + name, "link set lo up")
+        addresses = [f"addr add {each} dev br0" for each in (f"{SERVERS}/24", f"{SECOND}/24", f"{SERVERS6}/64 nodad")]
         # Without a route, coturn ends the session of whoever names a private address.
-        run(f"ip -n {p}net route add default via 10.9.0.254")
+        route = "route add default via 10.9.0.254"
+        batch(f"{p}net", "link add br0 type bridge", "link set br0 up", *addresses, route)
+        self._routes: list[tuple[str, str]] = []
         for number, place in enumerate(("rob", "ope"), 1):
             self._home(number, place)
+        for place, route in self._routes:
+            self.ip(place, route)
 
     def _home(self, number: int, place: str) -> None:
         p, router = self._prefix, f"nat{place}"
         # The name of one end only: the other one appears in its namespace.
-        run(f"ip -n {p}{place} link add eth0 type veth peer name lan netns {p}{router}")
-        run(f"ip -n {p}{router} link add wan type veth peer name {place}0 netns {p}net")
-        run(f"ip -n {p}net link set {place}0 master br0 up")
-        for where, link in ((place, "eth0"), (router, "lan"), (router, "wan")):
-            run(f"ip -n {p}{where} link set {link} up")
+        batch(p + place, f"link add eth0 type veth peer name lan netns {p}{router}", "link set eth0 up")
+        up = [f"link add wan type veth peer name {place}0 netns {p}net", "link set lan up", "link set wan up"]
+        batch(p + router, *up)
+        batch(f"{p}net", f"link set {place}0 master br0 up")
         if self._ipv6:
-            self._address(place, "eth0", f"fd0{number}::2/64")
-            self._address(router, "lan", f"fd0{number}::1/64")
-            self._address(router, "wan", f"fd09::{number}/64")
-            run(f"ip -n {p}{place} -6 route add default via fd0{number}::1")
-            run(f"ip -n {p}net -6 route add fd0{number}::/64 via fd09::{number}")
-            run(f"ip -n {p}{router} -6 route add fd0{3 - number}::/64 via fd09::{3 - number}")
+            own = [f"addr add fd0{number}::2/64 dev eth0 nodad", f"route add default via fd0{number}::1"]
+            between = [f"addr add fd0{number}::1/64 dev lan nodad", f"addr add fd09::{number}/64 dev wan nodad"]
             run(f"ip netns exec {p}{router} sysctl -qw net.ipv6.conf.all.forwarding=1")
+            batch(p + router, *between, f"route add fd0{3 - number}::/64 via fd09::{3 - number}")
+            batch(p + place, *own)
+            batch(f"{p}net", f"route add fd0{number}::/64 via fd09::{number}")
             return
-        self._address(place, "eth0", f"10.{number}.0.2/24")
-        self._address(router, "lan", f"10.{number}.0.1/24")
-        self._address(router, "wan", f"10.9.0.{number}/24")
-        run(f"ip -n {p}{place} route add default via 10.{number}.0.1")
+        batch(p + router, f"addr add 10.{number}.0.1/24 dev lan", f"addr add 10.9.0.{number}/24 dev wan")
+        batch(p + place, f"addr add 10.{number}.0.2/24 dev eth0", f"route add default via 10.{number}.0.1")
         run(f"ip netns exec {p}{router} sysctl -qw net.ipv4.ip_forward=1")
         if self._nats[place] == "open":
-            run(f"ip -n {p}net route add 10.{number}.0.0/24 via 10.9.0.{number}")
-            run(f"ip -n {p}nat{'ope' if place == 'rob' else 'rob'} route add 10.{number}.0.0/24 via 10.9.0.{number}")
+            route = f"route add 10.{number}.0.0/24 via 10.9.0.{number}"
+            batch(f"{p}net", route)
+            self._routes.append((f"nat{'ope' if place == 'rob' else 'rob'}", route))
             return
         # A router that takes unasked packets for its own learns them, and maps the next one to another port: dropped.
         ports = "fully-random" if self._nats[place] == "changes" else ""
@@ -180,11 +216,6 @@ table ip filter {{
             for name in ("udp_timeout", "udp_timeout_stream"):
                 run(f"ip netns exec {p}{router} sysctl -qw net.netfilter.nf_conntrack_{name}={self._forget}")
 
-    def _address(self, place: str, link: str, *addresses: str) -> None:
-        for address in addresses:
-            nodad = " nodad" if ":" in address else ""
-            run(f"ip -n {self._prefix}{place} addr add {address} dev {link}{nodad}")
-
     def _await_servers(self) -> None:
         for port in (4000, *((3478,) if self._relay else ())):
             for _ in range(200):
@@ -195,21 +226,3 @@ table ip filter {{
                 if listening.stdout:
                     break
                 time.sleep(0.05)
-
-
-class End:
-    """One end of a call, which prints an object for each thing that happens."""
-
-    def __init__(self, process: "subprocess.Popen[str]") -> None:
-        self.process = process
-
-    def next(self, kind: str) -> Any:
-        """Return the content of the next line, which is of that kind."""
-        assert self.process.stdout is not None
-        # A line comes whole, and none is buffered here: each is read when it is there.
-        ready = select.select([self.process.stdout], [], [], TIMEOUT)[0]
-        line = self.process.stdout.readline() if ready else ""
-        assert line, f"wanted {kind}, but nothing came within {TIMEOUT:g} s"
-        found, content = json.loads(line)
-        assert found == kind, (found, content)
-        return content

@@ -6,7 +6,8 @@ import pytest
 
 from tactophone.benchmark.paper_tables import IN_CONTACT, TWO_COLUMNS, TableRow
 from tactophone.cli import main
-from tactophone.cli.benchmark import print_rows
+from tactophone.cli.benchmark import paper_parts
+from tactophone.cli.output import show
 from tactophone.dataset.metadata import write_metadata
 from tactophone.evaluation.bootstrap import Estimate
 from tests.surfaces import surfaces
@@ -57,7 +58,7 @@ def test_the_papers_tables_show_whole_figures_in_80_characters(
     score = Estimate(0.723, 0.614, 1.0)
     shares = {**dict.fromkeys(TWO_COLUMNS, score), IN_CONTACT: Estimate(0.642, math.nan, math.nan)}
     rows = [TableRow("paper/fine-tuned (knows a rough stone's kin)", shares)]
-    print_rows("Table II", rows, as_json=False)
+    show(rows, paper_parts("Table II", rows), as_json=False)
     shown = capsys.readouterr().out
     assert shown.count("0.723") == shown.count(".61-1.00") == len(TWO_COLUMNS)
     assert shown.count("0.642") == 1

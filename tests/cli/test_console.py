@@ -1,10 +1,12 @@
 import time
 
+import numpy as np
 import pytest
 
 from tactophone.cli.console import _ConsoleView
 from tactophone.telemetry.layout import Fault, State
 from tactophone.telemetry.writer import Telemetry
+from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 
 
 def test_the_terminal_says_why_there_is_no_link_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -19,3 +21,19 @@ def test_the_terminal_says_why_there_is_no_link_once(capsys: pytest.CaptureFixtu
             telemetry.update(state, now=time.monotonic())
             view.update()
     assert capsys.readouterr().err.splitlines() == [f"! {refused.text}", "calling"]
+
+
+def test_the_line_shows_the_last_seconds_of_vibration_by_height_and_class() -> None:
+    block = AudioBlock(np.zeros((480, 2), np.float32), 48_000)
+    with Telemetry("test-strip") as telemetry:
+        view = _ConsoleView("test-strip")
+        for touch, amplitude in ((Touch.SMOOTH, 0.05), (Touch.ROUGH, 0.5), (Touch.NONE, 0.0)):
+            predicted = Prediction((0.0, 0.5, 0.5), touch, 0.5, -30.0, start=0.0, end=0.01)
+            command = HapticCommand(amplitude, 60.0, 0.01)
+            telemetry.publish(PipelineStep(block, (predicted,), (command,)), now=time.monotonic())
+            telemetry.update(State(role="operator"), now=time.monotonic())
+            view.update()
+        strip, figures = view.line().split("\n")
+    assert (strip.plain[-3:], len(strip)) == ("▂█·", 60)
+    assert [span.style for span in strip.spans[-3:]] == ["blue", "red", "dim"]
+    assert figures.plain.startswith("contact")

@@ -1,10 +1,15 @@
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import soundfile
 
 from tactophone.cli import main
+from tactophone.dataset.read import ground_truth
+from tactophone.telemetry.records import read_timeline
+from tactophone.types import Touch
 from tests.dataset.folders import write_sound
 
 pytestmark = pytest.mark.realtime
@@ -22,6 +27,22 @@ def test_the_demo_crosses_a_bad_network_and_writes_picture_sound_and_scores(
     assert report["counters"]["handshakes"] >= 1
     assert report["counters"]["packets_lost"] > 0
     assert report["touch_to_vibration"] < 0.05
+    _feel_agrees(report, tmp_path, capsys)
+
+
+def _feel_agrees(demo: dict[str, Any], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The recording of the demonstration, felt, is what was felt in it: two strokes, and nothing after them."""
+    assert main(["feel", demo["microphones"], "--events", "--json", "--out", str(folder)]) == 0
+    felt = json.loads(capsys.readouterr().out)[0]
+    live, offline = (read_timeline(Path(path)) for path in (demo["timeline"], felt["files"]["timeline"]))
+    assert felt["contact"] == pytest.approx((live["touch"] != Touch.NONE).mean(), abs=0.03)
+    assert felt["events"] == {"contact": 2, "tap": 2, "stroke": 2, "lift-off": 2}
+    truth = ground_truth(Path(demo["microphones"]), duration=felt["duration"])
+    after = np.ones(len(offline["time"]), bool)
+    for segment in truth:
+        if segment.contact:
+            after &= (offline["time"] < segment.start) | (offline["time"] > segment.end + 0.3)
+    assert not offline["amplitude"][after].any()
 
 
 def test_a_recording_may_replace_the_finger(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,11 @@
+import io
 import json
+import re
+from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 
 from tactophone.cli import main
 from tactophone.devices.dummy import DummyServer
@@ -21,3 +26,41 @@ def test_a_server_with_two_inputs_looks_right(jack_server: DummyServer, capsys: 
 def test_a_missing_server_says_how_to_start_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["devices", "--set", "process.jack_server=tactophone-none"]) == 0
     assert "jackd -R -d alsa" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("felt_from", "code", "advice"),
+    [
+        ({60: -20, 120: -25}, 0, "You will feel both"),
+        ({60: -10, 120: -15}, 1, "up by 10 dB"),
+        ({}, 1, "check cable, port"),
+    ],
+)
+def test_bursts_grow_until_they_are_felt_and_stay_under_the_ceiling(
+    felt_from: dict[int, int],
+    code: int,
+    advice: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def answer(question: str) -> str:
+        found = re.match(r" *(\d+) Hz, +(-?\d+) dB", question)
+        return "y" if found and int(found[2]) >= felt_from.get(int(found[1]), 1) else ""
+
+    monkeypatch.setattr("builtins.input", answer)
+    monkeypatch.setattr("tactophone.cli.devices.BURST", 0.1)
+    path = tmp_path / "felt.wav"
+    words = ["--actuator", f"file:{path}", "--set", "rendering.ceiling=0.3"]
+    assert main(["devices", "feel", *words]) == code
+    assert advice in capsys.readouterr().out
+    assert 0.3 * 10 ** (-21 / 20) < np.abs(soundfile.read(path)[0]).max() <= np.float32(0.3)
+
+
+def test_without_a_terminal_no_burst_is_played(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["devices", "feel", "--actuator", f"file:{tmp_path / 'felt.wav'}"]) == 1
+    assert "run it on a terminal" in capsys.readouterr().err
+    assert not (tmp_path / "felt.wav").exists()

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import soundfile
 
 from tactophone.cli import main
 
@@ -50,3 +51,16 @@ def test_a_folder_for_results_that_cannot_be_made_is_named(
     out = [str(tmp_path / "file")] if verb == "simulate competition" else ["--out", str(tmp_path / "file")]
     assert main([*verb.split(), *(["a.wav"] if verb == "feel" else []), *out]) == 1
     assert f"{tmp_path / 'file'}: cannot be made (File exists); name a folder of your own" in capsys.readouterr().err
+
+
+def test_a_sound_file_on_a_full_disk_is_one_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(_: object) -> int:
+        raise soundfile.LibsndfileError(2, "Error opening 'demo/vibration.wav': ")
+
+    monkeypatch.setattr("tactophone.cli.devices.run", run, raising=False)
+    assert main(["settings"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "demo/vibration.wav" in line
+    assert "is the disk full?" in line

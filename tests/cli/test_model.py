@@ -19,8 +19,9 @@ def test_a_card_is_shown_in_words(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert words in shown
 
 
-def test_tables_of_numbers_are_shown_by_their_size(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["model", "show", "texture"]) == 0
+def test_tables_of_numbers_are_shown_by_their_size(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_tiny_model(tmp_path / "tiny.onnx", settings={"prior": [[[0.0] * 20] * 2] * 2})
+    assert main(["model", "show", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "2 x 2 x 20 numbers" in shown
     assert len(shown.splitlines()) < 80

@@ -36,6 +36,8 @@ def test_a_session_in_virtual_time(tmp_path: Path, capsys: pytest.CaptureFixture
     printed = json.loads(capsys.readouterr().out)
     assert [take["take"] for take in printed["takes"]] == ["long_medium", "wiggle"]
     assert [recording.known("material") for recording in open_dataset(tmp_path).recordings] == ["enamel", "enamel"]
+    written = [path for path in tmp_path.rglob("*") if path.name != "finger.toml"]
+    assert not any(path.stat().st_mode & 0o077 for path in written)
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out)["takes"] == []
 

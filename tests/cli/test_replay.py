@@ -49,7 +49,7 @@ def test_a_ros_bag_holds_sound_predictions_and_commands(log: Path, tmp_path: Pat
         messages = list(reader.messages())
         times = [time for _, time, _ in messages]
         pytest.importorskip("cyclonedds")
-        from tactophone.bridges.ros_messages import open_type_store
+        from tactophone.bridges.ros_topics import open_type_store
 
         store = open_type_store()
         for connection, time, data in messages:

@@ -10,18 +10,14 @@ from tests.dataset.folders import audiofolder
 from tests.dataset.test_heights import STEP, SURFACES, ridges
 
 
-def test_a_map_is_measured_drawn_and_written_into_a_data_set(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_map_is_measured_and_written_into_a_data_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     np.save(tmp_path / "map.npy", ridges())
     data = audiofolder(tmp_path / "data")
-    picture = tmp_path / "map.png"
-    command = ["roughness", str(tmp_path / "map.npy"), "--pixel", str(STEP), "--plot", str(picture)]
+    command = ["roughness", str(tmp_path / "map.npy"), "--pixel", str(STEP)]
     assert main([*command, "--write-metadata", str(data), "--surface", "stone 01"]) == 0
     printed = capsys.readouterr().out
     assert "Ra   2.5" in printed
     assert "Sq   2.8" in printed
-    assert picture.stat().st_size > 10_000
     values = {(take.surface, take.known("ra_um")[:3]) for take in open_dataset(data).recordings}
     assert values == {("stone 00", ""), ("stone 01", "2.5"), ("stone 02", ""), ("stone 03", "")}
 

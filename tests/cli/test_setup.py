@@ -31,7 +31,7 @@ def test_a_faulty_microphone_is_named_and_nothing_is_written(
     assert not path.exists()
 
 
-@pytest.mark.parametrize(("tip", "model"), [("plastic", "stylus"), ("stylus", "stylus"), ("rubber", "texture")])
+@pytest.mark.parametrize(("tip", "model"), [("plastic", "plastic"), ("stylus", "stylus"), ("rubber", "rubber")])
 def test_the_model_to_start_from_is_the_shipped_one_for_the_tip(
     tip: str, model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -56,11 +56,3 @@ def test_a_mistake_is_reported_in_one_line(
 ) -> None:
     assert main(["simulate", "dataset", str(tmp_path), *args]) == 1
     assert message in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_operator_plays_rounds(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["simulate", "operator", "--rounds", "20", "--visits", "1", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert 0 <= summary["success"] <= summary["found"] <= 1
-    assert summary["quartiles"][0] <= summary["duration"] <= summary["quartiles"][1]

@@ -128,6 +128,7 @@ def test_what_is_felt_equals_what_feel_gives_for_the_sound(
     operator = watch(NAME)
     wait(listener, lambda: text(listener, "life") == "waiting", 20)  # for the microphone
     time.sleep(1)
+    assert "Use this microphone" in text(listener, "cause")
     assert text(listener, "faults") == ""  # before the button is pressed, nothing is wrong
     listener.find_element(By.ID, "listen").click()
     seen, rows, count = [operator.snapshot()], [], operator.predictions()[1]

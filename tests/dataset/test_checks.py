@@ -54,7 +54,7 @@ def test_clipping_and_one_dead_channel_are_suspicious_but_usable(tmp_path: Path)
     soundfile.write(tmp_path / "a.wav", sound, SAMPLE_RATE)
     rest, problems = usable(Dataset("d", tmp_path, (Recording(tmp_path / "a.wav", "slate"),)))
     assert {problem.kind: problem.message.split(";")[0] for problem in problems} == {
-        "silent": "channel 1 stays under -90 dBFS",
+        "silent": "channel 2 of 2 stays under -90 dBFS",
         "clipped": "33.25% of its samples lie at full scale",
     }
     assert len(rest.recordings) == 1

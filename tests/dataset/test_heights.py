@@ -96,15 +96,6 @@ def test_every_format_holds_the_same_heights(tmp_path: Path) -> None:
         assert step == (stated and pytest.approx(stated))
 
 
-def test_a_grey_image_spans_the_height_range(tmp_path: Path) -> None:
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    pyplot.imsave(tmp_path / "map.png", ridges(1.0), cmap="gray", vmin=-1, vmax=1)
-    heights, _ = read_heights(tmp_path / "map.png", height_range=8e-6)
-    assert measure_heights(heights, step=STEP).profile.ra == pytest.approx(2 * 4e-6 / math.pi, rel=0.02)
-    with pytest.raises(DatasetError, match="--height-range"):
-        read_heights(tmp_path / "map.png")
-
-
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

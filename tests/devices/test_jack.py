@@ -1,5 +1,7 @@
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 
@@ -140,3 +142,26 @@ def test_a_client_whose_notifications_are_closed_frees_the_server_and_can_join_a
     assert eventually(lambda: client.revive() or client.fault == "")
     client.close()
     assert client.losses == 1
+
+
+STARVED = """
+import sys, threading, time
+from tactophone.devices.jack import JackClient, silent
+
+def compute():
+    while True:
+        sum(range(200_000))
+
+for _ in range(3):
+    threading.Thread(target=compute, daemon=True).start()
+for _ in range(3):
+    client = JackClient("starved", silent, inputs={"in": ""}, outputs={"out": ""}, server=sys.argv[1])
+    client.open()
+    time.sleep(0.1)
+    client.close()
+"""
+
+
+def test_a_client_of_a_starved_interpreter_ends(jack_server: DummyServer) -> None:
+    """libjack cancels the thread of its callback; one that waits for the interpreter would keep its lock for ever."""
+    subprocess.run([sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=False)

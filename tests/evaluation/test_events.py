@@ -15,6 +15,7 @@ from tactophone.evaluation.events import (
     calibration_error,
     contact_delays,
     decided_touches,
+    dips_per_minute,
     edge_delays,
     false_bumps_per_minute,
     join_edges,
@@ -129,3 +130,11 @@ def test_without_segments_the_middle_of_a_touch_is_found_by_the_noise_floor(tmp_
         for middle in (LEAD + HALF / 2, LEAD + 1.5 * HALF):
             place = round(middle * rate)
             assert np.square(sound[place : place + rate // 10, 0]).mean() > 1e-6
+
+
+def test_dips_are_holes_of_rough_within_a_touch_of_a_rough_surface() -> None:
+    share = np.repeat([0.9, 0.1, 0.9, 0.1], [100, 10, 100, 10])
+    take = predicted(share, label=Touch.ROUGH)
+    minutes = (take.time[-1] - take.time[0]) / 60
+    assert dips_per_minute([take], RULE) == pytest.approx(1 / minutes)
+    assert math.isnan(dips_per_minute([predicted(share, label=Touch.SMOOTH)], RULE))

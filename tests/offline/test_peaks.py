@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tactophone.offline.recording import CAPACITY, PeakEnvelope
+from tactophone.offline.vibration_wav import CAPACITY, PeakEnvelope
 from tests.sounds import ODD_SIZES, noise
 
 

@@ -7,7 +7,7 @@ import soundfile
 from tactophone.capture.files import FileSource
 from tactophone.dataset.values import Segment
 from tactophone.offline.plot import draw_recording
-from tactophone.offline.recording import OutputFiles, process_recording
+from tactophone.offline.vibration_wav import OutputFiles, process_recording
 from tactophone.pipeline import open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import noise

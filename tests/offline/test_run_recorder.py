@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactophone.offline.recording import RunRecorder
-from tactophone.telemetry.follower import PredictionLog
+from tactophone.offline.vibration_wav import RunRecorder
+from tactophone.telemetry.prediction_log import PredictionLog
 from tactophone.telemetry.records import read_timeline
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tactophone.dataset.values import Segment
-from tactophone.offline.recording import score_run
+from tactophone.offline.vibration_wav import score_run
 from tactophone.types import Touch
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from tactophone.perception.contact import CLEAR_DB, Contact, ContactGate
 from tactophone.perception.levels import LoudnessRule
-from tactophone.perception.noise_floor import NoiseFloor
+from tactophone.perception.noise_floor import NoiseFloor, measure_floor
 from tactophone.types import AudioBlock
 from tests.sounds import ODD_SIZES, blocks, noise, tone
 
@@ -107,6 +107,15 @@ def test_a_turning_stroke_is_one_touch() -> None:
     samples = stroke(0.3, 0.6)
     samples[round(0.45 * 48_000) : round(0.47 * 48_000)] = 0
     assert all(change.touching for change in changes_in(samples) if 0.31 < change.time < 0.6)
+
+
+def test_the_noise_that_a_threshold_was_measured_in_ends_a_touch() -> None:
+    silence = noise(level_dbfs=-43, duration=3.0, channels=1)
+    threshold = measure_floor([AudioBlock(silence, 48_000)], sample_rate=48_000, rule="banded").threshold_dbfs
+    silence[24_000:48_000] += noise(level_dbfs=-20, duration=0.5, channels=1)
+    found = ContactGate(threshold, sample_rate=48_000, rule="banded", hold=0.1).push(AudioBlock(silence, 48_000))
+    assert [0.9 < change.time < 1.2 for change in found if not change.touching].count(True) > 5
+    assert not any(change.touching for change in found if change.time > 1.2)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e30])

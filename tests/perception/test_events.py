@@ -60,6 +60,15 @@ def test_sliding_brings_strokes_and_no_taps() -> None:
     assert len(times(found, "tap")) <= len(scene.times("stroke"))
 
 
+def test_a_stroke_that_turns_ends_once() -> None:
+    sound = np.random.default_rng(2).normal(0, 1e-4, (3 * 48_000, 1)).astype(np.float32)
+    sound[48_000:110_000] *= 100
+    for turn in (60_000, 80_000, 100_000):
+        sound[turn : turn + 3_600] /= 100
+    kinds = [event.kind for event in events_of(sound) if event.kind != "contact"]
+    assert kinds == ["slip", "lift-off"]
+
+
 def impacts(moments: list[float], sizes: list[float]) -> np.ndarray:
     """Decaying bursts in steady noise."""
     rng = np.random.default_rng(0)

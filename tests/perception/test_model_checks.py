@@ -13,7 +13,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tactophone.errors import ModelError
 from tactophone.perception import model_file as checks
-from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, _session, read_model
+from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, SOUND, _session, read_model
 from tactophone.perception.models import open_detector
 from tactophone.types import AudioBlock
 from tests.models import CARD, write_tiny_model
@@ -34,15 +34,18 @@ def with_nodes(
     nodes: list[onnx.NodeProto],
     weights: list[onnx.TensorProto],
     *,
-    width: Any = (1, 257),
+    width: Any = (1, 1, 512),
     output: str = LOG_PROBABILITIES,
     size: tuple[int, ...] = (1, 3),
 ) -> Path:
     graph = helper.make_graph(
-        nodes,
+        [*nodes, helper.make_node("Flatten", [SOUND], [FEATURES])],
         "hostile",
-        [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, width)],
-        [helper.make_tensor_value_info(output, TensorProto.FLOAT, size)],
+        [helper.make_tensor_value_info(SOUND, TensorProto.FLOAT, width)],
+        [
+            helper.make_tensor_value_info(output, TensorProto.FLOAT, size),
+            helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, None),
+        ],
         weights,
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
@@ -120,7 +123,7 @@ def test_control_flow_is_refused_before_it_runs(tmp_path: Path) -> None:
     steps = numpy_helper.from_array(np.array(2**62, np.int64), "steps")
     true = numpy_helper.from_array(np.array(True), "true")
     nodes = [
-        helper.make_node("ReduceMax", [FEATURES], ["most"], keepdims=1),
+        helper.make_node("ReduceMax", [SOUND], ["most"], axes=[1, 2], keepdims=0),
         helper.make_node("Loop", ["steps", "true", "most"], ["last"], body=body),
         helper.make_node("Add", ["last", "shares"], [LOG_PROBABILITIES]),
     ]
@@ -133,7 +136,7 @@ def test_an_operator_of_any_name_with_a_graph_of_its_own_is_refused(tmp_path: Pa
     value = helper.make_tensor_value_info
     body = helper.make_graph([helper.make_node("Identity", ["v"], ["w"])], "body",
                              [value("v", TensorProto.FLOAT, [1])], [value("w", TensorProto.FLOAT, [1])])  # fmt: skip
-    node = helper.make_node("BeamSearch", [FEATURES], [LOG_PROBABILITIES], domain="com.microsoft", decoder=body)
+    node = helper.make_node("BeamSearch", [SOUND], [LOG_PROBABILITIES], domain="com.microsoft", decoder=body)
     with pytest.raises(ModelError, match="a graph of its own \\(BeamSearch\\)"):
         read_model(with_nodes(tmp_path / "search.onnx", [node], []))
 
@@ -146,7 +149,7 @@ def test_weights_in_another_file_are_refused(tmp_path: Path) -> None:
         for key, entry in (("location", location), ("offset", "0"), ("length", "12")):
             outside.external_data.add(key=key, value=entry)
         graph = helper.make_graph(
-            ADD, "hostile", [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, (1, 257))],
+            ADD, "hostile", [helper.make_tensor_value_info(SOUND, TensorProto.FLOAT, (1, 1, 512))],
             [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, (1, 3))], [outside],
         )  # fmt: skip
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
@@ -178,12 +181,16 @@ def test_functions_are_refused() -> None:
 
 
 ADD = [
-    helper.make_node("ReduceMax", [FEATURES], ["most"], keepdims=1),
+    helper.make_node("ReduceMax", [SOUND], ["most"], axes=[1, 2], keepdims=0),
     helper.make_node("Add", ["most", "shares"], [LOG_PROBABILITIES]),
 ]
 
 
-@pytest.mark.parametrize("width", [(1, 2**40), (), (1, 257, 1), ("windows", "features"), (2, 257), (1, 100)], ids=str)
+@pytest.mark.parametrize(
+    "width",
+    [(1, 1, 2**40), (), (1, 512), ("fingers", "channels", "samples"), (2, 1, 512), (1, 1, 100), (1, 2, 512)],
+    ids=str,
+)
 def test_inputs_of_another_shape_are_refused(width: Any, tmp_path: Path) -> None:
     with pytest.raises(ModelError):
         open_detector(str(with_nodes(tmp_path / "hostile.onnx", ADD, [SHARES], width=width)), sample_rate=48_000)
@@ -193,9 +200,9 @@ def test_outputs_of_another_shape_or_name_are_refused(tmp_path: Path) -> None:
     four = numpy_helper.from_array(np.zeros((1, 4), np.float32), "shares")
     with pytest.raises(ModelError, match=r"\(1, 4\)"):
         read_model(with_nodes(tmp_path / "four.onnx", ADD, [four], size=(1, 4)))
-    nodes = [helper.make_node("Identity", [FEATURES], ["other"])]
+    nodes = [helper.make_node("Identity", [SOUND], ["other"])]
     with pytest.raises(ModelError, match="output must be"):
-        read_model(with_nodes(tmp_path / "named.onnx", nodes, [], output="other", size=(1, 257)))
+        read_model(with_nodes(tmp_path / "named.onnx", nodes, [], output="other", size=(1, 1, 512)))
 
 
 def test_a_network_that_takes_all_memory_is_refused(tmp_path: Path) -> None:
@@ -220,7 +227,7 @@ def test_an_inference_that_takes_too_long_is_ended(
     nodes += [helper.make_node("MatMul", [f"x{k}", "x0"], [f"x{k + 1}"]) for k in range(200)]
     nodes += [
         helper.make_node("ReduceMax", ["x200"], ["top"], keepdims=0),
-        helper.make_node("ReduceMax", [FEATURES], ["most"], keepdims=1),
+        helper.make_node("ReduceMax", [SOUND], ["most"], axes=[1, 2], keepdims=0),
         helper.make_node("Mul", ["most", "top"], ["both"]),
         helper.make_node("Add", ["both", "shares"], [LOG_PROBABILITIES]),
     ]
@@ -285,4 +292,17 @@ def test_a_model_that_is_slow_in_the_run_ends_it_in_words(tmp_path: Path, monkey
     model = read_model(slow_when_touched(tmp_path / "slow.onnx", 1e6))
     monkeypatch.setattr(checks, "SLOWEST", 0.0)
     with pytest.raises(ModelError, match=r"too slow.*--model"):
-        checks.Engine(model.session).run([np.ones(257, np.float32)])
+        checks.Engine(model.session).run(np.ones((1, 1, 512), np.float32), [True], [np.zeros(0)])
+
+
+def test_shapes_that_depend_on_values_are_refused(tmp_path: Path) -> None:
+    nodes = [
+        helper.make_node("Greater", [SOUND, "half"], ["loud"]),
+        helper.make_node("NonZero", ["loud"], ["places"]),
+        helper.make_node("Cast", ["places"], ["numbers"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["numbers"], ["rows"], perm=[1, 0]),
+        helper.make_node("Concat", ["shares", "rows"], [LOG_PROBABILITIES], axis=0),  # a row in silence
+    ]
+    path = with_nodes(tmp_path / "rows.onnx", nodes, [SHARES, numpy_helper.from_array(np.float32(0.5), "half")])
+    with pytest.raises(ModelError, match="depend on the values"):
+        read_model(path)

@@ -44,9 +44,18 @@ def test_an_onnx_model_of_others_is_refused(tmp_path: Path) -> None:
 def test_a_newer_format_is_refused(tmp_path: Path) -> None:
     path = write_tiny_model(tmp_path / "tiny.onnx")
     model = onnx.load(str(path))
-    onnx.helper.set_model_props(model, {CARD_KEY: CARD.to_json().replace('"format": 1', '"format": 2')})
+    onnx.helper.set_model_props(model, {CARD_KEY: CARD.to_json().replace('"format": 2', '"format": 3')})
     onnx.save(model, str(path))
-    with pytest.raises(ModelError, match="format 2"):
+    with pytest.raises(ModelError, match="format 3"):
+        read_model(path)
+
+
+def test_a_model_of_format_1_says_how_to_convert_it(tmp_path: Path) -> None:
+    path = write_tiny_model(tmp_path / "tiny.onnx")
+    model = onnx.load(str(path))
+    onnx.helper.set_model_props(model, {CARD_KEY: CARD.to_json().replace('"format": 2', '"format": 1')})
+    onnx.save(model, str(path))
+    with pytest.raises(ModelError, match=r"of format 1, which lacks the features; .* `tactophone model import "):
         read_model(path)
 
 

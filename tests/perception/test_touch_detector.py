@@ -2,13 +2,15 @@
 
 from collections import Counter
 from collections.abc import Generator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.detector import FADED_DB, FADED_PAUSE, PAUSE, TouchDetector
+from tactophone.perception.decision import DecisionRule
+from tactophone.perception.detector import FADED_DB, FADED_PAUSE, LANDED, PAUSE, TouchDetector
 from tactophone.types import AudioBlock, ContactThreshold, Prediction, Touch
 
 RATE, HOP = 8000, 80
@@ -19,8 +21,10 @@ class Scripted:
 
     name, hop, latency, bandwidth, floor = "scripted", 0.01, 0.0, 4000.0, None
 
-    def __init__(self, touches: list[Touch], level_dbfs: float = -20.0) -> None:
-        self._touches, self._level_dbfs, self._done = touches, level_dbfs, 0
+    card = SimpleNamespace(decision=DecisionRule())
+
+    def __init__(self, touches: list[Touch], level_dbfs: float = -20.0, smooth: float = 0.5) -> None:
+        self._touches, self._level_dbfs, self._smooth, self._done = touches, level_dbfs, smooth, 0
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(-40.0), 0.0
 
@@ -34,7 +38,8 @@ class Scripted:
 
     def _predict(self, number: int) -> Prediction:
         touch, end = self._touches[number], (number + 1) * self.hop
-        return Prediction((0.0, 0.5, 0.5), touch, 0.8 * touch / 2, self._level_dbfs, end - 0.032, end)
+        share = self._smooth if touch is Touch.SMOOTH else 0.5
+        return Prediction((0.0, share, 1 - share), touch, 0.8 * touch / 2, self._level_dbfs, end - 0.032, end)
 
     def flush(self) -> list[Prediction]:
         return []
@@ -91,3 +96,28 @@ def test_a_touch_begins_smooth_whatever_the_last_one_was() -> None:
     detector = TouchDetector(Scripted(touches), ContactGate(-40, sample_rate=RATE, rule="banded"), window=0.032)
     found = detector.push(AudioBlock(sound, RATE))
     assert {each.touch for each in found if each.end > 0.21} == {Touch.SMOOTH}
+
+
+@pytest.mark.parametrize(
+    ("rough", "smooth", "share", "remains"),
+    [(60, 3, 0.6, True), (60, 3, 0.99, False), (60, 20, 0.6, False), (6, 3, 0.6, False)],
+)
+def test_rough_stands_until_smooth_is_evident_and_the_sooner_the_shorter_it_was(
+    rough: int, smooth: int, share: float, remains: bool
+) -> None:
+    touches = [Touch.ROUGH] * rough + [Touch.SMOOTH] * smooth + [Touch.ROUGH] * 5
+    sound = 0.1 * np.random.default_rng(0).standard_normal((len(touches) * HOP, 1)).astype(np.float32)
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded")
+    found = TouchDetector(Scripted(touches, smooth=share), gate, window=0.032).push(AudioBlock(sound, RATE))
+    later = {each.touch for each in found if each.end > 0.055}
+    assert later == ({Touch.ROUGH} if remains else {Touch.ROUGH, Touch.SMOOTH})
+
+
+def test_a_landing_is_not_rough() -> None:
+    sound = 0.1 * np.random.default_rng(0).standard_normal((20 * HOP, 1)).astype(np.float32)
+    gate = ContactGate(-40, sample_rate=RATE, rule="banded")
+    found = TouchDetector(Scripted([Touch.ROUGH] * 20), gate, window=0.032).push(AudioBlock(sound, RATE))
+    begin = next(each.end for each in found if each.touch is not Touch.NONE)
+    early = {each.touch for each in found if begin <= each.end < begin + LANDED - 0.001}
+    assert early == {Touch.SMOOTH}
+    assert found[-1].touch is Touch.ROUGH

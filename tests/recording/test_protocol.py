@@ -1,14 +1,15 @@
 import numpy as np
 import pytest
 
-from tactophone.recording.protocol import PROTOCOL, Key, Protocol, Stage
+from tactophone.recording.protocol import Key, Protocol, Stage
+from tactophone.simulation.takes import TAKES
 from tactophone.types import AudioBlock
 
 RATE = 1000
 
 
 def protocol(**options: object) -> Protocol:
-    return Protocol(PROTOCOL, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options})
+    return Protocol(TAKES, **{"sample_rate": RATE, "duration": 2.0, "countdown": 0.5, **options})
 
 
 def feed(machine: Protocol, seconds: float, size: int = 100) -> int:
@@ -20,10 +21,10 @@ def feed(machine: Protocol, seconds: float, size: int = 100) -> int:
 
 
 def test_the_paper_has_seven_takes() -> None:
-    assert [take.name for take in PROTOCOL] == [
+    assert [take.name for take in TAKES] == [
         "long_light", "long_medium", "long_loud", "short_light", "short_medium", "short_loud", "wiggle",
     ]  # fmt: skip
-    assert all(take.instruction for take in PROTOCOL)
+    assert all(take.instruction for take in TAKES)
 
 
 @pytest.mark.parametrize("size", [1, 17, 480, 5000])
@@ -40,7 +41,7 @@ def test_a_take_is_counted_down_recorded_to_the_sample_and_reviewed(size: int) -
 
 def test_all_takes_lead_to_the_end() -> None:
     machine = protocol()
-    for _ in PROTOCOL:
+    for _ in TAKES:
         machine.press(Key.GO)
         assert feed(machine, 2.6) == 2 * RATE
         machine.press(Key.GO)
@@ -83,7 +84,7 @@ def test_keys_that_make_no_sense_do_nothing() -> None:
 
 def test_finished_takes_are_skipped() -> None:
     assert protocol(done=("long_light", "wiggle")).take.name == "long_medium"
-    everything = protocol(done=[take.name for take in PROTOCOL])
+    everything = protocol(done=[take.name for take in TAKES])
     assert everything.stage is Stage.DONE
 
 

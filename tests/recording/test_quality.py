@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tactophone.perception.health import FaultKind, Reference, SensorFault
-from tactophone.recording.protocol import PROTOCOL
 from tactophone.recording.quality import TakeLevels, TakeMeter, assess_take
+from tactophone.simulation.takes import TAKES
 from tactophone.types import AudioBlock
 
-LIGHT, MEDIUM = PROTOCOL[:2]
+LIGHT, MEDIUM = TAKES[:2]
 GOOD = TakeLevels(30.0, contact=0.6, clipped=0.0, level_dbfs=-15.0)
 
 
@@ -36,7 +36,7 @@ def test_each_complaint_says_what_was_found(levels: TakeLevels, words: str) -> N
 
 def test_pressure_is_compared_with_the_same_stroke_only() -> None:
     assert assess_take(LIGHT, GOOD, {"long_medium": -10.0, "short_light": -10.0}, duration=30).good
-    assert assess_take(PROTOCOL[-1], GOOD, {take.name: 0.0 for take in PROTOCOL}, duration=30).good
+    assert assess_take(TAKES[-1], GOOD, {take.name: 0.0 for take in TAKES}, duration=30).good
 
 
 def test_the_meter_measures_contact_level_and_clipping() -> None:

@@ -7,7 +7,7 @@ from tactophone.dataset.checks import check
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Dataset
 from tactophone.perception.health import Reference
-from tactophone.recording.protocol import PROTOCOL, Key, Stage
+from tactophone.recording.protocol import Key, Stage
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.faults import FaultSpan, FaultySource
@@ -19,7 +19,7 @@ SECONDS = 6.0
 
 
 def plan(root: Path, takes: int = 2) -> SessionPlan:
-    return SessionPlan(root, Reference(threshold_dbfs=-42.0), takes=PROTOCOL[:takes], duration=SECONDS, countdown=0.5)
+    return SessionPlan(root, Reference(threshold_dbfs=-42.0), takes=TAKES[:takes], duration=SECONDS, countdown=0.5)
 
 
 def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: str = "") -> Recorder:
@@ -30,7 +30,7 @@ def session(root: Path, takes: int = 2, *, known: Dataset | None = None, fault: 
     blocks = iter(source)
     while recorder.protocol.stage is not Stage.DONE:
         if recorder.protocol.stage is Stage.READY:
-            participant.take(TAKES[PROTOCOL.index(recorder.protocol.take)], SECONDS + 0.5)
+            participant.take(TAKES[TAKES.index(recorder.protocol.take)], SECONDS + 0.5)
         if recorder.protocol.stage in (Stage.READY, Stage.REVIEW):
             recorder.press(Key.GO)
         recorder.push(next(blocks))

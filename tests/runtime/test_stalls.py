@@ -19,6 +19,7 @@ from tactophone.link.codec import Codec
 from tactophone.link.events import Connected
 from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import SendGroup
+from tactophone.link.session import RECALL_AFTER
 from tactophone.link.stream import STALENESS, DecodedAudio
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine
@@ -39,12 +40,13 @@ TICK = 0.0025
 class World:
     """A robot that plays a source, a link and an operator; each of them stands still during its own stalls.
 
-    Datagrams wait where a real system keeps them: on the link, or in the receiver's socket.
+    Datagrams wait where a real system keeps them: on the link, or in the receiver's socket. A machine ``asleep`` during
+    its stalls receives nothing, and its monotonic clock stands still too.
     """
 
-    def __init__(self, stalls: dict[str, tuple[tuple[float, float], ...]]) -> None:
+    def __init__(self, stalls: dict[str, tuple[tuple[float, float], ...]], *, asleep: str = "") -> None:
         self.now = 0.0
-        self.stalls = stalls
+        self.stalls, self.asleep = stalls, asleep
         self.robot: SendGroup
         self.robot, self.operator = paired_sessions(Codec("pcm16", channels=1, packet_size=240))
         self.to_operator: list[tuple[bytes, tuple[str, int]]] = []
@@ -58,6 +60,10 @@ class World:
     def stalled(self, part: str) -> bool:
         return any(start <= self.now < end for start, end in self.stalls.get(part, ()))
 
+    def clock(self, part: str) -> float:
+        spans = self.stalls[part] if part == self.asleep else ()
+        return self.now - sum(max(0.0, min(self.now, end) - start) for start, end in spans)
+
     def sleep(self, duration: float) -> None:
         """Let the world go on while the robot's sound thread sleeps; it wakes no earlier than its own stall ends."""
         until = self.now + duration
@@ -68,23 +74,26 @@ class World:
     def step(self) -> None:
         if not self.stalled("robot"):
             if not self.stalled("link"):
-                self.robot.receive(self.to_robot, now=self.now)
+                self.robot.receive(self.to_robot, now=self.clock("robot"))
                 self.to_robot = []
-            self.robot.poll(self.now)
+            self.robot.poll(self.clock("robot"))
             self.to_operator += [(datagram, ROBOT_ADDRESS) for datagram, _ in self.robot.members[0].session.outgoing()]
         if not (self.stalled("link") or self.stalled("operator")):
-            events = [*self.operator.receive(self.to_operator, now=self.now), *self.operator.poll(self.now)]
+            now = self.clock("operator")
+            events = [*self.operator.receive(self.to_operator, now=now), *self.operator.poll(now)]
             self.to_operator = []
             self.connections += sum(isinstance(event, Connected) for event in events)
             self.decoded += [(self.now, event) for event in events if isinstance(event, DecodedAudio)]
             self.to_robot += [(datagram, OPERATOR_ADDRESS) for datagram, _ in self.operator.outgoing()]
             if self.pulling and self.now >= self.next_pull:
                 self.pull()
+        if self.asleep and self.stalled(self.asleep):
+            self.to_operator, self.to_robot = [], []
 
     def pull(self) -> None:
         """Render a block, and note the seconds of sound that then wait; a device that was late leaves blocks out."""
         self.next_pull = max(self.next_pull + BLOCK / LIVE_SAMPLE_RATE, self.now)
-        self.operator.pull(BLOCK, now=self.now)
+        self.operator.pull(BLOCK, now=self.clock("operator"))
         playout = self.operator.playout
         if playout is not None and playout._position is not None:
             newest = max((waiting.end for waiting in playout._waiting.values()), default=playout._position)
@@ -95,7 +104,7 @@ class World:
             self.sleep(TICK)
         # Only now, as a recording is held back until the operator is there.
         self.began = self.now
-        for block in paced(source(duration), skip=True, clock=lambda: self.now, sleep=self.sleep):
+        for block in paced(source(duration), skip=True, clock=lambda: self.clock("robot"), sleep=self.sleep):
             self.robot.push(block)
             self.step()
             if self.now > self.began + duration:
@@ -135,6 +144,20 @@ def test_the_stream_goes_on_after_a_stall_in_which_the_robot_called_again(part: 
     starts = [audio.block.start for _, audio in world.decoded]
     assert starts == sorted(starts)
     assert starts[-1] / LIVE_SAMPLE_RATE == pytest.approx(3.0 + duration, abs=0.1)
+
+
+@pytest.mark.parametrize("part", ["robot", "operator"])
+@pytest.mark.parametrize("duration", [0.3, 3.0, 10.0])
+def test_sound_is_fresh_again_soon_after_a_machine_slept(part: str, duration: float) -> None:
+    end = 1.5 + duration
+    world = World({part: ((1.5, end),)}, asleep=part)
+    world.run(end + 4.0)
+    # The other end may have hung up, which this one finds out when nobody answers for a second.
+    recovered = end + RECALL_AFTER + RECOVERY
+    fresh = [now for now, audio in world.decoded if not audio.stale and now > recovered]
+    assert stale_after(world, recovered) == []
+    assert fresh[0] < recovered + 0.03
+    assert np.diff(fresh).max() < 0.03
 
 
 def test_times_go_on_after_a_stall_that_ended_the_session() -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from tactophone.errors import DeviceError, TactophoneError
-from tactophone.runtime.supervisor import ProcessInfo, Supervisor, supervised
+from tactophone.runtime.supervisor import END_TIMEOUT, ProcessInfo, Supervisor, supervised
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import State
 from tactophone.telemetry.watcher import Watcher
@@ -129,6 +129,46 @@ def test_a_start_without_progress_names_what_it_was_doing(name: str, monkeypatch
         Supervisor(start_never, Settings(), name=name),
     ):
         pass
+
+
+def start_deaf(settings: Settings, info: ProcessInfo) -> None:
+    """Run at first; a successor heeds SIGTERM only once it has started, which takes it a minute."""
+    if info.restarts == 0:
+        live(settings, info, stall_after=30)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    info.progress("starting")
+    time.sleep(60.0)
+
+
+def test_a_run_ends_at_once_while_a_successor_starts(name: str) -> None:
+    with Supervisor(start_deaf, Settings(), name=name) as supervisor:
+        first = supervisor.pid
+        assert eventually(lambda: supervisor.pid != first)
+        time.sleep(1.0)
+        began = time.monotonic()
+    assert time.monotonic() - began < END_TIMEOUT / 2
+    assert not os.path.exists(f"/proc/{supervisor.pid}")
+
+
+def test_sigterm_during_the_start_leaves_no_process_behind(name: str) -> None:
+    side = Supervisor(start_slowly, Settings(), name=name)
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    with pytest.raises(SystemExit), supervised(side):
+        pytest.fail("it has started")
+    assert not os.path.exists(f"/proc/{side.pid}")
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_restarts_come_as_soon_as_at_first_after_a_healthy_time(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tactophone.runtime.supervisor.SHORT_LIFE", 0.8)
+    lines: list[str] = []
+    with Supervisor(live, Settings(), name=name, report=lines.append) as supervisor:
+        for number in range(3):
+            os.kill(supervisor.pid, signal.SIGKILL)
+            assert eventually(lambda number=number: supervisor.restarts > number)
+            assert eventually(lambda: writer_of(name) == supervisor.pid)
+            time.sleep(1.0 if number else 0.0)
+    assert [line.rpartition("in ")[2] for line in lines if line.startswith("!")] == ["0.5 s", "1 s", "0.5 s"]
 
 
 def test_a_killed_run_leaves_no_shared_memory(name: str) -> None:

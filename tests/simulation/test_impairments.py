@@ -29,9 +29,7 @@ def test_a_seed_repeats_a_link(profile: NetworkProfile) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("loss", "burst"), [(0.05, 1.0), (0.05, 5.0), (0.2, 1.0), (0.2, 3.0)])
 def test_loss_and_bursts_are_as_specified(loss: float, burst: float) -> None:
-    lost = [
-        not delivery.delays for delivery in islice(deliveries(NetworkProfile(loss=loss, burst=burst), seed=1), 200_000)
-    ]
+    lost = [not delays for delays in islice(deliveries(NetworkProfile(loss=loss, burst=burst), seed=1), 200_000)]
     runs = [len(list(run)) for bad, run in groupby(lost) if bad]
     assert np.mean(lost) == pytest.approx(loss, rel=0.1)
     assert np.mean(runs) == pytest.approx(max(burst, 1 / (1 - loss)), rel=0.1)

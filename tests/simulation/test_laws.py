@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.perception.features import BAND_COUNT, BandFeatures
 from tactophone.perception.resample import Resampler
 from tactophone.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone.simulation.finger import TIPS, Electronics
@@ -14,6 +13,9 @@ from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.motion import single
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.surface import SIZE, SPACING, Surface, envelope, height_profile, track
+from tactophone.training.features import describe
+from tactophone.training.recipes import BAND_COUNT
+from tactophone.training.tracks import FeatureSpec
 from tactophone.types import AIR
 
 QUIET = Electronics(
@@ -75,8 +77,7 @@ def clicks(samples: np.ndarray) -> float:
     """Mean of the detector's feature: log10 of the slope's kurtosis, 0.48 for Gaussian noise."""
     slower = Resampler(48_000, 16_000, channels=1).push(samples[:, None].astype(np.float32))
     windows = sliding_window_view(slower[:, 0], 512)[::160, :, None]
-    bands = BandFeatures(512, 16_000)
-    return float(bands.describe(bands.spectrum(windows))[:, 0, CLICKS].mean())
+    return float(describe(windows, FeatureSpec(channels=1))[:, 0, CLICKS].mean())
 
 
 def patch_over_spacing(obj: SimulatedObject, session: SessionVariation) -> float:
@@ -93,7 +94,7 @@ def patch_over_spacing(obj: SimulatedObject, session: SessionVariation) -> float
 @pytest.mark.slow
 @pytest.mark.parametrize(("tip", "most"), [("stylus", -0.85), ("pad", -0.7)])
 def test_clicks_fall_with_the_patch_over_the_spacing_of_strong_strikes(tip: str, most: float) -> None:
-    surfaces = {obj.surface.name: obj for obj in catalogue()}
+    surfaces = {obj.surface.name: obj for obj in catalogue() if obj.number < 33}
     session = nominal(tip)
     both = [(patch_over_spacing(obj, session), clicks(slide(obj, session, seconds=3.0))) for obj in surfaces.values()]
     assert len(both) == 27

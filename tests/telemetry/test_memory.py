@@ -198,7 +198,7 @@ def test_a_name_that_another_user_took_is_one_line_and_never_waits(name: str, sq
     path = folder() / f"{PREFIX}{name}"
     squat(path)
     try:
-        with pytest.raises(TactophoneError, match="another user or program: remove it, or choose another --name"):
+        with pytest.raises(TactophoneError, match="another user or program: remove it, or name another run"):
             Telemetry(name)
         with pytest.raises(TactophoneError, match="another user or program"):
             Watcher(name)

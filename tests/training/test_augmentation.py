@@ -1,14 +1,15 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from tactophone.dataset.values import Dataset
-from tactophone.perception.features import BAND_COUNT, BAND_VALUES, CREST_INDEX
-from tactophone.training.recipes import Augmentation
+from tactophone.training.augmentation import Augmentation
 from tactophone.training.sets import build_training_set
-from tactophone.training.tracks import FeatureSpec, accumulate, extract_features
+from tactophone.training.tracks import FeatureSpec
 from tests.surfaces import surfaces
+
+RATE = 16_000
+
+SOUND = np.random.default_rng(0).normal(0, 0.1, (2 * RATE, 2)).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -16,35 +17,53 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return surfaces(tmp_path_factory.mktemp("scrapes"), each=1)
 
 
-def test_an_offset_after_the_running_statistics_equals_one_before(dataset: Dataset) -> None:
-    spec = FeatureSpec(memory=0.25)
-    (track,) = extract_features(dataset.recordings[:1], spec)
-    offset = Augmentation().draw(np.random.default_rng(1), channels=2)
-    prior = np.zeros((2, 2, BAND_VALUES))
-    metric = np.zeros((2, BAND_VALUES, BAND_VALUES))
-    moved = replace(track, description=track.description + offset.astype(np.float32))
-    after = accumulate(track, -60.0, metric, memory=0.25).offset(offset).features(prior, track.present)
-    before = accumulate(moved, -60.0, metric, memory=0.25).features(prior, track.present)
-    assert after == pytest.approx(before, abs=2e-3, nan_ok=True)
+def powers(sound: np.ndarray) -> np.ndarray:
+    return np.square(np.abs(np.fft.rfft(sound, axis=0)))
 
 
-def test_gain_and_equaliser_move_bands_and_level_and_leave_ratios() -> None:
-    rng = np.random.default_rng(0)
-    offsets = np.array([Augmentation().draw(rng, channels=2) for _ in range(4000)])
-    assert not offsets[..., [CREST_INDEX, CREST_INDEX + 1]].any()
-    # At a knot the spreads of gain and equaliser add up, in tenths of a decade.
-    assert offsets[..., 0].std() == pytest.approx(np.hypot(0.6, 0.35), rel=0.05)
-    # Between microphones nothing is shared; neighbouring bands are nearly equal.
-    assert abs(np.corrcoef(offsets[:, 0, 0], offsets[:, 1, 0])[0, 1]) < 0.05
-    assert np.corrcoef(offsets[:, 0, 0], offsets[:, 0, 1])[0, 1] > 0.95
-    assert offsets[..., :BAND_COUNT].mean() == pytest.approx(0, abs=0.03)
+def test_every_copy_is_another_and_the_same_again() -> None:
+    vary = Augmentation().vary
+    first, second, again = (vary(SOUND, RATE, np.random.default_rng(seed)) for seed in (1, 2, 1))
+    assert first.shape == SOUND.shape
+    assert np.isfinite(first).all()
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, second)
 
 
-def test_each_take_is_used_in_copies(dataset: Dataset) -> None:
+def test_a_low_pass_takes_the_treble_and_noise_fills_it() -> None:
+    plain = Augmentation(gain_db=0, equaliser_db=0, share=0)
+    assert plain.vary(SOUND, RATE, np.random.default_rng(0)) == pytest.approx(SOUND, abs=1e-6)
+    dull = Augmentation(gain_db=0, equaliser_db=0, share=1, low_pass_hz=(3000, 3001), snr_db=(60, 61))
+    treble = powers(dull.vary(SOUND, RATE, np.random.default_rng(0)))[12_000:14_000, 0].mean()
+    assert treble < 0.01 * powers(SOUND)[12_000:14_000, 0].mean()
+    noisy = Augmentation(gain_db=0, equaliser_db=0, share=1, low_pass_hz=(3000, 3001), snr_db=(0, 0.1))
+    assert powers(noisy.vary(SOUND, RATE, np.random.default_rng(0)))[12_000:14_000, 0].mean() > 10 * treble
+
+
+def test_only_the_air_microphone_hears_a_room() -> None:
+    click = np.zeros_like(SOUND)
+    click[1000] = 1
+    room = Augmentation(gain_db=0, equaliser_db=0, share=1, low_pass_hz=(7900, 7901), snr_db=(200, 201))
+    found = np.square(room.vary(click, RATE, np.random.default_rng(3)))
+    after = found[1100:].sum(axis=0) / found.sum(axis=0)
+    assert after[0] < 1e-3
+    assert after[1] > 0.03
+
+
+def test_a_silent_channel_stays_silent() -> None:
+    sound = SOUND * [1, 0]
+    assert all(
+        np.abs(Augmentation().vary(sound, RATE, np.random.default_rng(seed))[:, 1]).max() < 1e-9 for seed in range(8)
+    )
+
+
+def test_each_take_is_used_in_copies_at_other_speeds(dataset: Dataset) -> None:
     spec = FeatureSpec()
     plain = build_training_set(spec, dataset.recordings)
     varied = build_training_set(spec, dataset.recordings, augmentation=Augmentation(copies=3))
-    assert len(varied.examples.rough) == 3 * len(plain.examples.rough)
-    assert varied.examples.rough.sum() == 3 * plain.examples.rough.sum()
     again = build_training_set(spec, dataset.recordings, augmentation=Augmentation(copies=3))
     assert np.array_equal(varied.examples.features, again.examples.features, equal_nan=True)
+    # At 0.6 to 1.6 times the speed a take lasts 1.7 to 0.6 times as long.
+    assert 1 + 3 * 0.5 < len(varied.examples.rough) / len(plain.examples.rough) < 1 + 3 * 1.8
+    # The gate is for the microphone as it is.
+    assert varied.threshold_dbfs == plain.threshold_dbfs

@@ -2,10 +2,10 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from tactophone.perception.features import BAND_VALUES
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES
 from tactophone.training.export import build_classifier_graph
 from tactophone.training.linear import LinearClassifier, fit_classifier, impulse_features
+from tactophone.training.recipes import BAND_VALUES
 from tactophone.training.sets import Examples, even_weights, inner_folds
 
 FEATURE_COUNT = 4

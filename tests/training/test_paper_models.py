@@ -12,10 +12,9 @@ from torch import nn
 from tactophone import AudioBlock
 from tactophone.errors import ModelError
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features import magnitudes
 from tactophone.perception.model_file import read_model
 from tactophone.training.export import read_weights
-from tactophone.training.network import PaperNetwork, weights_of
+from tactophone.training.network import PaperNetwork, magnitudes, weights_of
 from tactophone.training.paper_models import import_published
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit.*:DeprecationWarning")
@@ -30,7 +29,7 @@ def test_each_published_variant_predicts_as_before(tmp_path: Path, name: str, ch
     assert model.card.name == f"authors-{name.replace('_', '-')}"
     sound = 0.1 * torch.randn(512, channels).numpy()
     (prediction,) = WindowDetector(model, sample_rate=2000).push(AudioBlock(sound, 2000))
-    expected = network(torch.from_numpy(magnitudes(sound)[None])).exp()[0].tolist()
+    expected = network(magnitudes(torch.from_numpy(sound)[None])).exp()[0].tolist()
     assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
 
@@ -52,7 +51,7 @@ def test_the_notebooks_state_is_read_with_its_threshold(tmp_path: Path) -> None:
     assert model.card.training["rough_stones"] == [0, 11]
     sound = 0.1 * torch.randn(512, 2).numpy()
     (prediction,) = WindowDetector(model, sample_rate=2000).push(AudioBlock(sound, 2000))
-    expected = network(torch.from_numpy(magnitudes(sound)[None])).exp()[0].tolist()
+    expected = network(magnitudes(torch.from_numpy(sound)[None])).exp()[0].tolist()
     assert prediction.probabilities == pytest.approx(expected, abs=1e-5)
 
 

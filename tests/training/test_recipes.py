@@ -30,19 +30,13 @@ from tactophone.training.sets import FeatureRecipe, build_training_set
 from tactophone.training.tracks import FeatureSpec
 from tests.surfaces import surfaces
 
-SEPARATES = {"texture": 0.9, "logistic": 0.9, "boosting": 0.9, "rules": 0.8, "scalogram-cnn": 0.8, "surface": 0.8}
+SEPARATES = {"texture": 0.9, "logistic": 0.9, "boosting": 0.9, "rules": 0.8, "surface": 0.8}
 """Balanced accuracy that each recipe reaches on surfaces so plainly different; the others use too little."""
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return surfaces(tmp_path_factory.mktemp("scrapes"))
-
-
-@pytest.fixture(autouse=True)
-def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A quarter of the network's steps: enough for surfaces so plainly different."""
-    monkeypatch.setattr("tactophone.training.scalogram.STEPS", 100)
 
 
 @pytest.mark.slow
@@ -62,7 +56,7 @@ def test_each_recipe_makes_a_detector_that_runs_live_with_the_same_output(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tip", "memory", "rough_on"), [("pad", 0.12, 0.9), ("stylus", 0.25, 0.6), ("", 0.25, 0.6)])
+@pytest.mark.parametrize(("tip", "memory", "rough_on"), [("pad", 0.12, 0.8), ("stylus", 0.25, 0.6), ("", 0.25, 0.6)])
 def test_a_model_of_the_pad_has_the_response_of_the_pad(
     tip: str, memory: float, rough_on: float, dataset: Dataset, tmp_path: Path
 ) -> None:
@@ -171,4 +165,9 @@ def test_every_recipe_file_of_the_examples_can_be_followed() -> None:
     files = sorted((Path(__file__).parents[2] / "examples" / "recipes").glob("*.toml"))
     assert len(files) >= 6
     channels = {file.stem: RecipeFile.read(file).configured().channels for file in files}
-    assert [name for name, count in channels.items() if count == 1] == ["all-contact", "paper-mono", "stylus"]
+    assert [name for name, count in channels.items() if count == 1] == [
+        "all-contact",
+        "paper-mono",
+        "plastic",
+        "stylus",
+    ]

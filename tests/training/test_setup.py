@@ -10,14 +10,18 @@ from tactophone.perception.decision import NEVER_ABSTAIN
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
 from tactophone.perception.models import model_path
 from tactophone.training.setup import (
+    SHIPPED,
     ObjectSound,
+    SetUpFit,
     collect,
     corrected,
     fit_boundary,
     fit_set_up,
     impulse_columns,
+    proves_wrong,
     write_set_up,
 )
+from tests.models import classifier
 from tests.sounds import noise
 
 COLUMNS = impulse_columns(40, 1)
@@ -27,9 +31,9 @@ def object(
     name: str, rough: bool, *, impulses: float, logit: float, unknown: float = 0.0, seed: int = 0
 ) -> ObjectSound:
     rng = np.random.default_rng(seed)
-    features = rng.normal(0, 0.1, (200, 40)).astype(np.float32)
+    features = rng.normal(0, 0.1, (600, 40)).astype(np.float32)
     features[:, COLUMNS] += impulses
-    return ObjectSound(name, rough, features, rng.normal(logit, 0.3, 200), unknown)
+    return ObjectSound(name, rough, features, rng.normal(logit, 0.3, 600), unknown)
 
 
 def objects(*, shown_by: str) -> list[ObjectSound]:
@@ -53,6 +57,25 @@ def test_the_score_that_is_right_on_things_left_out_is_chosen_and_its_boundary_m
     assert fit.score == shown_by
     assert fit.balanced_accuracy > 0.9
     assert fit.balanced_accuracy_before == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_boundary_that_no_object_proves_wrong_stays_with_the_whole_graph(tmp_path: Path) -> None:
+    sounds = objects(shown_by="model")
+    for sound in sounds:
+        sound.logit[:] += -2.7 if not sound.rough else -4.0  # rough: half of the windows are right
+    fit = fit_set_up(sounds, channels=1, tip="stylus")
+    assert (fit.score, fit.keeps) == (SHIPPED, True)
+    assert {entry.before == entry.after for entry in fit.left_out} == {True}
+    start, path = model_path("stylus"), tmp_path / "own.onnx"
+    write_set_up(path, start, read_model(start), fit, threshold_dbfs=-55.0, tip="stylus")
+    assert onnx.load(str(path)).graph == onnx.load(str(start)).graph
+
+
+def test_a_boundary_that_is_right_is_called_wrong_as_rarely_as_stated() -> None:
+    rng = np.random.default_rng(0)
+    pieces = [np.repeat(rng.normal(0, 1, 20), 50) for _ in range(2000)]
+    called = [proves_wrong(ObjectSound("", True, np.empty((1000, 0), np.float32), each), error=0.05) for each in pieces]
+    assert np.mean(called) < 0.05
 
 
 def test_another_score_that_is_hardly_better_on_things_left_out_is_not_taken() -> None:
@@ -89,7 +112,8 @@ def test_one_thing_of_a_kind_has_a_boundary_by_the_tips_own_score_but_no_estimat
     fit = fit_set_up([first, third], channels=1, tip=tip)
     assert fit.score == score
     assert np.isnan(fit.balanced_accuracy)
-    assert ((fit.correction.logit(third) > 0).mean(), (fit.correction.logit(first) < 0).mean()) == (1.0, 1.0)
+    right = (fit.correction.logit(third) > 0).mean(), (fit.correction.logit(first) < 0).mean()
+    assert right == pytest.approx((1.0, 1.0), abs=0.01)
 
 
 def test_things_of_one_label_are_refused() -> None:
@@ -102,20 +126,20 @@ def test_a_graph_with_the_correction_gives_its_logit_also_without_the_air_microp
     model = read_model(start)
     rng = np.random.default_rng(1)
     features = rng.normal(0, 1, (60, 80)).astype(np.float32)
-    before = model.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]
+    before = classifier(start).run([LOG_PROBABILITIES], {FEATURES: features})[0]
     sounds = [
         ObjectSound(name, name == "rough", features[part], (before[part, 2] - before[part, 1]).astype(np.float64), 0.5)
         for name, part in (("smooth", slice(0, 30)), ("rough", slice(30, 60)))
     ]
-    fit = fit_set_up(sounds, channels=2, tip="pad")
+    fit = SetUpFit(fit_boundary(sounds, "model", channels=2), "model", (), unknown=0.5)
     path = tmp_path / "own.onnx"
     write_set_up(path, start, model, fit, threshold_dbfs=-55.0, tip="pad")
     own = read_model(path)
-    after = own.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]
+    after = classifier(path).run([LOG_PROBABILITIES], {FEATURES: features})[0]
     wanted = np.concatenate([fit.correction.logit(sound) for sound in sounds])
     assert after[:, 2] - after[:, 1] == pytest.approx(wanted, abs=1e-3)
     features[:, 40:] = np.nan
-    assert np.isfinite(own.session.run([LOG_PROBABILITIES], {FEATURES: features})[0]).all()
+    assert np.isfinite(classifier(path).run([LOG_PROBABILITIES], {FEATURES: features})[0]).all()
     card = own.card
     assert (card.name, card.tip, card.gate.threshold_dbfs) == ("own", "pad", -55.0)
     assert card.decision.abstain_from == NEVER_ABSTAIN

@@ -12,8 +12,8 @@ from tactophone.perception.detector import WindowDetector
 from tactophone.perception.model_file import read_model
 from tactophone.training.linear import build_texture
 from tactophone.training.recipes import RECIPES, TrainingOptions
-from tactophone.training.sets import build_training_set, contact_threshold, feature_recipe
-from tactophone.training.tracks import FeatureSpec, extract_features
+from tactophone.training.sets import build_training_set, feature_recipe
+from tactophone.training.tracks import FeatureSpec, extract_features, noise_level
 from tactophone.types import AudioBlock, Prediction, Touch
 from tests.sounds import ODD_SIZES, blocks, tone
 from tests.surfaces import RATE, TOUCHED, scrape, surfaces
@@ -99,7 +99,7 @@ def test_a_method_is_fitted_and_scored(dataset: Dataset) -> None:
 
 def test_the_gate_lets_one_quiet_window_in_a_hundred_through(dataset: Dataset) -> None:
     tracks = extract_features(dataset.recordings, FeatureSpec())
-    threshold = contact_threshold(tracks)
+    threshold = noise_level(tracks)
     quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
     loud = np.concatenate([track.level_dbfs[track.touching()] for track in tracks])
     assert (quiet >= threshold).mean() <= 0.02

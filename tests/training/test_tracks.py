@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,3 +66,11 @@ def test_an_unreadable_file_is_named(tmp_path: Path, content: str | None) -> Non
         (tmp_path / "a.wav").write_text(content)
     with pytest.raises(DatasetError, match=r"a\.wav"):
         read_signals([Recording(tmp_path / "a.wav", "slate")], channels=1)
+
+
+def test_a_known_gain_of_the_contact_preamplifier_is_undone(tmp_path: Path) -> None:
+    recording = write(tmp_path / "a.wav")
+    quiet = replace(recording, properties={"gain_db": "-6"})
+    plain, louder = (read_signals([each], channels=2)[0] for each in (recording, quiet))
+    assert louder[:, 0] == pytest.approx(plain[:, 0] * 10**0.3, rel=1e-5)
+    assert np.array_equal(louder[:, 1], plain[:, 1])

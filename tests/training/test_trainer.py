@@ -14,11 +14,10 @@ from tactophone import DatasetError, ModelError, Touch
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception.features import magnitudes
 from tactophone.perception.model_file import Gate, read_model
 from tactophone.training import trainer
 from tactophone.training import trainer as processor
-from tactophone.training.network import PaperNetwork, Windows, find_windows, weights_of, with_weights
+from tactophone.training.network import PaperNetwork, Windows, find_windows, magnitudes, weights_of, with_weights
 from tactophone.training.recipes import OPEN_GATE, RECIPES, NetworkSettings, TrainingOptions, network_settings
 from tactophone.training.trainer import NetworkRecipe, Progress, predictor, train
 from tactophone.types import FloatArray
@@ -54,7 +53,7 @@ def test_training_separates_two_sounds() -> None:
     assert reports[-1].steps == reports[-1].total == len(reports)
     assert reports[-1].loss < reports[0].loss
     which = np.arange(0, len(windows), 50)
-    predicted = with_weights(weights)(torch.from_numpy(magnitudes(windows.take(which)))).argmax(dim=1).numpy()
+    predicted = with_weights(weights)(magnitudes(torch.from_numpy(windows.take(which)))).argmax(dim=1).numpy()
     assert (predicted == windows.labels[which]).mean() > 0.9
 
 

@@ -100,12 +100,9 @@ def default_cache() -> Cache:
 
 
 def cross_validate(
-    method: Method,
-    folds: Sequence[Fold],
-    *,
-    cache: Cache | None = None,
+    method: Method, folds: Sequence[Fold], *, cache: Cache | None = None,
     report: Callable[[int, str], None] = lambda done, name: None,
-) -> list[TakePredictions]:
+) -> list[TakePredictions]:  # fmt: skip
     """Predict every fold's test recordings by a model trained on the fold's training recordings.
 
     A killed run loses the fold that it was at. ``report`` is called with the number of folds done and the fold's name.
@@ -124,13 +121,9 @@ def cross_validate(
 
 
 def run_folds(
-    folds: Sequence[MethodFold],
-    cache: Cache,
-    *,
-    workers: int = 1,
-    ray: bool = False,
+    folds: Sequence[MethodFold], cache: Cache, *, workers: int = 1, ray: bool = False,
     report: Callable[[int, str], None] = lambda done, name: None,
-) -> int:
+) -> int:  # fmt: skip
     """Run the folds whose predictions are not cached, each with its method, and cache them; return how many ran.
 
     One worker is this process itself. With ``ray`` they run on the Ray cluster at ``RAY_ADDRESS``, or on a local one of

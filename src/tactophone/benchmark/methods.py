@@ -1,7 +1,7 @@
 """What a benchmark compares, by name: methods behind one protocol, :class:`tactophone.benchmark.folds.Method`.
 
 Every recipe of :data:`tactophone.training.recipes.RECIPES` is a method through :func:`method_of`. Renderers without a
-detector and the high-band control are :class:`RegressionMethod`; Ra from sound is in ``regression``.
+detector and the high-band control are :class:`RegressionMethod`.
 
 Besides what the protocol wants, each has ``rule``, the decision rule of the live system; ``latency``, the seconds from
 a window's end to its prediction; and ``control``, true for what should be at chance.
@@ -249,7 +249,7 @@ def graph_predictor(graph: bytes, training_set: TrainingSet, *, dropped: int | N
             alive = np.arange(training_set.spec.channels) != dropped
             # Constant features of a silent channel never trigger the detection of a change of surface.
             track = replace(track, present=track.present & alive, description=track.description * alive[:, None])
-        (log_probabilities,) = session.run([LOG_PROBABILITIES], {FEATURES: training_set.features(track)})
+        (log_probabilities,) = session.run([LOG_PROBABILITIES], {FEATURES: training_set.features([track])[0]})
         contact = track.level_dbfs >= training_set.threshold_dbfs
         return TakePredictions(recording, track.end, np.exp(log_probabilities, dtype=np.float32), contact)
 

@@ -225,13 +225,9 @@ def ablations_in(folder: Path) -> list[NetworkAblation]:
 
 
 def ablation_rows(
-    methods: Sequence[NetworkAblation],
-    dataset: Dataset,
-    name: str,
-    cache: Cache,
-    *,
+    methods: Sequence[NetworkAblation], dataset: Dataset, name: str, cache: Cache, *,
     report: Callable[[int, str], None] = lambda done, name: None,
-) -> list[TableRow]:
+) -> list[TableRow]:  # fmt: skip
     """Cross-validate ablations on a split of this name; scores of windows in true contact."""
     rows = []
     for done, method in enumerate(methods):
@@ -340,13 +336,9 @@ def task_methods() -> tuple[str, ...]:
 
 
 def play_task(
-    names: Sequence[str] = (),
-    *,
-    rounds: int = 1000,
-    visits: int = VISITS,
-    seed: int = 0,
+    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS, seed: int = 0,
     report: Callable[[str], None] = lambda name: None,
-) -> list[TaskOutcome]:
+) -> list[TaskOutcome]:  # fmt: skip
     """Let the operator play rounds with each method.
 
     ``names`` are of :func:`task_methods`, all by default, or ``FILE.onnx`` for any other model. Raises `ConfigError` if

@@ -22,7 +22,7 @@ from tactophone.benchmark.methods import (
     methods_for,
     recipe_method,
 )
-from tactophone.benchmark.regression import RENDERERS, HeightMethod, compare_heights
+from tactophone.benchmark.regression import RENDERERS
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
 from tactophone.dataset.splits import KIN_SPLIT, Fold, kin_of, split
 from tactophone.dataset.values import Dataset
@@ -31,12 +31,11 @@ from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import in_true_contact, scores_of
 from tactophone.haptics.passthrough import PASSTHROUGH
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.model_file import read_model
+from tactophone.perception.model_file import FEATURES, read_model
 from tactophone.perception.models import model_path
 from tactophone.simulation.render import read_render_metadata
 from tactophone.training.export import read_weights
 from tactophone.training.recipes import FEATURE_RECIPES
-from tactophone.training.tracks import FeatureSpec
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 EDGE_SPLIT = "5-fold"
@@ -70,8 +69,6 @@ class Plan:
     """Names, as ``--splits`` takes them."""
     permuted: Method
     """Method that learns permuted labels, as a control."""
-    heights: HeightMethod | None = None
-    """Regresses Ra, where surfaces have it."""
     seeds: tuple[Method, ...] = ()
     """The reference's method with each further seed."""
 
@@ -83,14 +80,12 @@ def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, f
     unknown.
     """
     channels = channels_of(dataset)
-    has_heights = any(recording.known("ra_um") for recording in dataset.recordings)
-    heights = HeightMethod(FeatureSpec("texture", channels)) if has_heights else None
     permuted = recipe_method("texture", channels=channels)
     methods = methods_for(dataset, names, fast=fast)
     name = methods[0].name
     seeds = REFERENCE_SEEDS[1:] if name.startswith("paper/") and not fast else ()
     others = tuple(make_method(name, dataset, seed=seed) for seed in seeds)
-    return Plan(dataset, methods, tuple(splits), permuted, heights, others)
+    return Plan(dataset, methods, tuple(splits), permuted, others)
 
 
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
@@ -114,13 +109,9 @@ def origin_of(dataset: Dataset) -> str:
 
 
 def run_plan(
-    plan: Plan,
-    cache: Cache,
-    *,
-    workers: int = 1,
-    ray: bool = False,
+    plan: Plan, cache: Cache, *, workers: int = 1, ray: bool = False,
     report: Callable[[int, int, str], None] = lambda done, of, name: None,
-) -> DatasetResults:
+) -> DatasetResults:  # fmt: skip
     """Run a plan, with ``workers`` and ``ray`` as in `run_folds`, and score it.
 
     ``report`` is called with the number of folds done, the most that there can be, and the name of the last one.
@@ -130,7 +121,7 @@ def run_plan(
         name: [split(permute_labels(plan.dataset, seed=seed), name) for seed in PERMUTATION_SEEDS]
         for name in plan.splits
     }
-    methods: list[Method] = [*plan.methods, *([plan.heights] if plan.heights else []), *plan.seeds]
+    methods: list[Method] = [*plan.methods, *plan.seeds]
     todo = [(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
     todo += [(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
     run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(todo), name))
@@ -147,11 +138,6 @@ def run_plan(
         {
             name: tuple(_window_scores(plan.permuted, of_set, cache)[0] for of_set in sets)
             for name, sets in permuted.items()
-        },
-        {
-            name: compare_heights(map(in_true_contact, cross_validate(plan.heights, of_split, cache=cache)))
-            for name, of_split in folds.items()
-            if plan.heights
         },
         {
             name: tuple(_window_scores(method, of_split, cache) for method in (plan.methods[0], *plan.seeds))
@@ -214,10 +200,13 @@ def cost_of_model(path: Path, *, duration: float = COST_DURATION) -> Cost:
     if model.card.kind == "paper":
         count = sum(weight.size for weight in read_weights(path).values())
     else:
-        # What was trained: scales, padding and shapes of weights in 8 bits are none of it.
+        # What was trained, in the classifier behind the features: neither transforms nor scales of weights in 8 bits.
         graph = onnx.load(str(path)).graph
+        first = next(place for place, node in enumerate(graph.node) if FEATURES in node.output)
+        used = {name for node in graph.node[first + 1 :] for name in node.input}
         trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
-        count = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer) + sum(trees)
+        count = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer if tensor.name in used)
+        count += sum(trees)
     return Cost(count, path.stat().st_size, 1e6 * spent / max(updates, 1))
 
 

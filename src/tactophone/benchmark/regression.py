@@ -1,4 +1,4 @@
-"""Regressions beside the detectors: Ra from sound, a control, and renderers without a detector.
+"""Regressions beside the detectors: a control, and renderers without a detector.
 
 The control uses only the band over 8 kHz of recordings whose microphone ends at 7.5 kHz, which carries the noise of the
 day and nothing of the surface. Where it scores above chance, it recognises days, and any other method might do so.
@@ -6,14 +6,11 @@ day and nothing of the surface. Where it scores above chance, it recognises days
 A renderer of :data:`~tactophone.haptics.passthrough.PASSTHROUGH` has no detector: the finger itself must separate rough
 from smooth. The regression takes its place, on what a finger can perceive of the vibration: its level, its peaks, and
 its strength in bands from 35 Hz to 1 kHz.
-
-Ra spans four decades from glass to lava, so its errors are in decades: 0.3 is a factor of two.
 """
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -21,14 +18,11 @@ from numpy.typing import NDArray
 
 from tactophone.dataset.values import Recording
 from tactophone.evaluation.metrics import rough_score
-from tactophone.evaluation.predict import Predictor, TakePredictions
+from tactophone.evaluation.predict import TakePredictions
 from tactophone.haptics.limits import Limits
 from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE
 from tactophone.perception.resample import Resampler
-from tactophone.training.baselines import fit_height
-from tactophone.training.recipes import FEATURE_RECIPES, RECIPES
-from tactophone.training.sets import build_training_set
-from tactophone.training.tracks import FeatureSpec, extract_features
+from tactophone.training.recipes import FEATURE_RECIPES
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Floats = NDArray[np.float64]
@@ -52,9 +46,6 @@ VIBRATION_HOP = 128 / 3
 
 FAINT = 1e-8
 FULL_DRIVE = Limits(ceiling=1.0)
-
-LOWEST, HIGHEST = -4.0, 4.0
-"""log10 of Ra in micrometres, from 0.1 nm to 1 cm: P(rough) of a prediction is the height's place between them."""
 
 
 @functools.lru_cache(maxsize=1 << 12)
@@ -116,63 +107,6 @@ def _contact(recording: Recording) -> FloatArray:
     return np.concatenate([resampler.push(sound.samples), resampler.flush()])
 
 
-@dataclass(frozen=True, slots=True)
-class Heights:
-    """How well Ra is estimated for held-out surfaces."""
-
-    surfaces: tuple[tuple[str, float, float], ...]
-    """Name, true and estimated Ra in micrometres, of each; the estimate is the mean in decades over its updates."""
-    error_decades: float
-    """Root mean square error over surfaces, in decades of Ra."""
-    update_error_decades: float
-    """The same over single updates, every surface at the same weight."""
-    spread_decades: float
-    """Root mean square error of a constant estimate, the least to beat."""
-    correlation: float
-    """Spearman's, over surfaces."""
-
-
-@dataclass(frozen=True, slots=True)
-class HeightMethod:
-    """Ridge regression from features to log Ra: the recipe ``surface`` without its boundary."""
-
-    spec: FeatureSpec
-    name: str = "surface, as a height"
-
-    @property
-    def identity(self) -> str:
-        return f"height {RECIPES['surface'].version} {self.spec!r}"
-
-    def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        """Fit to recordings that have the property ``ra_um``."""
-        training_set = build_training_set(self.spec, recordings)
-        weights, centre, bias, _ = fit_height(training_set)
-
-        def predict(recording: Recording) -> TakePredictions:
-            (track,) = extract_features([recording], self.spec)
-            centred = np.nan_to_num(training_set.features(track) - centre)
-            place = np.clip((bias + centred @ weights - LOWEST) / (HIGHEST - LOWEST), 0, 1)
-            shares = np.stack((np.zeros_like(place), 1 - place, place), axis=1).astype(np.float32)
-            return TakePredictions(recording, track.end, shares, track.level_dbfs >= training_set.threshold_dbfs)
-
-        return predict
-
-
-def compare_heights(predictions: Iterable[TakePredictions]) -> Heights:
-    """Compare the predictions of a :class:`HeightMethod` with the true Ra, over updates in contact."""
-    by_surface = _by_surface(predictions)
-    true = np.array([height for height, _ in by_surface.values()])
-    estimates = [LOWEST + (HIGHEST - LOWEST) * shares for _, shares in by_surface.values()]
-    means = np.array([heights.mean() for heights in estimates])
-    return Heights(
-        tuple((name, float(10**a), float(10**b)) for name, a, b in zip(by_surface, true, means, strict=True)),
-        _rms(means - true),
-        _rms(np.array([_rms(heights - height) for heights, height in zip(estimates, true, strict=True)])),
-        _rms(true - true.mean()),
-        _correlation(true, means),
-    )
-
-
 def height_correlation(predictions: Iterable[TakePredictions]) -> float:
     """Spearman's correlation over surfaces of the mean P(rough) and the true Ra; NaN for fewer than three surfaces."""
     by_surface = _by_surface(predictions).values()
@@ -198,7 +132,3 @@ def _correlation(first: Floats, second: Floats) -> float:
     from scipy.stats import spearmanr
 
     return float(spearmanr(first, second).statistic)
-
-
-def _rms(errors: Floats) -> float:
-    return float(np.sqrt(np.square(errors).mean()))

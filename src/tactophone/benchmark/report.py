@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
-from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, load_pyplot
+from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.evaluation.events import HALF
 from tactophone.haptics.profiles import PROFILES, discriminable_steps, open_profile
 
@@ -23,12 +23,14 @@ COLUMNS = (
 _STYLES: Mapping[str, tuple[str, str]] = {
     "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
     "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
-    "scalogram-cnn": (PURPLE, "-"),
     "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
     "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
     "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
 }  # fmt: skip
 """A colour for each family of methods and a dash for each member, the same in every figure."""
+
+NAMED_CURVES = ("texture", "paper/general", "boosting", "level")
+"""Methods whose curves are drawn in colour and named: what ships, the paper's, trees on cues, and the least."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""
@@ -84,7 +86,7 @@ def _section(folder: Path, results: Sequence[MethodResult], split: str, of_datas
 
 
 def notes_of(results: DatasetResults, split: str) -> list[str]:
-    """Say what the controls, the other seeds and the heights of a split scored."""
+    """Say what the controls and the other seeds of a split scored."""
     notes = []
     if accuracies := results.permuted.get(split):
         notes.append(f"control, permuted labels: balanced accuracy {_listed(accuracies)}")
@@ -92,12 +94,6 @@ def notes_of(results: DatasetResults, split: str) -> list[str]:
         accuracies, areas = zip(*seeds, strict=True)
         scores = f"balanced accuracy {_listed(accuracies)}; AUC {_listed(areas)}"
         notes.append(f"reference, {len(seeds)} seeds: {scores}")
-    if heights := results.heights.get(split):
-        notes.append(
-            f"Ra estimated from sound: off by {heights.error_decades:.2f} decades rms over {len(heights.surfaces)} "
-            f"surfaces (a factor of {10**heights.error_decades:.1f}; single updates {heights.update_error_decades:.2f};"
-            f" a constant estimate {heights.spread_decades:.2f}); rank correlation {heights.correlation:.2f}"
-        )
     return notes
 
 
@@ -111,21 +107,14 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
     difference = result.differences.get("balanced_accuracy")
     rendered = result.rendered
     return (
-        result.method,
-        str(rendered.balanced_accuracy),
+        result.method, str(rendered.balanced_accuracy),
         *(_number(share.value, ".3f") for share in (rendered.smooth_as_rough, rendered.wrong, rendered.gaps)),
-        str(scores["balanced_accuracy"]),
-        str(scores["auc"]),
-        str(scores["recall_at_1"]),
-        _number(scores["false_positive_rate"].value, ".3f"),
-        _number(result.false_positives_at_reference, ".3f"),
-        _number(result.bumps_per_minute, ".1f"),
-        format_delay(result.contact_ms),
-        format_delay(result.edge_ms),
-        _number(result.calibration_error, ".3f"),
-        _number(result.height_correlation, ".2f"),
+        str(scores["balanced_accuracy"]), str(scores["auc"]), str(scores["recall_at_1"]),
+        _number(scores["false_positive_rate"].value, ".3f"), _number(result.false_positives_at_reference, ".3f"),
+        _number(result.bumps_per_minute, ".1f"), format_delay(result.contact_ms), format_delay(result.edge_ms),
+        _number(result.calibration_error, ".3f"), _number(result.height_correlation, ".2f"),
         f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})" if difference else "-",
-    )
+    )  # fmt: skip
 
 
 def format_delay(delay: tuple[float, float, float]) -> str:
@@ -187,14 +176,24 @@ def draw_curves(results: Sequence[MethodResult]) -> Any:
     """Draw the ROC curves on a log axis, because low false positive rates matter."""
     pyplot = load_pyplot()
     figure, axis = pyplot.subplots(figsize=(7.2, 4.2), layout="constrained")
+    places = list[tuple[float, MethodResult]]()
     for result in results:
         rate, recall = np.array(result.curve).T
-        axis.plot(100 * rate, recall, label=result.method, **_line(result))
+        axis.plot(100 * rate, recall, **_line(result))
+        if result.method in NAMED_CURVES:
+            places.append((float(np.interp(0.01, rate, recall)), result))
+    # Each name over its curve at 1 %; those that would touch are moved up.
+    height = -1.0
+    for recall_here, result in sorted(places, key=lambda each: each[0]):
+        height = max(recall_here + 0.03, height + 0.065)
+        ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
+        colour, _ = _style(result)
+        axis.text(0.93, height, result.method, color=colour, fontsize=9, ha="right", bbox=ground, zorder=4)
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
     axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
     axis.set_xticklabels(("0.1", "1", "10", "100"))
     axis.set_xlabel("smooth updates classified as rough (%)")
-    axis.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axis.set_title(f"grey: {len(results) - len(places)} other methods", loc="right", fontsize=9, color="#555555")
     return figure
 
 
@@ -234,7 +233,7 @@ def _draw_delay(axis: Any, place: int, delay: tuple[float, float, float], *, col
     axis.plot(p50, place, "o", color=colour, markersize=5)
     axis.plot(end, place, marker, color=colour, markersize=9 if marker == "|" else 4)
     axis.annotate(
-        f"never: {missed:.0%}", (end, place), xytext=(6, 0), textcoords="offset points", fontsize=7, va="center",
+        f"never: {missed:.0%}", (end, place), xytext=(6, 0), textcoords="offset points", fontsize=8, va="center",
         color="#555555",
     )  # fmt: skip
 
@@ -247,9 +246,9 @@ def draw_surfaces(results: Sequence[MethodResult]) -> Any:
     image = axis.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
     for row, column in np.ndindex(shares.shape) if len(names) <= MOST_CELLS else ():
         ink = "white" if shares[row, column] < 60 else "black"
-        axis.text(column, row, f"{shares[row, column]:.0f}", ha="center", va="center", fontsize=6, color=ink)
-    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
-    axis.set_yticks(range(len(results)), [result.method for result in results], fontsize=7)
+        axis.text(column, row, f"{shares[row, column]:.0f}", ha="center", va="center", fontsize=8, color=ink)
+    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=8)
+    axis.set_yticks(range(len(results)), [result.method for result in results], fontsize=8)
     axis.tick_params(length=0)
     figure.colorbar(image, label="updates classified correctly (%)", pad=0.01)
     return figure
@@ -261,5 +260,6 @@ def _style(result: MethodResult) -> tuple[str, str]:
 
 def _line(result: MethodResult) -> dict[str, Any]:
     colour, dash = _style(result)
-    width, alpha, order = (2.4, 1.0, 3) if result.method in ("texture", "paper/general") else (1.1, 0.75, 2)
-    return {"color": colour, "linestyle": dash, "linewidth": width, "alpha": alpha, "zorder": order}
+    if result.method not in NAMED_CURVES:
+        return {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 2}
+    return {"color": colour, "linestyle": dash, "linewidth": 2.4, "zorder": 3}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tactophone.benchmark.methods import BenchmarkMethod
-from tactophone.benchmark.regression import Heights, height_correlation
+from tactophone.benchmark.regression import height_correlation
 from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Difference, Estimate, correct_for_number, estimate, paired_difference
@@ -60,8 +60,6 @@ class DatasetResults:
     """Of every method, split by split."""
     permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
-    heights: Mapping[str, Heights] = field(default_factory=dict)
-    """By split: how well Ra is estimated from sound."""
     seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
     """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
 
@@ -111,13 +109,9 @@ def compare_methods(
 
 
 def _result(
-    dataset: Dataset,
-    method: BenchmarkMethod,
-    split: str,
-    predictions: list[TakePredictions],
-    scores: Scores,
+    dataset: Dataset, method: BenchmarkMethod, split: str, predictions: list[TakePredictions], scores: Scores,
     reference: Scores,
-) -> MethodResult:
+) -> MethodResult:  # fmt: skip
     labelled = [in_true_contact(take) for take in predictions if take.recording.label is not None]
     recall = float((reference.score[reference.rough] >= 0.5).mean())
     differences = {} if scores is reference else paired_difference(scores, reference)
@@ -125,22 +119,15 @@ def _result(
     estimates = {rule: estimate(scores_of(labelled, rule)) for rule in RULES}
     kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
     return MethodResult(
-        method.name,
-        dataset.name,
-        split,
-        method.control,
-        rendered_scores(predictions, method.rule),
+        method.name, dataset.name, split, method.control, rendered_scores(predictions, method.rule),
         {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
-        false_positives_at_recall(scores, recall),
-        false_bumps_per_minute(predictions, method.rule),
-        calibration_error(labelled),
-        _summary(contact_delays(predictions, method.rule, latency=method.latency)),
+        false_positives_at_recall(scores, recall), false_bumps_per_minute(predictions, method.rule),
+        calibration_error(labelled), _summary(contact_delays(predictions, method.rule, latency=method.latency)),
         _summary(edge_delays(predictions, method.rule, latency=method.latency)),
         {name: differences[name] for name in MEASURES if name in differences},
         {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
-        _curve(scores),
-        height_correlation(labelled),
-    )
+        _curve(scores), height_correlation(labelled),
+    )  # fmt: skip
 
 
 def _summary(delays: Delays) -> tuple[float, float, float]:

@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor, FloodGate
+from tactophone.bridges.log_topics import PACKETS, Message, Topic, topics_of
 from tactophone.bridges.reader import RunReader
 from tactophone.bridges.sound import SoundMessages
-from tactophone.bridges.topics import PACKETS, Message, Topic, topics_of
 from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:

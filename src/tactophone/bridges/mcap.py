@@ -15,9 +15,9 @@ from typing import Any, BinaryIO, Self, TypeAlias
 
 import msgspec
 
-from tactophone.bridges import topics
+from tactophone.bridges import log_topics
+from tactophone.bridges.log_topics import Message, Topic, topics_of
 from tactophone.bridges.reader import RunReader
-from tactophone.bridges.topics import Message, Topic, topics_of
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
 from tactophone.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch, prediction_of
@@ -171,13 +171,13 @@ def read_log(path: Path) -> Iterator[LogEntry]:
             continue
         topic, data = message.topic, message.data
         try:
-            if topic.name == topics.PACKETS.name:
-                yield from msgspec.json.decode(data, type=topics.Packets).arrivals
-            elif topic.name == topics.RUN.name:
+            if topic.name == log_topics.PACKETS.name:
+                yield from msgspec.json.decode(data, type=log_topics.Packets).arrivals
+            elif topic.name == log_topics.RUN.name:
                 yield msgspec.json.decode(data, type=RunStart)
-            elif topic.name == topics.CONTROLS.name:
+            elif topic.name == log_topics.CONTROLS.name:
                 yield msgspec.json.decode(data, type=Controls)
-            elif topic.kind == topics.PREDICTION.kind:
+            elif topic.kind == log_topics.PREDICTION.kind:
                 yield _prediction_of(msgspec.json.decode(data, type=dict[str, float | str | None]), topic.finger)
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise DatasetError(
@@ -205,7 +205,7 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
     if file.read(len(MAGIC)) != MAGIC:
         raise DatasetError(f"{path}: not an MCAP file; give a file written by --record")
     file.seek(0)
-    schemas: dict[int, topics.Schema] = {}
+    schemas: dict[int, log_topics.Schema] = {}
     channels: dict[int, Topic] = {}
     complete, missed, found = False, 0, False
     try:
@@ -214,7 +214,7 @@ def _messages(path: Path, file: BinaryIO) -> Iterator[Message | LogEnd]:
                 case Header(profile=profile):
                     _check_profile(path, profile)
                 case Schema(id=number, name=name, encoding=encoding, data=data):
-                    schemas[number] = topics.Schema(name, encoding, data)
+                    schemas[number] = log_topics.Schema(name, encoding, data)
                 case Channel(id=number, topic=name, schema_id=schema, metadata=metadata):
                     finger = int(metadata.get("finger", "0"))
                     if not (0 <= finger < MOST_FINGERS and name.isprintable()):
@@ -253,7 +253,9 @@ def _records(path: Path, file: BinaryIO) -> Iterator[Any]:
                 f"{path}: a chunk of over {LARGEST_CHUNK >> 20} MB, but those of --record have 1 MB; was it changed?"
             )
         with suppress(EndOfFile):
-            yield from StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=size).records
+            # A message may be longer than all of a short log, which is compressed.
+            limit = len(data)
+            yield from StreamReader(BytesIO(data), skip_magic=True, emit_chunks=True, record_size_limit=limit).records
 
 
 def _decompressed(chunk: Any) -> bytes:

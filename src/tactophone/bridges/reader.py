@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from tactophone.bridges import topics
-from tactophone.bridges.topics import Message, of_finger
+from tactophone.bridges import log_topics
+from tactophone.bridges.log_topics import Message, of_finger
 from tactophone.telemetry.layout import FingerState, State
 from tactophone.telemetry.records import EventBatch, RunStart, read_records
 from tactophone.telemetry.watcher import Watcher
@@ -100,18 +100,18 @@ class RunReader:
             arrivals = []
             if isinstance(record, RunStart):
                 self._epoch = record.epoch
-            topic = topics.RUN if isinstance(record, RunStart) else topics.CONTROLS
+            topic = log_topics.RUN if isinstance(record, RunStart) else log_topics.CONTROLS
             yield Message(topic, self._now(), msgspec.json.encode(record))
         yield from self._packets(arrivals)
 
     def _packets(self, arrivals: list[EventBatch]) -> Iterator[Message]:
         if arrivals:
-            data = msgspec.json.encode(topics.Packets(arrivals))
-            yield Message(topics.PACKETS, self._epoch + arrivals[-1].time, data)
+            data = msgspec.json.encode(log_topics.Packets(arrivals))
+            yield Message(log_topics.PACKETS, self._epoch + arrivals[-1].time, data)
 
     def _predictions(self, now: float) -> Iterator[Message]:
         for finger, name in enumerate(self.names):
-            topic = of_finger(topics.PREDICTION, finger, name)
+            topic = of_finger(log_topics.PREDICTION, finger, name)
             rows, count = self.watcher.predictions(self._prediction_counts[finger], finger=finger)
             missed = count - self._prediction_counts[finger] - len(rows)
             if missed > 0:
@@ -135,7 +135,7 @@ class RunReader:
             return
         self._settled = settled
         entries = {**msgspec.to_builtins(state), "armed": state.armed, "muted_because": state.muted_because}
-        yield Message(topics.STATE, now, msgspec.json.encode(entries))
+        yield Message(log_topics.STATE, now, msgspec.json.encode(entries))
         for name, *own in zip(self.names, before.fingers, settled.fingers, strict=True):
             of = f"{name}: " if name else ""
             for text in _changes(*own):
@@ -150,11 +150,11 @@ class RunReader:
     def _health(self, now: float) -> Iterator[Message]:
         if now - self._health_at >= HEALTH_INTERVAL:
             self._health_at = now
-            yield Message(topics.HEALTH, now, msgspec.json.encode(topics.Totals(*self.watcher.totals())))
+            yield Message(log_topics.HEALTH, now, msgspec.json.encode(log_topics.Totals(*self.watcher.totals())))
 
     def _event(self, now: float, text: str, level: int) -> Message:
-        stamp = topics.Stamp(int(now), int(now % 1 * 1e9))
-        return Message(topics.EVENTS, now, msgspec.json.encode(topics.Event(stamp, level, text, self.name)))
+        stamp = log_topics.Stamp(int(now), int(now % 1 * 1e9))
+        return Message(log_topics.EVENTS, now, msgspec.json.encode(log_topics.Event(stamp, level, text, self.name)))
 
 
 def _settle(now: FingerState, before: FingerState) -> FingerState:

@@ -19,7 +19,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from tactophone.bridges import ros_messages as messages
+from tactophone.bridges import ros_topics as messages
 from tactophone.bridges.reader import Passed, PredictionReader
 from tactophone.errors import ConfigError
 from tactophone.telemetry.layout import Action
@@ -57,7 +57,7 @@ LATCHED = Qos(
 
 
 class Transport(Protocol):
-    """How messages of `tactophone.bridges.ros_messages` reach ROS 2; topics are without their first slash."""
+    """How messages of `tactophone.bridges.ros_topics` reach ROS 2; topics are without their first slash."""
 
     def writer(self, topic: str, kind: type, *, latched: bool = False) -> Any:
         """Return what has ``write(message)``; a ``latched`` message reaches late subscribers too."""

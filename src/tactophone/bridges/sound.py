@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import msgspec
 import numpy as np
 
-from tactophone.bridges import topics
-from tactophone.bridges.topics import AIR_SOUND, CONTACT_SOUND, PACKETS, PCM_SOUND, RUN, Message, Topic, of_finger
+from tactophone.bridges import log_topics
+from tactophone.bridges.log_topics import AIR_SOUND, CONTACT_SOUND, PACKETS, PCM_SOUND, RUN, Message, Topic, of_finger
 from tactophone.errors import PacketError
 from tactophone.link.packet import (
     FRAME_SIZES,
@@ -65,7 +65,7 @@ class SoundMessages:
             yield from self.flush()
             self._epoch, self._stamps = msgspec.json.decode(data, type=RunStart).epoch, None
         elif topic == PACKETS.name:
-            for arrival in msgspec.json.decode(data, type=topics.Packets).arrivals:
+            for arrival in msgspec.json.decode(data, type=log_topics.Packets).arrivals:
                 for event in arrival.events:
                     if event[:1] == bytes([_CONNECTED]):
                         # A new session, whose timestamps have another origin.
@@ -111,13 +111,13 @@ class SoundMessages:
             return
         time = self._begun + joined.begun / LIVE_SAMPLE_RATE
         nanoseconds = max(0, round(time * 1e9))
-        stamp = topics.integer(1, nanoseconds // 10**9) + topics.integer(2, nanoseconds % 10**9)
-        if joined.topic.schema is topics.COMPRESSED_AUDIO:
-            data, ending = join_frames(joined.head, frames), topics.octets(3, b"opus")
+        stamp = log_topics.integer(1, nanoseconds // 10**9) + log_topics.integer(2, nanoseconds % 10**9)
+        if joined.topic.schema is log_topics.COMPRESSED_AUDIO:
+            data, ending = join_frames(joined.head, frames), log_topics.octets(3, b"opus")
         else:
-            data, ending = b"".join(frames), topics.octets(3, b"pcm-s16")
-            ending += topics.fixed32(4, LIVE_SAMPLE_RATE) + topics.fixed32(5, joined.channels)
-        yield Message(joined.topic, time, topics.octets(1, stamp) + topics.octets(2, data) + ending)
+            data, ending = b"".join(frames), log_topics.octets(3, b"pcm-s16")
+            ending += log_topics.fixed32(4, LIVE_SAMPLE_RATE) + log_topics.fixed32(5, joined.channels)
+        yield Message(joined.topic, time, log_topics.octets(1, stamp) + log_topics.octets(2, data) + ending)
 
 
 def _split_pcm(payload: Payload, channels: int) -> list[tuple[bytes, int]]:

@@ -16,7 +16,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from tactophone.bridges.ros_messages import open_type_store, type_name
+from tactophone.bridges.ros_topics import open_type_store, type_name
 from tactophone.errors import ConfigError
 
 ROUTER = "tcp/localhost:7447"

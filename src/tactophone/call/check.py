@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from tactophone.call.ice import Finder, Server, mapped_addresses
 from tactophone.call.messages import Nat
+from tactophone.link.packet import Address
 from tactophone.settings import Call
 
 PROBE_TIMEOUT = 1.5
@@ -35,7 +36,7 @@ class Findings:
 
     nat: Nat
     public: str
-    stun: list[str]
+    stun: list[Address]
     mailbox: bool
     relay: bool
     relay_set: bool
@@ -44,7 +45,7 @@ class Findings:
     def sentences(self) -> Iterator[str]:
         """Yield the findings, a line each."""
         yield f"this machine: {WORDS[self.nat]}" + (f"; it is seen at {self.public}" if self.public else "")
-        yield f"STUN: {', '.join(self.stun) or 'no server'} answered"
+        yield f"STUN: {', '.join(f'{host}:{port}' for host, port in self.stun) or 'no server'} answered"
         yield f"mailbox: {'answers' if self.mailbox else 'does not answer; name another with --set call.mailbox=...'}"
         if self.relay_set:
             advice = "gives no address; check call.turn, its user and password"
@@ -67,11 +68,11 @@ class Findings:
         return f"a call would be direct unless the other router changes its ports; then it needs a relay; {HELP}"
 
 
-async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[str]]:
+async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
     """Return what router is here, under which address servers see this machine, and which servers answer."""
-    found = dict.fromkeys([address for server in stun if (address := await server.resolve())])
+    found = dict.fromkeys(filter(None, await asyncio.gather(*(server.resolve() for server in stun))))
     answers = await mapped_addresses(list(found), PROBE_TIMEOUT) if found else {}
-    seen, answered = list(answers.values()), [f"{host}:{port}" for host, port in answers]
+    seen, answered = list(answers.values()), list(answers)
     if not seen:
         return "blocked", "", []
     nat: Nat
@@ -117,7 +118,7 @@ async def _relays(turn: Server | None) -> bool:
         return False
     finder = Finder(controls=True, stun=None, turn=turn, relay_only=True)
     try:
-        return (await finder.gather()).relay
+        return (await finder.gather("unknown")).relay
     finally:
         await finder.close()
 

@@ -7,7 +7,9 @@ consent (RFC 7675), to answer the other end's checks, and to refresh the relay's
 
 import asyncio
 import contextlib
+import math
 import socket
+from functools import partial
 from typing import Any
 
 import aioice
@@ -16,7 +18,10 @@ from aioice.turn import TurnTransport
 
 from tactophone.call.messages import Address, Nat, Offer
 from tactophone.errors import DeviceError
-from tactophone.link.way import Way, read_kept
+from tactophone.link.way import READING, SILENT, WANTED, Way, read_kept
+
+GATHER_TIMEOUT = 1.5
+"""Seconds for which a server that does not answer is waited for."""
 
 CONNECT_TIMEOUT = 6.0
 """Seconds until the two ends give up: relayed pairs are tried last, and each check is repeated for some seconds."""
@@ -28,9 +33,15 @@ _CHOSEN = b"\x03"
 """First byte of the word by which the controlling end says which way it has chosen: in STUN's range (RFC 7983), so that
 it passes every filter, but no STUN message."""
 
-RELAY_DELAY = 0.6
-"""Seconds that direct ways are tried alone: the first check of one end may be lost at the other's router, and is
-repeated after half a second."""
+RELAY_DELAY = 0.4
+"""Seconds that direct ways are tried alone: the first check of one end is lost at the other's router, and is repeated
+after `RETRANSMISSION`."""
+
+RETRANSMISSION = 0.1
+"""Seconds until an unanswered check is repeated, then twice as many; aioice has half a second."""
+
+STRAGGLER_TIMEOUT = 0.3
+"""Seconds from the first STUN server's answer until the other ones are given up."""
 
 CHOICE_INTERVAL, CHOICE_TIMEOUT = 0.05, 5.0
 """Seconds from one repetition of that word to the next, and until the end gives up."""
@@ -65,19 +76,21 @@ class Server:
 
 
 class Finder:
-    """One search for a way. ``controls`` is true for the end that called."""
+    """One search for a way. ``controls`` is true for the end that called.
+
+    ``silent`` is set when the live side hears nothing over the way.
+    """
 
     def __init__(self, *, controls: bool, stun: tuple[str, int] | None, turn: Server | None, relay_only: bool) -> None:
         self._turn = turn
         self._controls, self._stun, self._relay_only = controls, stun, relay_only
         self._heard: asyncio.Future[tuple[Any, tuple[str, int]]] = asyncio.get_running_loop().create_future()
         self._word = b""
+        self.silent, self._lost = asyncio.Event(), asyncio.Event()
+        self._way: Way | None = None
 
-    async def gather(self) -> Offer:
-        """Ask the servers where this end may be reached; sockets are open from now on.
-
-        What lies between this end and the internet is left to say (``nat``).
-        """
+    async def gather(self, nat: Nat) -> Offer:
+        """Ask the servers where this end may be reached; sockets are open from now on."""
         turn = await self._turn.resolve() if self._turn else None
         policy = aioice.TransportPolicy.RELAY if self._relay_only else aioice.TransportPolicy.ALL
         self._ice = aioice.Connection(
@@ -88,6 +101,7 @@ class Finder:
             turn_password=self._turn.password if self._turn else None,
             transport_policy=policy,
         )
+        self._ice.get_component_candidates = partial(self._ice.get_component_candidates, timeout=GATHER_TIMEOUT)
         await self._ice.gather_candidates()
         for protocol in self._ice._protocols:
             self._listen(protocol)
@@ -96,14 +110,13 @@ class Finder:
             for each in self._ice.local_candidates
         ]
         relay = any(each.kind == "relay" for each in found)
-        return Offer(self._ice.local_username, self._ice.local_password, found, "unknown", relay)
+        return Offer(self._ice.local_username, self._ice.local_password, found, nat, relay)
 
-    async def connect(self, offer: Offer, nat: Nat, keeper: socket.socket) -> tuple[Way, bool]:
-        """Find the way to the end that made the offer; return it, and whether a relay of either end passes it on.
+    async def connect(self, offer: Offer, nat: Nat, live: socket.socket, *, name: str, fingerprint: str) -> bool:
+        """Find the way to the end that made the offer; return whether a relay of either end passes it on.
 
-        ``nat`` is what lies before this end, ``keeper`` as in `Way`.
-
-        Raises `ConnectionError` or `TimeoutError` if there is none.
+        The live side gets it at once. ``nat`` is what lies before this end; ``name`` and ``fingerprint`` are the other
+        end's. Raises `ConnectionError` or `TimeoutError` if there is none.
         """
         ice = self._ice
         ice.remote_username, ice.remote_password = offer.user, offer.password
@@ -112,27 +125,39 @@ class Finder:
         async with asyncio.timeout(CONNECT_TIMEOUT):
             await self._check(offer, 0.0 if {nat, offer.nat} <= {"changes", "blocked"} else RELAY_DELAY)
         protocol, peer = await self._agree()
-        way = self._hand_over(protocol, peer, keeper)
-        return way, bool(way.channel) or any(
-            each.kind == "relay" and (each.host, each.port) == peer for each in offer.addresses
-        )
+        bound, channel = self._hand_over(protocol, peer)
+        self._way = Way(bound, peer, channel, name, fingerprint)
+        self._way.send(live)
+        asyncio.get_running_loop().add_reader(live, self._feed, live)
+        return channel > 0 or any(each.kind == "relay" and (each.host, each.port) == peer for each in offer.addresses)
 
-    async def keep(self, keeper: socket.socket) -> None:
-        """Keep the way open, fed with the STUN messages that the live side passes on, until it is lost."""
-        loop = asyncio.get_running_loop()
-        keeper.setblocking(False)
-        loop.add_reader(keeper, self._feed, keeper)
-        try:
-            # Also ended by the first failed refresh of the relay's allocation, or without consent for half a minute.
-            await self._ice.get_event()
-        finally:
-            loop.remove_reader(keeper)
+    @property
+    def host(self) -> str:
+        """The other end's address, or its relay's."""
+        return self._way.peer[0] if self._way else ""
+
+    async def round_trip(self) -> float:
+        """Return the seconds there and back; not a number if two answers were lost or took half a second."""
+        pair, loop = self._ice._nominated[1], asyncio.get_running_loop()
+        for _ in range(2):
+            request, key = self._ice.build_request(pair, nominate=False), self._ice.remote_password.encode()
+            began = loop.time()
+            with contextlib.suppress(stun.TransactionError):
+                await pair.protocol.request(request, pair.remote_addr, integrity_key=key, retransmissions=0)
+                return loop.time() - began
+        return math.nan
+
+    async def keep(self) -> None:
+        """Keep the way open until it is lost: without the other end's consent for half a minute."""
+        await self._lost.wait()
 
     async def close(self) -> None:
         """Free the relay's allocation and close all sockets."""
+        if self._way:
+            self._way.bound.close()
         with contextlib.suppress(Exception):
             async with asyncio.timeout(1.0):
-                await self._ice.close()
+                await aioice.Connection.close(self._ice)
 
     def _listen(self, protocol: Any) -> None:
         """Notice the word of the controlling end, and on which way it came."""
@@ -164,6 +189,7 @@ class Finder:
         ice._protocols = [each for each in ice._protocols if each not in relays]
         for each in direct:
             await ice.add_remote_candidate(_candidate(each))
+        usual, stun.RETRY_RTO = stun.RETRY_RTO, RETRANSMISSION
         checks = asyncio.ensure_future(ice.connect())
         try:
             await asyncio.wait([checks], timeout=delay)
@@ -176,6 +202,7 @@ class Finder:
             await checks
         finally:
             checks.cancel()
+            stun.RETRY_RTO = usual  # for which an answer is waited for once there is a way
 
     async def _agree(self) -> tuple[Any, tuple[str, int]]:
         """Agree on one way: each end may have found several, and each another one first."""
@@ -189,13 +216,15 @@ class Finder:
                 await asyncio.wait([self._heard], timeout=CHOICE_INTERVAL)
             return chosen
 
-    def _hand_over(self, protocol: Any, peer: tuple[str, int], keeper: socket.socket) -> Way:
+    def _hand_over(self, protocol: Any, peer: tuple[str, int]) -> tuple[socket.socket, int]:
+        """Return a duplicate of the socket, and the relay's channel."""
         # From here on aioice asks for consent on this way alone, and knows it for the only one.
         pairs = [each for each in self._ice._check_list if each.protocol is protocol and each.remote_addr == peer]
         if not pairs:
             raise ConnectionError("the other end has chosen a way that this one has not checked")
         self._ice._nominated[1] = pairs[0]
         self._ice.check_incoming = lambda *_: None
+        self._ice.close = self._note_loss
         channel = 0
         self._reader, transport = protocol, protocol.transport
         if isinstance(transport, TurnTransport):
@@ -209,17 +238,27 @@ class Finder:
         for other in [each for each in self._ice._protocols if each is not protocol]:
             self._ice._protocols.remove(other)
             other.transport.close()
-        return Way(transport.get_extra_info("socket").dup(), peer, keeper, channel)
+        return transport.get_extra_info("socket").dup(), channel
 
-    def _feed(self, keeper: socket.socket) -> None:
-        # Both processes have the socket, and only one may read it: the live one from its first message on.
+    async def _note_loss(self) -> None:
+        # In place of the end that aioice makes when consent is lost, for which it waits 40 s for a relay that is gone.
+        self._lost.set()
+
+    def _feed(self, live: socket.socket) -> None:
+        """Take what the live side says, or a STUN message that it passes on."""
         loop, descriptor = self._read_by
-        loop._remove_reader(descriptor)
         with contextlib.suppress(OSError, ValueError):
-            if message := keeper.recv(1 << 16):
-                self._reader.datagram_received(*read_kept(message))
-            else:
-                loop.remove_reader(keeper)
+            match message := live.recv(1 << 16):
+                case b"":
+                    loop.remove_reader(live)
+                case _ if message == READING:  # both processes have the socket, and only one may read it
+                    loop._remove_reader(descriptor)
+                case _ if message == SILENT:
+                    self.silent.set()
+                case _ if message == WANTED and self._way:
+                    self._way.send(live)
+                case _:
+                    self._reader.datagram_received(*read_kept(message))
 
 
 def _candidate(address: Address) -> aioice.Candidate:
@@ -236,16 +275,21 @@ async def mapped_addresses(servers: list[tuple[str, int]], timeout: float) -> di
                 message = stun.parse_message(data)
                 if message.transaction_id in asked:
                     answers[message.transaction_id] = message.attributes["XOR-MAPPED-ADDRESS"]
+                    changed.set()
 
+    changed = asyncio.Event()
     transport, _ = await loop.create_datagram_endpoint(Probe, local_addr=("0.0.0.0", 0))
     requests = [stun.Message(stun.Method.BINDING, stun.Class.REQUEST) for _ in servers]
     asked = {request.transaction_id for request in requests}
-    began = loop.time()
-    while len(answers) < len(servers) and loop.time() - began < timeout:
+    deadline = loop.time() + timeout
+    while len(answers) < len(servers) and loop.time() < deadline:
         for request, server in zip(requests, servers, strict=True):
             if request.transaction_id not in answers:
                 transport.sendto(bytes(request), server)
-        await asyncio.sleep(0.1)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(changed.wait(), 0.1)
+            deadline = min(deadline, loop.time() + STRAGGLER_TIMEOUT)
+        changed.clear()
     transport.close()
     pairs = zip(servers, requests, strict=True)
     return {server: answers[each.transaction_id] for server, each in pairs if each.transaction_id in answers}

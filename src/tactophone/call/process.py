@@ -1,7 +1,7 @@
 """The process of a call: finds the other end and the way to it, and keeps the way open; and the handle of its parent.
 
-The two share a pair of sockets. Until there is a way, it carries the process's steps and the parent's answers, as JSON;
-after that, the STUN messages that the live side passes on.
+A pair of sockets between the two carries the process's steps and the parent's answers, as JSON. Another pair leads from
+the process to the live side, which gets the way there (`tactophone.link.way`).
 """
 
 import asyncio
@@ -10,19 +10,22 @@ import json
 import select
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
 
 from tactophone import __version__
-from tactophone.call.messages import Role
-from tactophone.errors import DeviceError
-from tactophone.link.way import Way
+from tactophone.call.messages import Accepted, Hello, Offer, Refused, Role
+from tactophone.errors import DeviceError, TactophoneError
 from tactophone.processes import Child, Parent
 from tactophone.settings import Call
 
+if TYPE_CHECKING:  # their libraries are loaded in the process alone
+    from tactophone.call.exchange import Exchange
+    from tactophone.call.ice import Finder
+
 Step: TypeAlias = Literal["code", "asked", "found", "checked"]
-"""What the process reports: its code, who calls and wants to be accepted, the way, and the words of a check."""
+"""What the process reports: its code, who calls and wants to be accepted, each way, and the words of a check."""
 
 ANSWER_TIMEOUT = 30.0
 """Seconds that an end waits for the other one's next message, once both have the key."""
@@ -47,94 +50,94 @@ class Plan:
         Whether this end answers a call.
     code
         To use; empty to ask the mailbox for one.
-    secret
-        Of the last call with the same other end, from which the code is derived; empty without.
+    secrets
+        Of the last call with the same other end, from which the code is derived, and of the one before: the other end
+        may have missed the last one. Empty without.
     name, fingerprint
         Of this end.
     role
         That this end takes; empty where it takes the other one.
+    expected
+        Fingerprint of the other end; empty where that is not known.
     """
 
     settings: Call
     answers: bool
     code: str
-    secret: bytes
+    secrets: tuple[bytes, ...]
     name: str
     fingerprint: str
     role: Role | Literal[""]
+    expected: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The other end, and the way to it: all that a live side needs, and the secret of the next call."""
+    """The other end, what kind of way leads to it, and the secrets for the next call: its own and that of this one.
+
+    ``after`` is how long the search took, ``round_trip`` the way's, in s; ``again`` whether it replaces another way.
+    """
 
     name: str
-    version: str
     fingerprint: str
     role: Role
-    secret: bytes
-    way: Way
-    after: float
+    secrets: list[str]
+    host: str
     relayed: bool
+    after: float
+    round_trip: float
+    again: bool
 
 
 class CallProcess:
-    """The handle of a call's process; a context manager, whose end closes the way."""
+    """The handle of a call's process; a context manager, whose end closes the way.
+
+    ``keeper`` is for the live side.
+    """
 
     def __init__(self, plan: Plan | Call) -> None:
         self._pair, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._child = Child(_run if isinstance(plan, Plan) else _run_check, plan, its, name="tactophone-call")
+        self.keeper, live = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._child = Child(_run if isinstance(plan, Plan) else _run_check, plan, its, live, name="tactophone-call")
         its.close()
-        self._failure = ""
+        live.close()
+        self._ending = False
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._ending = True
         self._child.ask_to_end()
         self._child.end(3.0)
-        self._pair.close()
+        self.keeper.close()
 
     def steps(self) -> Iterator[tuple[Step, Any]]:
-        """Yield the steps of the process as they come, up to the way, a `Found`.
+        """Yield the steps of the process as they come; the content of ``found`` is a `Found`.
 
-        Raises `DeviceError` with the reason if it ends before.
+        Raises `DeviceError` with the reason when the process ends, but not where that was asked for.
         """
-        while True:
-            if select.select([self._pair], [], [], POLL_INTERVAL)[0]:
-                message, descriptors, *_ = socket.recv_fds(self._pair, 1 << 16, 1)
-                if message:
-                    step, content = json.loads(message)
-                    if step == "found":
-                        yield step, self._found(content, descriptors[0])
-                        return
-                    yield step, content
-                    continue
+        while not self._ending:
+            if select.select([self._pair], [], [], POLL_INTERVAL)[0] and (message := self._pair.recv(1 << 16)):
+                step, content = json.loads(message)
+                yield step, Found(**content) if step == "found" else content
+                continue
             alive = self._child.alive  # asked first: what it told before its end is then read
-            if self.failure or not alive:
-                raise DeviceError(self.failure or "the process of the call ended without a word")
+            failure = next((text for kind, text in self._child.messages() if kind in ("error", "bug")), "")
+            if (failure or not alive) and not self._ending:
+                raise DeviceError(failure or "the process of the call ended without a word")
 
     def answer(self, accepted: bool) -> None:
         """Accept the call, or decline it."""
         self._pair.send(json.dumps(accepted).encode())
 
-    @property
-    def failure(self) -> str:
-        """Why the process has ended, or the way is lost; empty while all is well."""
-        self._failure = next((text for kind, text in self._child.messages() if kind in ("error", "bug")), self._failure)
-        return self._failure
 
-    def _found(self, content: dict[str, Any], descriptor: int) -> Found:
-        host, port = content.pop("peer")
-        way = Way(socket.socket(fileno=descriptor), (host, port), self._pair, content.pop("channel"))
-        return Found(**content | {"secret": bytes.fromhex(content["secret"])}, way=way)
+def _run(parent: Parent, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+    live.setblocking(False)
+    _in_loop(parent, lambda: _Call(plan, pair, live).run(), twisted=True)
 
 
-def _run(parent: Parent, plan: Plan, pair: socket.socket) -> None:
-    _in_loop(parent, lambda: _Call(plan, pair).run(), twisted=True)
-
-
-def _run_check(parent: Parent, settings: Call, pair: socket.socket) -> None:
+def _run_check(parent: Parent, settings: Call, pair: socket.socket, _: socket.socket) -> None:
     async def check() -> None:
         from tactophone.call.check import examine
 
@@ -166,45 +169,75 @@ def _in_loop(parent: Parent, main: Any, *, twisted: bool = False) -> None:
             uninstall()
 
 
-def _tell(pair: socket.socket, step: Step, content: Any, descriptors: tuple[int, ...] = ()) -> None:
-    socket.send_fds(pair, [json.dumps([step, content]).encode()], descriptors)
+def _tell(pair: socket.socket, step: Step, content: Any) -> None:
+    pair.send(json.dumps([step, content]).encode())
 
 
 class _Call:
-    """One call, from the code to the end of the way."""
+    """One call, from the code to the end of the last way."""
 
-    def __init__(self, plan: Plan, pair: socket.socket) -> None:
-        self._plan, self._pair = plan, pair
+    def __init__(self, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
+        from tactophone.call.ice import Server
+
+        self._plan, self._pair, self._live = plan, pair, live
+        self._stun = [Server(each) for each in plan.settings.stun.split(",") if each.strip()]
+        self._turn = Server(plan.settings.turn) if plan.settings.turn else None
+        self._finder: Finder | None = None
+        self._closing: set[asyncio.Task[None]] = set()
 
     async def run(self) -> None:
+        nat = self._ask_nat()
+        try:
+            async with contextlib.AsyncExitStack() as exchanges:
+                exchange, hello, secrets = await self._meet(exchanges)
+                role, began = await self._accept(exchange, hello)
+                relayed = await self._search(exchange, nat, hello)
+                self._close_later(exchanges.pop_all().aclose())
+            content = {"name": hello.name, "fingerprint": hello.fingerprint, "role": role, "again": False}
+            content["secrets"] = [each.hex() for each in secrets]
+            while finder := self._finder:
+                content |= {"host": finder.host, "relayed": relayed, "after": time.monotonic() - began}
+                _tell(self._pair, "found", content | {"round_trip": await finder.round_trip()})
+                began, relayed = await self._replace(finder, hello, secrets[0])
+                content["again"] = True
+        finally:
+            if self._finder:
+                await self._finder.close()
+            await asyncio.gather(*self._closing, return_exceptions=True)
+
+    async def _meet(self, exchanges: contextlib.AsyncExitStack) -> "tuple[Exchange, Hello, list[bytes]]":
+        """Wait for the other end; return what it says, and the secrets for the next call.
+
+        Two ends that remember each other may have two codes in common. The caller then decides by its greeting.
+        """
         from tactophone.call.exchange import Exchange, code_of
 
         plan = self._plan
-        async with Exchange(plan.settings.mailbox) as exchange:
-            code = await exchange.open(code_of(plan.secret) if plan.secret else plan.code)
-            _tell(self._pair, "code", code)
-            secret = await exchange.meet()
-            finder, found, way = await self._find(exchange)
+        codes = [code_of(each) for each in plan.secrets] or [plan.code]
+        opened = [await exchanges.enter_async_context(Exchange(plan.settings.mailbox)) for _ in codes]
+        _tell(self._pair, "code", (await asyncio.gather(*map(Exchange.open, opened, codes)))[0])
+
+        async def greeted(place: int) -> tuple[int, bytes, Hello | None]:
+            secret = await opened[place].meet()
+            return place, secret, await self._next(opened[place], Hello) if plan.answers else None
+
+        waiting = [asyncio.ensure_future(greeted(place)) for place in range(len(codes))]
         try:
-            content = {**found, "secret": secret.hex(), "peer": way.peer, "channel": way.channel}
-            _tell(self._pair, "found", content, (way.bound.fileno(),))
-            way.bound.close()
-            await finder.keep(self._pair)
-            raise DeviceError("the way to the other end is lost, and did not come back for half a minute: call again")
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+            place, secret, hello = next(each for each in waiting if each.done()).result()
         finally:
-            await finder.close()
+            for each in waiting:
+                each.cancel()
+        opened[place].send(Hello(plan.name, plan.role, __version__, plan.fingerprint))
+        return opened[place], hello or await self._next(opened[place], Hello), [secret, *plan.secrets[place:][:1]]
 
-    async def _find(self, exchange: Any) -> "tuple[Any, dict[str, Any], Way]":
-        from tactophone.call import check
-        from tactophone.call.ice import Finder, Server
-        from tactophone.call.messages import Accepted, Hello, Offer, Refused
-
+    async def _accept(self, exchange: "Exchange", hello: Hello) -> tuple[Role, float]:
+        """Agree on the roles, and let the answering side accept; return this end's role, and when that was."""
         plan = self._plan
-        exchange.send(Hello(plan.name, plan.role, __version__, plan.fingerprint))
-        hello = await self._next(exchange, Hello)
-        began = time.monotonic()
         if hello.fingerprint == plan.fingerprint:
             raise DeviceError("the other end is this machine itself: it has the same key")
+        if plan.expected not in ("", hello.fingerprint):
+            raise DeviceError(f"the other end, {hello.name}, has another key than the one remembered: call with a code")
         # The one that named no role takes the other one.
         role: Role = plan.role or OTHER.get(hello.role, "robot")
         taken = hello.role or OTHER[role]
@@ -218,39 +251,79 @@ class _Call:
                 exchange.send(Refused("it was not accepted"))
                 raise DeviceError("you did not accept the call")
             exchange.send(Accepted(role))
-            began = time.monotonic()
         else:
             await self._next(exchange, Accepted, timeout=ACCEPT_TIMEOUT)
-            began = time.monotonic()
-        settings = plan.settings
-        stun = [Server(each) for each in settings.stun.split(",") if each.strip()]
-        turn = Server(settings.turn) if settings.turn else None
-        resolved = [found for server in stun if (found := await server.resolve())]
+        return role, time.monotonic()
+
+    async def _search(self, exchange: "Exchange", asked: asyncio.Task[Any], hello: Hello) -> bool:
+        """Find a way and hand it to the live side; return whether it is relayed."""
+        from tactophone.call import check
+        from tactophone.call.ice import Finder
+
+        nat, _, answered = await asked
         finder = Finder(
-            controls=not plan.answers, stun=resolved[0] if resolved else None, turn=turn, relay_only=settings.relay_only
-        )
+            controls=not self._plan.answers, stun=answered[0] if answered else None, turn=self._turn,
+            relay_only=self._plan.settings.relay_only,
+        )  # fmt: skip
         try:
-            (nat, *_), offer = await asyncio.gather(check.find_nat([*stun, *filter(None, [turn])]), finder.gather())
-            exchange.send(Offer(offer.user, offer.password, offer.addresses, nat, offer.relay))
+            offer = await finder.gather(nat)
+            exchange.send(offer)
             theirs = await self._next(exchange, Offer)
             try:
-                way, relayed = await finder.connect(theirs, nat, self._pair)
+                relayed = await finder.connect(theirs, nat, self._live, name=hello.name, fingerprint=hello.fingerprint)
             except (ConnectionError, TimeoutError):
                 reason = check.why_no_way(nat, theirs.nat, relay=offer.relay or theirs.relay)
                 raise DeviceError(reason) from None
         except BaseException:
             await finder.close()
             raise
-        content = {
-            "name": hello.name, "version": hello.version, "fingerprint": hello.fingerprint, "role": role,
-            "after": time.monotonic() - began, "relayed": relayed,
-        }  # fmt: skip
-        return finder, content, way
+        self._finder = finder
+        return relayed
 
-    async def _next(self, exchange: Any, kind: Any, *, timeout: float = ANSWER_TIMEOUT) -> Any:
+    async def _replace(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+        """Keep the way until another one replaces it; return when the search for that began, and if it is relayed."""
+        keeping = asyncio.ensure_future(finder.keep())
+        searching = asyncio.ensure_future(self._search_again(finder, hello, secret))
+        try:
+            await asyncio.wait([keeping, searching], return_when=asyncio.FIRST_COMPLETED)
+            if not searching.done():
+                raise DeviceError("the way to the other end is lost, and no other one was found: call again")
+            self._close_later(finder.close())
+            return searching.result()
+        finally:
+            keeping.cancel()
+            searching.cancel()
+
+    async def _search_again(self, finder: "Finder", hello: Hello, secret: bytes) -> tuple[float, bool]:
+        """Search whenever the live side hears nothing, as the other end does, which then hears nothing either."""
+        from tactophone.call.exchange import Exchange, code_of
+
+        while True:
+            await finder.silent.wait()
+            finder.silent.clear()
+            nat, began = self._ask_nat(), time.monotonic()
+            with contextlib.suppress(TactophoneError, OSError):  # and again, as long as nothing is heard
+                async with contextlib.AsyncExitStack() as exchanges:
+                    exchange = await exchanges.enter_async_context(Exchange(self._plan.settings.mailbox))
+                    await exchange.open(code_of(secret + b"again"))
+                    await exchange.meet()
+                    relayed = await self._search(exchange, nat, hello)
+                    self._close_later(exchanges.pop_all().aclose())
+                    return began, relayed
+
+    def _ask_nat(self) -> asyncio.Task[Any]:
+        from tactophone.call.check import find_nat
+
+        return asyncio.ensure_future(find_nat([*self._stun, *filter(None, [self._turn])]))
+
+    def _close_later(self, closing: Coroutine[Any, Any, None]) -> None:
+        """Close what is not needed any more, which takes an answer from the network, beside everything else."""
+        task = asyncio.ensure_future(closing)
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+
+    async def _next(self, exchange: "Exchange", kind: Any, *, timeout: float = ANSWER_TIMEOUT) -> Any:
         """Return the other end's next message, which has to be of one kind."""
-        from tactophone.call.messages import Refused
-
         try:
             async with asyncio.timeout(timeout):
                 message = await exchange.receive()

@@ -14,14 +14,10 @@ ABSENT = "no page sends sound: open the page on the phone or laptop that listens
 
 
 def jack_source(
-    *,
-    contact: str = "system:capture_1",
-    air: str = "system:capture_2",
-    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}),
-    server: str = "",
-    name: str = "tactophone-robot",
+    *, contact: str = "system:capture_1", air: str = "system:capture_2",
+    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}), server: str = "", name: str = "tactophone-robot",
     sample_rate: int = LIVE_SAMPLE_RATE,
-) -> LiveSource:
+) -> LiveSource:  # fmt: skip
     """Open the microphones at the ports of a JACK server.
 
     Parameters

@@ -107,6 +107,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         output.print_error(f"{error.filename or 'cannot read or write'}: {error.strerror or error}")
         return 1
+    except RuntimeError as error:
+        # By name: the library of sound files takes long to import, and tells nobody that the disk is full.
+        if type(error).__name__ != "LibsndfileError":
+            raise
+        output.print_error(f"{error} A sound file cannot be read or written: is the disk full? Free some space")
+        return 1
 
 
 def _discard_output() -> None:

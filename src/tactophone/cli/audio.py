@@ -129,12 +129,6 @@ def for_one_microphone(settings: Settings) -> Settings:
     return change(settings, [f"detector.model={ONE_MICROPHONE_MODEL}", *tip])
 
 
-def add_input(parser: argparse.ArgumentParser, verb: str) -> None:
-    """Add where a guided verb's sound comes from."""
-    options.add_settings(parser, verb)
-    options.add_finger(parser)
-
-
 @dataclass(frozen=True, slots=True)
 class SimulatedAct:
     """An instruction for the simulated person: ``rest``, ``stroke``, ``tap`` or ``take``, and its duration in s."""
@@ -161,12 +155,9 @@ class AudioInput:
 
             simulated = settings.simulation
             self._participant = SimulatedParticipant(
-                find(object_name),
-                gain_db=simulated.gain_db,
-                air_gain_db=simulated.air_gain_db,
-                seed=simulated.seed,
+                find(object_name), gain_db=simulated.gain_db, air_gain_db=simulated.air_gain_db, seed=simulated.seed,
                 tip=settings.capture.tip,
-            )
+            )  # fmt: skip
             faults = [FaultSpan.parse(text.strip()) for text in simulated.faults.split(",") if text.strip()]
             self.source: Source = FaultySource(self._participant, faults)
         else:

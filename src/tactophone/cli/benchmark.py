@@ -3,13 +3,13 @@
 import argparse
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rich.box import SIMPLE
-from rich.table import Table
+from rich.text import Text
 
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, add_folds, add_kin, cache_of, open_filtered
@@ -18,7 +18,7 @@ from tactophone.dataset.values import Dataset
 
 if TYPE_CHECKING:
     from tactophone.benchmark.folds import Cache
-    from tactophone.benchmark.paper_tables import TableRow, TaskOutcome
+    from tactophone.benchmark.paper_tables import TableRow
     from tactophone.benchmark.results import Cost, DatasetResults
     from tactophone.evaluation.bootstrap import Estimate
     from tactophone.evaluation.predict import TakePredictions
@@ -47,39 +47,33 @@ EXAMPLES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--data", type=Path, action="append", default=[], metavar="DIR",
+    add = parser.add_argument
+    add("--data", type=Path, action="append", default=[], metavar="DIR",
         help="a data set, repeatable; each is scored by itself, so that real and simulated sound never mix (default: a "
-        "small simulated one, rendered first)",
-    )  # fmt: skip
+        "small simulated one, rendered first)")  # fmt: skip
     add_filter(parser)
     add_kin(parser)
-    parser.add_argument("--methods", metavar="LIST", help="names, separated by commas (default: all)")
-    parser.add_argument(
-        "--splits", metavar="LIST",
+    add("--methods", metavar="LIST", help="names, separated by commas (default: all)")
+    add("--splits", metavar="LIST",
         help="names, separated by commas, as `evaluate --split` takes them (default: by kin, and by stroke, "
-        "pressure, scenario and session where the data has them)",
-    )  # fmt: skip
-    parser.add_argument(
+        "pressure, scenario and session where the data has them)")  # fmt: skip
+    add(
         "--fast",
         action="store_true",
         help="three folds by kin only, the network trained for 200 steps in place of 600: minutes, not hours",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("benchmark"), metavar="DIR", help="for results.json, report.md and its figures"
-    )
+    add("--out", type=Path, default=Path("benchmark"), metavar="DIR",
+        help="for results.json, report.md and its figures")  # fmt: skip
     add_folds(parser)
-    parser.add_argument("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
-    parser.add_argument("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
-    parser.add_argument(
-        "--table3", action="store_true",
-        help="print the paper's task with a simulated operator; --methods also takes paths of model files",
-    )  # fmt: skip
-    parser.add_argument(
+    add("--table1", action="store_true", help="print Table I beside the paper's; authors' layout")
+    add("--table2", action="store_true", help="print Table II beside the paper's; authors' layout")
+    add("--table3", action="store_true",
+        help="print the paper's task with a simulated operator; --methods also takes paths of model files")  # fmt: skip
+    add(
         "--ablations", type=Path, metavar="DIR",
         help="score the paper's network by each recipe file in DIR, on the first of --splits (default: 3-fold by kin)",
     )  # fmt: skip
-    parser.add_argument("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
+    add("--rounds", type=Within(int, 1), default=1000, metavar="N", help="rounds of the task, %(type)s")
     options.add_json(parser, "print JSON instead of tables")
 
 
@@ -106,9 +100,7 @@ def run(args: argparse.Namespace) -> int:
     }
     (args.out / "results.json").write_text(json.dumps(output.finite(summary), indent=1))
     report = write_report(args.out, results, costs=costs, notes=NOTES)
-    output.show(Benchmark(results, costs, summary), as_json=args.json)
-    if args.json:
-        return 0
+    output.show(summary, _parts(results, costs), as_json=args.json)
     output.log().print(f"{report}, {args.out / 'results.json'}")
     return 0
 
@@ -123,21 +115,11 @@ def _print_ablations(args: argparse.Namespace, cache: "Cache") -> int:
         with output.progress("ablations", len(methods)) as update:
             rows = ablation_rows(methods, dataset, name, cache, report=lambda done, of: update(completed=done, note=of))
         title = f"The paper's network and what its authors tried, {dataset.name} ({origin_of(dataset)}), {name}"
-        output.show(Ablations(title, rows), as_json=args.json)
+        table = [{"network": row.name, **{name: str(value) for name, value in row.values.items()}} for row in rows]
+        note = "Windows in true contact, two-class rule; 90 % intervals over surfaces."
+        parts: list[output.Part] = [title, table, note]
+        output.show({"title": title, "lines": rows}, parts, as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Ablations:
-    """The scores of the paper's network with one choice undone at a time."""
-
-    title: str
-    lines: "Sequence[TableRow]"
-
-    def parts(self) -> Iterator[output.Part]:
-        yield self.title
-        yield [{"network": row.name, **{name: str(value) for name, value in row.values.items()}} for row in self.lines]
-        yield "Windows in true contact, two-class rule; 90 % intervals over surfaces."
 
 
 def _datasets(args: argparse.Namespace, cache: "Cache") -> list[Dataset]:
@@ -172,45 +154,31 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Benchmark:
-    """The scores and costs of every data set, and what `results.json` holds of them."""
+def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str, Cost]]") -> Iterator[output.Part]:
+    """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
+    from tactophone.benchmark.report import format_delay, notes_of, steps_by_profile
 
-    results: "Sequence[DatasetResults]"
-    costs: "dict[str, dict[str, Cost]]"
-    summary: dict[str, Any]
-
-    def as_json(self) -> dict[str, Any]:
-        return self.summary
-
-    def parts(self) -> Iterator[output.Part]:
-        from tactophone.benchmark.report import notes_of, steps_by_profile
-
-        for of_dataset in self.results:
-            for split in dict.fromkeys(result.split for result in of_dataset.results):
-                yield f"{of_dataset.dataset} ({of_dataset.origin}), {split}"
-                yield _table_of(of_dataset, split, self.costs.get(of_dataset.dataset, {}))
-                yield from notes_of(of_dataset, split)
-                yield ""
-        steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
-        yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"
-
-
-def _table_of(of_dataset: "DatasetResults", split: str, costs: dict[str, "Cost"]) -> Table:
-    """The columns that 80 characters hold, gate and abstention inside; the report has the rest."""
-    from tactophone.benchmark.report import format_delay
-
-    table = Table("method", "as rendered", box=SIMPLE, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("AUC", "s as r", "gaps", "bumps/min", "edge, ms (never)", "us"):
-        table.add_column(name, justify="right")
-    for result in (result for result in of_dataset.results if result.split == split):
-        scores, cost, rendered = result.scores["two-class"], costs.get(result.method), result.rendered
-        table.add_row(
-            result.method.removeprefix("control: "), str(rendered.balanced_accuracy), f"{scores['auc'].value:.2f}",
-            f"{rendered.smooth_as_rough.value:.2f}", f"{rendered.gaps.value:.2f}", f"{result.bumps_per_minute:.0f}",
-            format_delay(result.edge_ms), f"{cost.update_us:.0f}" if cost else "",
-        )  # fmt: skip
-    return table
+    for of_dataset in results:
+        for split in dict.fromkeys(result.split for result in of_dataset.results):
+            yield f"{of_dataset.dataset} ({of_dataset.origin}), {split}"
+            rows = [
+                {
+                    "method": result.method.removeprefix("control: "),
+                    "as rendered": str(result.rendered.balanced_accuracy),
+                    "AUC": f"{result.scores['two-class']['auc'].value:.2f}",
+                    "s as r": f"{result.rendered.smooth_as_rough.value:.2f}",
+                    "gaps": f"{result.rendered.gaps.value:.2f}",
+                    "bumps/min": f"{result.bumps_per_minute:.0f}",
+                    "edge, ms (never)": format_delay(result.edge_ms),
+                    "us": f"{cost.update_us:.0f}" if (cost := costs[of_dataset.dataset].get(result.method)) else "",
+                }
+                for result in of_dataset.results
+                if result.split == split
+            ]
+            yield output.table(rows, padding=(0, 1, 0, 0))
+            yield from (*notes_of(of_dataset, split), "")
+    steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
+    yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"
 
 
 def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "Cache") -> int:
@@ -224,7 +192,8 @@ def print_tables(args: argparse.Namespace, datasets: Sequence[Dataset], cache: "
             for chosen, make, title in ((args.table1, table_one, "Table I"), (args.table2, table_two, "Table II")):
                 if chosen:
                     heading = f"{title}, {dataset.name} ({origin_of(dataset)}), {gate}"
-                    print_rows(heading, make(gated), as_json=args.json)
+                    rows = make(gated)
+                    output.show({"title": heading, "lines": rows}, paper_parts(heading, rows), as_json=args.json)
     if args.table3:
         _print_task(args)
     return 0
@@ -237,36 +206,17 @@ def _predict(dataset: Dataset, names: Sequence[str], cache: "Cache") -> "dict[st
         return predict_held_out(dataset, names, cache, report=lambda name: update(note=name))
 
 
-def print_rows(title: str, rows: Sequence["TableRow"], *, as_json: bool) -> None:
-    output.show(PaperTable(title, rows), as_json=as_json)
-
-
-@dataclass(frozen=True, slots=True)
-class PaperTable:
-    """One of the paper's Tables I and II."""
-
-    title: str
-    lines: "Sequence[TableRow]"
-
-    def parts(self) -> Iterator[output.Part]:
-        yield _paper_table(self.title, self.lines)
-
-
-def _paper_table(title: str, rows: "Sequence[TableRow]") -> Table:
-    caption = (
+def paper_parts(title: str, rows: "Sequence[TableRow]") -> list[output.Part]:
+    """Return one of the paper's Tables I and II as eight columns in 80 characters, a heading's word a line."""
+    cells = [
+        {"": row.name, **{re.sub("[_ ]", "\n", name): _cell(value) for name, value in row.values.items()}}
+        for row in rows
+    ]
+    note = Text(
         "Below a score, its 90 % interval over takes of the test objects and 5 s pieces of the competition's runs: one "
         "object a class says nothing of other objects."
     )
-    table = Table(title=title, title_justify="left", box=SIMPLE, pad_edge=False, padding=0)
-    table.caption, table.caption_justify = caption, "left"
-    table.add_column("")
-    for name in rows[0].values:
-        # In 80 characters the headings wrap, the figures and the names' words do not.
-        lines = [line for row in rows for line in _cell(row.values[name]).splitlines()]
-        table.add_column(name.replace("_", " "), justify="right", width=max(map(len, ("contact", *lines))))
-    for row in rows:
-        table.add_row(row.name, *map(_cell, row.values.values()))
-    return table
+    return [title, output.table(cells, padding=(0, 1, 0, 0)), note]
 
 
 def _cell(score: "Estimate") -> str:
@@ -283,48 +233,21 @@ def _print_task(args: argparse.Namespace) -> None:
     names = args.methods.split(",") if args.methods else task_methods()
     with output.progress("simulated operator", len(names) + 1) as update:
         outcomes = play_task(names, rounds=args.rounds, report=lambda name: update(advance=1, note=name))
-    output.show(OperatorTask(PAPER_THREE, outcomes, args.rounds), as_json=args.json)
-
-
-@dataclass(frozen=True, slots=True)
-class OperatorTask:
-    """The paper's task: its times by team and day, and how the simulated operator fared in so many rounds."""
-
-    paper: "Mapping[str, tuple[int | None, int | None]]"
-    outcomes: "Sequence[TaskOutcome]"
-    rounds: int
-
-    def as_json(self) -> list[dict[str, Any]]:
-        own: list[dict[str, Any]] = [
-            {"name": f"paper's own: {team}, day {day}", "task": time}
-            for team, times in self.paper.items()
-            for day, time in enumerate(times, 1)
-        ]
-        played = [{**asdict(each), "task": each.median_duration} for each in self.outcomes]
-        return [*own, *played]
-
-    def parts(self) -> Iterator[output.Part]:
-        yield "Table III as the paper has it: min:s until a rough stone was fetched; N/A: not attempted"
-        yield [
-            {"team": team, **{f"day {day}": _minutes(time) for day, time in enumerate(times, 1)}}
-            for team, times in self.paper.items()
-        ]
-        yield _task_table(self)
-
-
-def _minutes(time: int | None) -> str:
-    return "N/A" if time is None else f"{time // 60}:{time % 60:02}"
-
-
-def _task_table(task: OperatorTask) -> Table:
-    title = f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {task.rounds} rounds a method"
-    caption = (
+    times = [(team, day, time) for team, own in PAPER_THREE.items() for day, time in enumerate(own, 1)]
+    paper = [{"name": f"paper's own: {team}, day {day}", "task": time} for team, day, time in times]
+    teams: dict[str, dict[str, str]] = {team: {"team": team} for team in PAPER_THREE}
+    for team, day, time in times:
+        teams[team][f"day {day}"] = "N/A" if time is None else f"{time // 60}:{time % 60:02}"
+    headings = ("method", "rough one found", "both found", "decision time (s)")
+    parts: list[output.Part] = [
+        "Table III as the paper has it: min:s until a rough stone was fetched; N/A: not attempted",
+        list(teams.values()),
+        f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {args.rounds} rounds a method",
+        [dict(zip(headings, (each.name, each.found, each.both, each.duration), strict=True)) for each in outcomes],
         "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
         "objects, on which the shipped models are trained, and plays with stones new to both. The paper's teams are "
-        "people with a robot, who also moved an arm and fetched the stone."
+        "people with a robot, who also moved an arm and fetched the stone.",
+    ]
+    output.show(
+        [*paper, *({**asdict(each), "task": each.median_duration} for each in outcomes)], parts, as_json=args.json
     )
-    heading = ("method", "rough one found", "both found", "decision time (s)")
-    table = Table(*heading, title=title, title_justify="left", caption=caption, caption_justify="left")
-    for outcome in task.outcomes:
-        table.add_row(outcome.name, outcome.found, outcome.both, outcome.duration)
-    return table

@@ -1,6 +1,7 @@
 """``tactophone call`` and ``answer``: `send` and `receive` between any two networks, found by a spoken code."""
 
 import argparse
+import math
 import os
 import re
 import secrets
@@ -8,23 +9,25 @@ import signal
 import socket
 import sys
 import threading
-import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from tactophone.cli import audio, live, options, output, page
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, TactophoneError
 from tactophone.settings import Settings
 
 if TYPE_CHECKING:
     from tactophone.call.messages import Role
-    from tactophone.call.process import CallProcess, Found
+    from tactophone.call.process import CallProcess, Found, Step
     from tactophone.link.identity import Identity
-    from tactophone.runtime.supervisor import Supervisor
+    from tactophone.link.way import Keeper
+    from tactophone.runtime.supervisor import ProcessInfo, Supervisor
+    from tactophone.runtime.wiring import OpenSource
 
 EXAMPLES = {
     "call": ("tactophone call", "tactophone call --robot --source finger --remember lab", "tactophone call --check"),
@@ -34,9 +37,6 @@ EXAMPLES = {
         "tactophone answer home --yes",
     ),
 }
-
-WATCH_INTERVAL = 0.5
-"""Seconds between two looks at the process that keeps the way open."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,23 +79,31 @@ def run(args: argparse.Namespace) -> int:
         )
     identity = _identity(folder)
     spoken = bool(re.match(r"\d+-", args.code))
-    secret = _secret_of(folder, args.code) if args.code and not spoken else b""
+    kept = args.remember or (args.code if not spoken else "")  # a name keeps what each call makes of its secret
+    secrets = _secrets_of(folder, args.code) if args.code and not spoken else ()
     role: Role | Literal[""] = args.role or ("" if answers else "operator")
     name = re.sub(r"[^\w.+-]", "-", identity.name, flags=re.ASCII)[:64] or "unnamed"
-    plan = Plan(settings.call, answers, args.code if spoken else "", secret, name, identity.fingerprint, role)
-    with CallProcess(plan) as process:
-        found = _found(process, args)
-        if args.code and not spoken and _fingerprint_of(folder, args.code) != found.fingerprint:
-            raise ConfigError(f"the other end is not {args.code}: its key is another one; call with a code instead")
-        if args.remember:
-            _remember(folder, args.remember, found)
-        return _follow(args, settings, process, found, identity)
+    plan = Plan(
+        settings.call, answers, args.code if spoken else "", secrets, name, identity.fingerprint, role,
+        expected=_fingerprint_of(folder, args.code) if secrets else "",
+    )  # fmt: skip
+    with CallProcess(plan) as process, _Side(args, settings, process) as side:
+        side.begin(role or "robot")
+        steps = process.steps()
+        found = _found(process, steps, args, side)
+        if kept:
+            _remember(folder, kept, found)
+        failures: list[str] = []
+        threading.Thread(target=_watch, args=(steps, failures), daemon=True).start()
+        code = live.follow(args, side.settings, side.started(), side.name, microphone=side.microphone)
+        return 1 if failures else code
 
 
-def _found(process: "CallProcess", args: argparse.Namespace) -> "Found":
-    """Show the code, ask the person, and return the other end with the way to it."""
-    found = None
-    for step, content in process.steps():
+def _found(
+    process: "CallProcess", steps: "Iterator[tuple[Step, Any]]", args: argparse.Namespace, side: "_Side"
+) -> "Found":
+    """Show the code, ask the person, and return the other end, to which there is a way now."""
+    for step, content in steps:
         if step == "code" and not args.code:
             output.note(f"your code: {content}")
             output.log().print(f"on the other machine: tactophone answer {content}", style="dim", soft_wrap=True)
@@ -104,63 +112,86 @@ def _found(process: "CallProcess", args: argparse.Namespace) -> "Found":
         elif step == "asked":
             caller, role, version = content
             output.note(f"{caller} calls, the {role}, with tactophone {version}")
+            side.begin("operator" if role == "robot" else "robot")
             process.answer(args.yes or input("accept? [y/N] ").strip().lower() in ("y", "yes"))
         elif step == "found":
-            found = content
-    if found is None:
-        raise ConfigError("there is no other end")
-    how = "over the relay" if found.relayed else f"directly to {found.way.peer[0]}"
-    output.note(f"{found.name}: connected {how} in {found.after:.1f} s, encrypted; you are the {found.role}")
-    return found  # type: ignore[no-any-return]
+            output.note(f"{content.name}: {_way(content)}; you are the {content.role}")
+            return content  # type: ignore[no-any-return]
+    raise ConfigError("there is no other end")
 
 
-def _follow(
-    args: argparse.Namespace, settings: Settings, process: "CallProcess", found: "Found", identity: "Identity"
-) -> int:
-    from tactophone.link.identity import Peers
-    from tactophone.runtime.pairing import temporary_keys
+def _way(found: "Found") -> str:
+    how = "over the relay" if found.relayed else f"directly to {found.host}"
+    there_and_back = f", {1000 * found.round_trip:.0f} ms there and back" if math.isfinite(found.round_trip) else ""
+    return f"connected {how} in {found.after:.1f} s, encrypted{there_and_back}"
 
-    name = settings.process.name or args.verb
-    host, port = found.way.peer
-    with temporary_keys() as keys:
-        identity.save(keys / "own")
-        Peers({found.fingerprint: found.name}).save(keys / "own")
-        settings = replace(
+
+def _watch(steps: "Iterator[tuple[Step, Any]]", failures: list[str]) -> None:
+    """Report each new way; end the run as SIGTERM does once the last one is lost for good."""
+    try:
+        for _, found in steps:
+            output.note(f"the way was lost; {_way(found)}")
+    except TactophoneError as error:
+        failures.append(str(error))
+        output.warn(failures[0])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+class _Side:
+    """The live side, which starts while the other end is searched for; a context manager."""
+
+    def __init__(self, args: argparse.Namespace, settings: Settings, process: "CallProcess") -> None:
+        from tactophone.link.way import PEER
+
+        self._args, self._keeper, self._role = args, process.keeper, ""
+        self.name = settings.process.name or args.verb
+        self.settings = replace(
             settings,
-            link=replace(settings.link, identity=str(keys / "own"), peer=f"[{host}]:{port}"),
+            link=replace(settings.link, peer="[{}]:{}".format(*PEER)),
             rendering=replace(settings.rendering, muted=True),
-            process=replace(settings.process, name=name),
+            process=replace(settings.process, name=self.name),
         )
-        threading.Thread(target=_end_with_way, args=(process,), daemon=True).start()
-        source = audio.source_of(settings, page=page.wanted(args, settings)) if found.role == "robot" else None
-        code = live.follow(
-            args, settings, _side(settings, found, name, source), name, microphone=source.microphone if source else None
-        )
-    return 1 if process.failure else code
+        self.microphone: Connection | None = None
+        self._resources = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._resources.close()
+
+    def begin(self, role: "Role") -> None:
+        """Start the process of a role, unless it is started."""
+        from tactophone.runtime.supervisor import Supervisor
+
+        if role == self._role:
+            return
+        self._resources.close()
+        self._role, source = role, None
+        if role == "robot":
+            source = audio.source_of(self.settings, page=page.wanted(self._args, self.settings))
+            self.microphone = source.microphone
+        main = partial(_run_side, open_source=source.open if source else None, keeper=self._keeper)
+        self._supervisor = Supervisor(main, self.settings, name=self.name, report=output.note)
+        self._resources.push(self._supervisor)
+        self._supervisor.begin()
+
+    @contextmanager
+    def started(self) -> "Iterator[Sequence[Supervisor]]":
+        self._supervisor.await_start()
+        yield (self._supervisor,)
 
 
-@contextmanager
-def _side(
-    settings: Settings, found: "Found", name: str, source: "audio.PageSource | None"
-) -> "Iterator[Sequence[Supervisor]]":
-    from tactophone.runtime.operator import run_operator
-    from tactophone.runtime.robot import run_robot
-    from tactophone.runtime.supervisor import Supervisor, supervised
+def _run_side(settings: Settings, info: "ProcessInfo", *, open_source: "OpenSource | None", keeper: "Keeper") -> None:
+    """Run the robot's side, or without a source the operator's, in this process."""
+    if open_source:
+        from tactophone.runtime.robot import run_robot
 
-    if source:
-        main = partial(run_robot, open_source=source.open, way=found.way)
+        run_robot(settings, info, open_source=open_source, keeper=keeper)
     else:
-        main = partial(run_operator, way=found.way)
-    with supervised(Supervisor(main, settings, name=name, report=output.note)) as sides:
-        yield sides
+        from tactophone.runtime.operator import run_operator
 
-
-def _end_with_way(process: "CallProcess") -> None:
-    """End the run as SIGTERM does once the way is lost for good."""
-    while not (failure := process.failure):
-        time.sleep(WATCH_INTERVAL)
-    output.warn(failure)
-    os.kill(os.getpid(), signal.SIGTERM)
+        run_operator(settings, info, keeper=keeper)
 
 
 def _identity(folder: Path) -> "Identity":
@@ -180,29 +211,32 @@ def _secret_path(folder: Path, name: str) -> Path:
     return folder / "calls" / name
 
 
-def _secret_of(folder: Path, name: str) -> bytes:
+def _secrets_of(folder: Path, name: str) -> tuple[bytes, ...]:
+    """Return the secret of the last call with an end, and that of the call before, which it may have missed."""
     path = _secret_path(folder, name)
     with suppress(OSError, ValueError):
-        if secret := bytes.fromhex(path.read_text()):
-            return secret
+        if secrets := tuple(map(bytes.fromhex, path.read_text().split())):
+            return secrets
     raise ConfigError(f"{path} holds no secret of an earlier call: call once with a code and --remember {name}")
 
 
 def _fingerprint_of(folder: Path, name: str) -> str:
     from tactophone.link.identity import Peers
 
-    return dict(Peers.load(folder).items()).get(name, "")
+    if found := dict(Peers.load(folder).items()).get(name):
+        return found
+    raise ConfigError(f"{name} is not trusted any more: call once with a code and --remember {name}")
 
 
 def _remember(folder: Path, name: str, found: "Found") -> None:
-    """Trust the other end from now on, and keep the secret from which both derive the next code."""
+    """Trust the other end from now on, and keep the secrets from which both derive the next code."""
     from tactophone.link.identity import Peers
 
     path = _secret_path(folder, name)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     draft = path.with_name(f".{name}.{secrets.token_hex(4)}")
     with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(found.secret.hex())
+        file.write("\n".join(found.secrets))
     draft.replace(path)
     Peers.load(folder).trusting(name, found.fingerprint).save(folder)
     output.note(f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no code")

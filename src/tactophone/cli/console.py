@@ -6,7 +6,8 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -30,6 +31,12 @@ QUIT_KEYS = ("q", "\x03", "\x04")
 
 KEYS_HELP = "space: emergency stop   m: mute   a: arm   q: quit"
 
+STRIP = 60
+"""Updates, 12 s, of vibration that the line above the figures shows; the newest is at its right."""
+
+STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
+"""Of vibration in a terminal's own colours, which its theme makes legible."""
+
 INTERVAL = 0.2
 """Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""
 
@@ -38,13 +45,18 @@ INTERVAL = 0.2
 class Outcome:
     """How a run ended.
 
-    ``last`` is its last snapshot, if it ever started, ``restarts`` how often a side was restarted, and ``signal`` what
-    ended it: SIGINT, SIGTERM, or 0 where it ended by itself, by a key or by its duration.
+    ``last`` is its last snapshot, if it ever started, ``restarts`` how often a side was restarted, and ``received`` the
+    signals to end it, also those that come while its sides end.
     """
 
     last: Snapshot | None
     restarts: int
-    signal: int = 0
+    received: Sequence[int] = ()
+
+    @property
+    def signal(self) -> int:
+        """What ended it: SIGINT, SIGTERM, or 0 where it ended by itself, by a key or by its duration."""
+        return self.received[0] if self.received else 0
 
     @property
     def exit_code(self) -> int:
@@ -70,7 +82,7 @@ def follow(supervisors: "Sequence[Supervisor]", name: str, *, duration: float = 
                 break
             if not has_keyboard and supervisors[0].wait(min(INTERVAL, max(0.0, deadline - time.monotonic()))):
                 break
-    return Outcome(view.last, sum(side.restarts for side in supervisors), received[0] if received else 0)
+    return Outcome(view.last, sum(side.restarts for side in supervisors), received)
 
 
 class _ConsoleView:
@@ -79,6 +91,7 @@ class _ConsoleView:
         self._name = name
         self._watcher: Watcher | None = None
         self._printed: dict[str, str] = {}
+        self._felt: deque[tuple[Touch, float]] = deque([(Touch.NONE, 0.0)] * STRIP, STRIP)
 
     def update(self) -> None:
         """Take a snapshot, and print what has changed in its state."""
@@ -87,6 +100,9 @@ class _ConsoleView:
             self._watcher.follow(drain=False)
             self.last = self._watcher.snapshot()
             self._print_changes(self.last.state)
+            if self.last.steps.size:
+                step = self.last.steps[-1]
+                self._felt.append((Touch(step["touch"]), float(step["amplitude"])))
 
     def handle(self, key: str) -> bool:
         """Make the request of a key; false when the key ends the run."""
@@ -97,7 +113,8 @@ class _ConsoleView:
     def line(self) -> Text:
         if self.last is None or not self.last.alive:
             return Text("waiting for sound ...", style="yellow")
-        return _line(self.last)
+        figures = _line(self.last)
+        return figures if self.last.state.role != "operator" else Text("\n").join([_strip(self._felt), figures])
 
     def _print_changes(self, state: State) -> None:
         # One entry per subject, so that a message is printed when it appears or changes, not at every update.
@@ -108,6 +125,15 @@ class _ConsoleView:
             if text and self._printed.get(subject) != text:
                 output.log().print(text, soft_wrap=True)
         self._printed = messages
+
+
+def _strip(felt: Iterable[tuple[Touch, float]]) -> Text:
+    """Draw the vibration of each update: a bar from 1/8 at -30 dB to the whole height at -6 dB, the usual ceiling."""
+    strip = Text(no_wrap=True)
+    for touch, amplitude in felt:
+        height = round(np.interp(20 * np.log10(max(amplitude, 1e-6)), (-30, -6), (1, 8)))
+        strip.append("▁▂▃▄▅▆▇█"[height - 1] if amplitude else "·", STYLES.get(touch, "dim"))
+    return strip
 
 
 def _line(snapshot: Snapshot) -> Text:
@@ -146,7 +172,8 @@ def _signals(supervisors: "Sequence[Supervisor]") -> Iterator[list[int]]:
     try:
         yield received
     finally:
-        for number, handler in before.items():
+        # The sides end now: a service manager's signal is still only noted, as it would cut that short; a person's may.
+        for number, handler in (before | {signal.SIGTERM: end}).items():
             signal.signal(number, handler)
 
 

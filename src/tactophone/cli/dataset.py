@@ -3,7 +3,6 @@
 import argparse
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,7 +19,7 @@ from tactophone.dataset.layouts import FORMATS
 from tactophone.dataset.metadata import FILE_NAME
 from tactophone.dataset.plots import draw_dataset
 from tactophone.dataset.read import find_importable, open_dataset
-from tactophone.dataset.splits import SPLITS, Fold, split
+from tactophone.dataset.splits import SPLITS, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.errors import ConfigError
 from tactophone.perception.calibration import Calibration
@@ -46,21 +45,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         return sub
 
     sub = add("check", _check, "read every file and report what is wrong; exit 1 if a recording cannot be used")
-    sub.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="FILE",
-        help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)",
-    )
+    sub.add_argument("--calibration", type=Path, metavar="FILE",
+        help=f"calibration with the contact threshold (default: {DEFAULT_CONTACT_DBFS:g} dBFS)")  # fmt: skip
     options.add_json(sub, "print JSON instead of a table")
     sub = add("show", _show, "list surfaces, labels and recordings; with --plot, draw levels and spectrograms")
     sub.add_argument("--plot", type=Path, metavar="PNG", help="figure to write")
     options.add_json(sub, "print JSON instead of a table")
     sub = add("split", _split, "show the folds of a split; with --write, put train and test into the manifest")
     sub.add_argument("--by", default="4-fold", metavar="NAME", help=f"one of {', '.join(SPLITS)}")
-    sub.add_argument(
-        "--fold", type=Within(int, 1), default=1, metavar="N", help="the fold whose test set --write takes, %(type)s"
-    )
+    sub.add_argument("--fold", type=Within(int, 1), default=1, metavar="N",
+        help="the fold whose test set --write takes, %(type)s")  # fmt: skip
     sub.add_argument("--write", action="store_true", help="write the column split of metadata.csv")
     options.add_json(sub, "print JSON instead of a table")
     sub = add(
@@ -86,55 +80,35 @@ def _check(args: argparse.Namespace) -> int:
         single = check(dataset, progress=lambda done: update(completed=done))
         across = check_consistency(dataset, threshold_dbfs=threshold_dbfs, progress=lambda done: update(advance=1))
     problems = (*single, *across)
-    output.show(Checked(len(dataset.recordings), problems), as_json=args.json)
+    count = len(dataset.recordings)
+    output.show({"recordings": count, "problems": problems}, _words(count, problems), as_json=args.json)
     return 1 if any(problem.fatal for problem in problems) else 0
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """How many recordings were read, and what is wrong with them."""
-
-    recordings: int
-    problems: Sequence[Problem]
-
-    def parts(self) -> Iterator[output.Part]:
-        """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
-        counts = Counter(problem.kind for problem in self.problems if not problem.fatal)
-        for problem in self.problems:
-            if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
-                yield escape(f"{'error' if problem.fatal else 'warning'}: {problem}")
-        for kind, count in counts.items():
-            if count > MOST_ALIKE:
-                first = next(problem for problem in self.problems if problem.kind == kind and not problem.fatal)
-                yield escape(f"warning: {count} times {kind!r}, such as {first}; --json lists all")
-        bad = {problem.path for problem in self.problems if problem.fatal}
-        found = f"{len(self.problems)} problem{'s' * (len(self.problems) != 1)}"
-        yield f"{self.recordings} recordings, {len(bad)} unusable, {found}"
+def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
+    """Yield a line for each problem; one for all warnings of a kind that many recordings share."""
+    counts = Counter(problem.kind for problem in problems if not problem.fatal)
+    for problem in problems:
+        if problem.fatal or counts[problem.kind] <= MOST_ALIKE:
+            yield escape(f"{'error' if problem.fatal else 'warning'}: {problem}")
+    for kind, count in counts.items():
+        if count > MOST_ALIKE:
+            first = next(problem for problem in problems if problem.kind == kind and not problem.fatal)
+            yield escape(f"warning: {count} times {kind!r}, such as {first}; --json lists all")
+    bad = {problem.path for problem in problems if problem.fatal}
+    found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
+    yield f"{recordings} recordings, {len(bad)} unusable, {found}"
 
 
 def _show(args: argparse.Namespace) -> int:
     dataset = open_dataset(args.folder)
     if args.plot:
         draw_dataset(args.plot, dataset)
-    shown = Surfaces(dataset.name, len(dataset.recordings), _surfaces(dataset), args.plot)
-    output.show(shown, as_json=args.json)
+    surfaces = _surfaces(dataset)
+    shown = {"name": dataset.name, "recordings": len(dataset.recordings), "surfaces": surfaces}
+    parts: list[output.Part] = [escape(dataset.name), surfaces, *([escape(str(args.plot))] if args.plot else [])]
+    output.show(shown, parts, as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Surfaces:
-    """A data set's surfaces, and the figure that was drawn of it."""
-
-    name: str
-    recordings: int
-    surfaces: list[dict[str, Any]]
-    _figure: Path | None
-
-    def parts(self) -> Iterator[output.Part]:
-        yield escape(self.name)
-        yield self.surfaces
-        if self._figure:
-            yield escape(str(self._figure))
 
 
 def _split(args: argparse.Namespace) -> int:
@@ -150,32 +124,14 @@ def _split(args: argparse.Namespace) -> int:
             for recording in recordings
         }
         output.log().print(set_split(dataset, sides), soft_wrap=True)
-    output.show(Folds(folds), as_json=args.json)
+    tested = [(fold, sorted({recording.surface for recording in fold.test})) for fold in folds]
+    rows = [{"fold": fold.name, "train": len(fold.train), "test": surfaces} for fold, surfaces in tested]
+    table = [
+        {"fold": fold.name, "recordings to train on": len(fold.train), "surfaces to test on": ", ".join(surfaces)}
+        for fold, surfaces in tested
+    ]
+    output.show(rows, [table], as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Folds:
-    """The folds of a split."""
-
-    folds: Sequence[Fold]
-
-    def as_json(self) -> list[dict[str, Any]]:
-        return [{"fold": fold.name, "train": len(fold.train), "test": _tested(fold)} for fold in self.folds]
-
-    def parts(self) -> Iterator[output.Part]:
-        yield [
-            {
-                "fold": fold.name,
-                "recordings to train on": len(fold.train),
-                "surfaces to test on": ", ".join(_tested(fold)),
-            }
-            for fold in self.folds
-        ]
-
-
-def _tested(fold: Fold) -> list[str]:
-    return sorted({recording.surface for recording in fold.test})
 
 
 def _import_log(args: argparse.Namespace, log: Path) -> int:

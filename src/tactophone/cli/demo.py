@@ -5,13 +5,12 @@ sends the sound, a simulated network loses some of it, another process predicts 
 """
 
 import argparse
-import fcntl
 import math
 import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,17 +19,20 @@ from tactophone.cli import console, live, options, output, page
 from tactophone.errors import ConfigError
 from tactophone.hand import each_finger, names_of
 from tactophone.settings import Finger, Settings, change
-from tactophone.telemetry.follower import PredictionLog
+from tactophone.telemetry.prediction_log import PredictionLog
 from tactophone.telemetry.watcher import running
 
 if TYPE_CHECKING:
     from tactophone.capture.files import FileSource
     from tactophone.dataset.values import Segment
-    from tactophone.offline.recording import RunRecorder, RunScores
+    from tactophone.offline.vibration_wav import RunRecorder, RunScores
+    from tactophone.telemetry.watcher import Snapshot
+
+    Fingers = dict[str, tuple[RunScores, dict[str, Path]]]  # scores and files by name; a single finger has none
 
 EXAMPLES = (
     "tactophone demo",
-    "tactophone demo --network internet --tip stylus --dashboard",
+    "tactophone demo --network internet --tip stylus --open",
     "tactophone demo --fingers 5 --out hand --record hand/run.mcap",
 )
 
@@ -43,28 +45,15 @@ RECORDED = ("capture.source=file", "capture.loop=false", "output.actuator=none")
 """Settings of both sides over a recording."""
 
 
-@dataclass(frozen=True, slots=True)
-class DemoResult:
-    """Scores and files of each finger, by its name, and what the run counted; a single finger has no name."""
-
-    fingers: "dict[str, tuple[RunScores, dict[str, Path]]]"
-    counters: dict[str, Any]
-    gauges: dict[str, float]
-
-    def as_json(self) -> dict[str, Any]:
-        each = {name: {**files, **asdict(scores)} for name, (scores, files) in self.fingers.items()}
-        return each if "" not in each else {**each[""], "counters": self.counters, "gauges": self.gauges}
-
-    def parts(self) -> Iterator[output.Part]:
-        for name, (scores, _) in self.fingers.items():
-            yield from _words(name, scores)
-        yield "\npackets, and median latency by stage:"
-        yield from live.counts_and_budget(self.counters, self.gauges)
-        yield ""
-        files = {
-            f"{name} {kind}".strip(): path for name, (_, own) in self.fingers.items() for kind, path in own.items()
-        }
-        yield output.listing(((f"{kind}:", path) for kind, path in files.items()), style="")
+def _parts(fingers: "Fingers", last: "Snapshot") -> Iterator[output.Part]:
+    yield "packets, and median latency by stage:"
+    yield from live.counts_and_budget(last.counters, last.gauges)
+    yield ""
+    for name, (scores, _) in fingers.items():
+        yield from _words(name, scores)
+    files = {f"{name} {kind}".strip(): path for name, (_, own) in fingers.items() for kind, path in own.items()}
+    # The picture last: it is what to look at next.
+    yield output.listing(((f"{kind}:", path) for kind, path in reversed(files.items())), style="")
 
 
 def _words(name: str, scores: "RunScores") -> Iterator[str]:
@@ -73,7 +62,8 @@ def _words(name: str, scores: "RunScores") -> Iterator[str]:
         bumps = f"{scores.false_bumps} false bump{'s' * (scores.false_bumps != 1)}"
         yield f"{of}on the smooth stone: {scores.smooth_right:.0%} of predictions are smooth, {bumps}"
     if math.isfinite(scores.rough_right):
-        yield f"{of}on the rough stone:  {scores.rough_right:.0%} of predictions are rough"
+        dips = f"{scores.dips} dip{'s' * (scores.dips != 1)}"
+        yield f"{of}on the rough stone:  {scores.rough_right:.0%} of predictions are rough, {dips}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -90,6 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run both sides over the recording, or one for each finger; write picture and sound, print scores."""
     output.make_folder(args.out)
+    if not args.recording:
+        output.log().print("a simulated finger strokes a smooth stone, then a rough one ...", style="dim")
     settings = _with_sound(args, options.settings_of(args, USUAL))
     with nullcontext(settings.process.name) if settings.process.name else _free_name() as name:
         return _demonstrate(args, change(settings, [*RECORDED, f"process.name={name}"]), name)
@@ -99,7 +91,7 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     from tactophone.capture.files import FileSource
     from tactophone.cli.send_receive import both_sides
     from tactophone.dataset.read import ground_truth
-    from tactophone.offline.recording import RunRecorder, score_run
+    from tactophone.offline.vibration_wav import RunRecorder, score_run
     from tactophone.telemetry.records import read_timeline
 
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
@@ -118,7 +110,8 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
         outcome = console.follow(sides, name, duration=duration + PATIENCE)
     if outcome.signal:
         raise KeyboardInterrupt
-    fingers = {}
+    output.log().print("drawing ...", style="dim")
+    fingers: Fingers = {}
     for finger, source, recorder in zip(names_of(settings), sources, recorders, strict=True):
         truth = ground_truth(source.path, duration=source.duration)
         subject = finger or (source.path.name if args.recording else "a simulated finger on a smooth stone, then a "
@@ -127,7 +120,10 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
         fingers[finger] = score_run(read_timeline(timeline, finger=finger), truth), files
     last = outcome.last
     assert last is not None, "a run that was scored has had a snapshot"
-    output.show(DemoResult(fingers, last.counters, last.gauges), as_json=args.json)
+    values: dict[str, Any] = {name: {**files, **asdict(scores)} for name, (scores, files) in fingers.items()}
+    if "" in values:
+        values = {**values[""], "counters": last.counters, "gauges": last.gauges}
+    output.show(values, _parts(fingers, last), as_json=args.json)
     return 0
 
 
@@ -137,6 +133,8 @@ def _free_name() -> Iterator[str]:
 
     A run shows its name only after seconds of starting; until then, a locked file keeps it from other demonstrations.
     """
+    import fcntl  # not on Windows, where the live system does not run
+
     for number in count(1):
         name = "demo" if number == 1 else f"demo-{number}"
         path = Path(tempfile.gettempdir(), f"tactophone-{os.getuid()}-{name}.lock")
@@ -183,7 +181,7 @@ def _write(
     import soundfile
 
     from tactophone.offline.plot import draw_recording
-    from tactophone.offline.recording import PeakEnvelope
+    from tactophone.offline.vibration_wav import PeakEnvelope
     from tactophone.types import LIVE_SAMPLE_RATE
 
     ending = f"-{finger}" if finger else ""

@@ -2,8 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import time
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,18 +15,20 @@ from tactophone.devices.device import Device, Process
 from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioStream
 from tactophone.devices.survey import SurveyedDevice, survey
-from tactophone.errors import ConfigError
+from tactophone.errors import ConfigError, DeviceError
 from tactophone.haptics.limits import Limits
+from tactophone.haptics.oscillator import Oscillator
+from tactophone.haptics.profiles import ROUGH_STIMULUS, SMOOTH_STIMULUS
 from tactophone.settings import SETTINGS, Settings
-from tactophone.types import FloatArray
+from tactophone.types import FloatArray, HapticCommand
 
 if TYPE_CHECKING:
     from tactophone.measurement.sweep import MeasuredResponse
 
 EXAMPLES = {
     "devices": (
-        "tactophone devices",
         "tactophone devices --json",
+        "tactophone devices feel --actuator jack",
         "tactophone devices measure --actuator portaudio:DualSense --source portaudio:2",
     ),
     "settings": ("tactophone settings > robot.toml", "tactophone send --settings robot.toml --set link.port=48471"),
@@ -35,52 +36,42 @@ EXAMPLES = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     if parser.get_default("verb") == "settings":
         return
-    parser.add_argument(
-        "step", nargs="?", choices=("measure",),
-        help="measure: play a sweep on the actuator, record it with the contact microphone, write actuator.toml",
-    )  # fmt: skip
-    parser.add_argument(
-        "--amplitude", type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"), default=0.2,
-        metavar="SHARE", help="measure: of the sweep, %(type)s",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, default=Path("actuator.toml"), metavar="FILE", help="measure: settings file to write"
-    )
+    add("step", nargs="?", choices=("feel", "measure"),
+        help="feel: play bursts that grow until you feel them; measure: play a sweep on the actuator, record it with "
+        "the contact microphone, write actuator.toml")  # fmt: skip
+    add("--amplitude", type=Within(float, 0, Limits().ceiling, over=True, unit="of full drive"), default=0.2,
+        metavar="SHARE", help="measure: of the sweep, %(type)s")  # fmt: skip
+    add("--out", type=Path, default=Path("actuator.toml"), metavar="FILE", help="measure: settings file to write")
     options.add_json(parser, "print a list that a program can read")
     options.add_settings(parser, "devices")
     options.add_finger(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the devices, or the settings; or measure the actuator."""
+    """Print the devices, or the settings; or try or measure the actuator."""
     if args.verb == "settings":
-        _print_settings()
+        for section, entries in groupby(SETTINGS.values(), key=lambda entry: entry.name.partition(".")[0]):
+            print(f"[{section}]")
+            for entry in entries:
+                print(f"# {entry.help}")
+                print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
         return 0
     settings = options.settings_of(args)
-    if args.step == "measure":
-        return _measure(args, settings)
+    if args.step:
+        try:
+            return _measure(args, settings) if args.step == "measure" else _feel(settings)
+        except EOFError:
+            raise ConfigError("devices feel asks what you felt, but nobody can answer: run it on a terminal") from None
     found = survey(jack_server=settings.process.jack_server)
-    output.show(Survey(found), as_json=args.json)
+    output.show(found, map(_card, found), as_json=args.json)
     if not args.json and all(device.microphones and device.actuator for device in found):
         output.log().print(
             "No device here is suitable. `tactophone loopback --source finger --actuator none` needs no device."
         )
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Survey:
-    """The sound devices of this machine."""
-
-    devices: Sequence[SurveyedDevice]
-
-    def as_json(self) -> Sequence[SurveyedDevice]:
-        return self.devices
-
-    def parts(self) -> Iterator[output.Part]:
-        return map(_card, self.devices)
 
 
 def _card(device: SurveyedDevice) -> Table:
@@ -97,6 +88,44 @@ def _card(device: SurveyedDevice) -> Table:
     if device.settings:
         rows.append(("use with", " ".join(f"--set {setting}" for setting in device.settings)))
     return output.listing([*rows, ("", "")], justify="right", min_width=12)
+
+
+BURST, STEPS_DB = 0.5, range(-40, 1, 5)
+"""Seconds of a burst; its levels under the ceiling, at which a call renders what is rough."""
+
+
+def _feel(settings: Settings) -> int:
+    """Play bursts at both ends of the paper's profile, ever louder, until the operator feels one."""
+    from tactophone.runtime.wiring import open_actuator
+
+    oscillator, now = Oscillator(Limits(ceiling=settings.rendering.ceiling)), ROUGH_STIMULUS
+
+    def felt(level_db: int) -> bool:
+        amplitude = oscillator.limits.ceiling * 10 ** (level_db / 20)
+        for _ in range(round(BURST / 0.01)):  # again and again: a vibration without commands fades
+            oscillator.submit(HapticCommand(amplitude, now.frequency, 0.0))
+            time.sleep(0.01)
+        if actuator.device.fault:
+            raise DeviceError(actuator.device.fault)
+        return input(f"{now.frequency:3.0f} Hz, {level_db:3d} dB: felt? [y/N] ").strip().lower() in ("y", "yes")
+
+    print(
+        f"Bursts of {BURST:g} s, from faint to at most {oscillator.limits.ceiling:.0%} of full drive; Ctrl-C ends them."
+    )
+    input("Lay a finger on the actuator, and press Enter. ")
+    lacking_db: list[float] = []
+    with open_actuator(
+        settings, lambda outs: oscillator.render(outs[0]),
+        roughness=lambda: float(now is ROUGH_STIMULUS), ceiling=lambda: oscillator.limits.ceiling,
+    ) as actuator:  # fmt: skip
+        for now, word in ((ROUGH_STIMULUS, "rough"), (SMOOTH_STIMULUS, "smooth")):
+            first = next(filter(felt, STEPS_DB), math.inf)
+            lacking_db.append(first - now.level_dbfs)
+            found = f"from {first} dB on" if first < 1 else "not at all"
+            print(f"{word}: {found}; the profile paper renders it at {now.level_dbfs:.0f} dB")
+    more = f"by {max(lacking_db):.0f} dB" if max(lacking_db) < math.inf else "and check cable, port and device"
+    print(f"Turn the amplifier up {more}, then try again." if max(lacking_db) > 0 else "You will feel both in a call.")
+    return int(max(lacking_db) > 0)
 
 
 def _measure(args: argparse.Namespace, settings: Settings) -> int:
@@ -155,14 +184,6 @@ def _input(process: Process, settings: Settings) -> Device:
     if capture.source in ("portaudio", "microphone"):
         return PortAudioStream(process, "input", device=capture.device)
     raise ConfigError(f"capture.source = {capture.source!r} is no input of this machine: --source jack or portaudio")
-
-
-def _print_settings() -> None:
-    for section, entries in groupby(SETTINGS.values(), key=lambda entry: entry.name.partition(".")[0]):
-        print(f"[{section}]")
-        for entry in entries:
-            print(f"# {entry.help}")
-            print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
 
 
 def _toml(value: Any) -> str:

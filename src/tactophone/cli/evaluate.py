@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from tactophone.benchmark.folds import Cache, Method
     from tactophone.evaluation.predict import TakePredictions
     from tactophone.evaluation.report import Report
-    from tactophone.training.recipes import RecipeFile
 
 EXAMPLES = (
     "tactophone evaluate texture --data recordings",
@@ -49,26 +48,21 @@ _HEADLINE = ("balanced_accuracy", "auc", "recall_at_1", "false_positive_rate")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "model", nargs="?", metavar="MODEL",
-        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe",
-    )  # fmt: skip
-    parser.add_argument("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
+    add = parser.add_argument
+    add("model", nargs="?", metavar="MODEL",
+        help="a model file or the name of a shipped one; leave it out to cross-validate a recipe")  # fmt: skip
+    add("--data", type=Path, required=True, metavar="DIR", help="a data set: see `tactophone dataset`")
     add_filter(parser)
     add_kin(parser)
-    parser.add_argument("--by-recording", action="store_true", help="list every recording instead of surfaces")
-    parser.add_argument("--note", metavar="NAME", help="write the scores into the model's card, under this name")
+    add("--by-recording", action="store_true", help="list every recording instead of surfaces")
+    add("--note", metavar="NAME", help="write the scores into the model's card, under this name")
     options.add_json(parser, "print JSON instead of tables")
     group = parser.add_argument_group("a recipe that is cross-validated, without MODEL")
-    group.add_argument(
-        "--split", metavar="NAME",
-        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)",
-    )  # fmt: skip
-    group.add_argument(
-        "--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
+    group.add_argument("--split", metavar="NAME",
+        help=f"how to cross-validate: {', '.join(SPLITS)} (default: {KIN_SPLIT}; with --vary 5-fold)")  # fmt: skip
+    group.add_argument("--baselines", type=Within(int, 0), nargs="?", const=1, metavar="N",
         help="also cross-validate the recipe level, and the recipe on labels permuted over surfaces N times, %(type)s "
-        "(without N: 1)",
-    )  # fmt: skip
+        "(without N: 1)")  # fmt: skip
     group.add_argument(
         "--vary", action="append", default=[], metavar="NAME=VALUE,VALUE...",
         help="an entry of a recipe file and its values, repeatable: every combination is tried, best first",
@@ -90,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
     reports = {args.model: _score_model(args, dataset)} if args.model else _cross_validate(args, dataset)
     if args.note:
         _note(args, next(iter(reports.values())), dataset)
-    output.show(Scores(reports, args.by_recording), as_json=args.json)
+    output.show(reports, _parts(reports, by_recording=args.by_recording), as_json=args.json)
     return 0
 
 
@@ -155,55 +149,49 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
     add_scores(model_path(args.model), args.note, scores)
 
 
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """Reports by the name of what was scored; the first is the model or the recipe, the others baselines."""
+def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[output.Part]:
+    """Yield the scores by the name of what was scored; the first is the model or the recipe, the others baselines."""
+    from tactophone.evaluation.metrics import RULES
 
-    reports: "Mapping[str, Report]"
-    by_recording: bool
-
-    def as_json(self) -> "Mapping[str, Report]":
-        return self.reports
-
-    def parts(self) -> Iterator[output.Part]:
-        from tactophone.evaluation.metrics import RULES
-
-        first = next(iter(self.reports.values()))
-        yield (
-            f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
-            f"{first.contact:.0%} of them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
-        )
-        yield from self._table("as rendered", {
-            name: {
-                "balanced accuracy": report.rendered.balanced_accuracy,
-                "smooth as rough": report.rendered.smooth_as_rough,
-                "gaps": report.rendered.gaps,
-            }
-            for name, report in self.reports.items()
+    first = next(iter(reports.values()))
+    yield (
+        f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
+        f"{first.contact:.0%} of them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
+    )
+    yield from _table("as rendered", {
+        name: {
+            "balanced accuracy": report.rendered.balanced_accuracy,
+            "smooth as rough": report.rendered.smooth_as_rough,
+            "gaps": report.rendered.gaps,
+        }
+        for name, report in reports.items()
+    })  # fmt: skip
+    bumps, dips = (f"{rate:.1f}" if math.isfinite(rate) else "-" for rate in (first.false_bumps, first.dips))
+    yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
+    # Three columns of a score and its interval are what 80 characters hold.
+    headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
+    for rule in RULES if len(reports) > 1 else ():
+        yield from _table(f"{rule} rule", {
+            name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
+            for name, report in reports.items()
         })  # fmt: skip
-        # Three columns of a score and its interval are what 80 characters hold.
-        headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
-        for rule in RULES if len(self.reports) > 1 else ():
-            yield from self._table(f"{rule} rule", {
-                name: {heading: report.rules[rule][measure] for measure, heading in headings.items()}
-                for name, report in self.reports.items()
-            })  # fmt: skip
-        yield from self._table(
-            "",
-            {words: {f"{rule} rule": first.rules[rule][name] for rule in RULES} for name, words in _MEASURES.items()},
-        )
-        rows = first.by_recording if self.by_recording else first.by_surface
-        table = Table("recording" if self.by_recording else "surface", "label", "updates", "contact", "authors",
-                      "two-class", show_edge=False)  # fmt: skip
-        for row in rows:
-            shares = (row.contact, row.authors, row.two_class)
-            cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
-            table.add_row(row.name, row.label, str(row.updates), *cells)
-        yield table
+    yield from _table(
+        "",
+        {words: {f"{rule} rule": first.rules[rule][name] for rule in RULES} for name, words in _MEASURES.items()},
+    )
+    rows = first.by_recording if by_recording else first.by_surface
+    table = Table("recording" if by_recording else "surface", "label", "updates", "contact", "authors",
+                  "two-class", show_edge=False)  # fmt: skip
+    for row in rows:
+        shares = (row.contact, row.authors, row.two_class)
+        cells = ("-" if math.isnan(share) else f"{share:.3f}" for share in shares)
+        table.add_row(row.name, row.label, str(row.updates), *cells)
+    yield table
 
-    def _table(self, corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:
-        yield output.table([{corner: name, **cells} for name, cells in rows.items()], **output.RULED)
-        yield ""
+
+def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[output.Part]:
+    yield output.table([{corner: name, **cells} for name, cells in rows.items()], **output.RULED)
+    yield ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,7 +211,12 @@ def _vary(args: argparse.Namespace) -> int:
     from tactophone.evaluation.bootstrap import estimate
     from tactophone.evaluation.predict import scores_of
 
-    recipes = [(name, recipe.configured()) for name, recipe in _combinations(args.vary, recipe_of(args))]
+    choices = {name: values.split(",") for name, values in options.assigned(args.vary, "--vary").items()}
+    recipes = []
+    for combination in itertools.product(*choices.values()):
+        changes = dict(zip(choices, combination, strict=True))
+        name = ", ".join(f"{key} {value}" for key, value in changes.items())
+        recipes.append((name, recipe_of(args).changed(changes, where=f"--vary, {name}").configured()))
     dataset = open_filtered(
         args.data, args.filter, channels=max(recipe.channels for _, recipe in recipes), kin=args.kin
     )
@@ -238,14 +231,6 @@ def _vary(args: argparse.Namespace) -> int:
     output.show(sorted(trials, key=lambda trial: -trial.score), as_json=args.json)
     output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
     return 0
-
-
-def _combinations(vary: Sequence[str], recipe: "RecipeFile") -> "Iterator[tuple[str, RecipeFile]]":
-    choices = {name: values.split(",") for name, values in options.assigned(vary, "--vary").items()}
-    for combination in itertools.product(*choices.values()):
-        changes = dict(zip(choices, combination, strict=True))
-        label = ", ".join(f"{name} {value}" for name, value in changes.items())
-        yield label, recipe.changed(changes, where=f"--vary, {label}")
 
 
 def _run_trials(methods: "Sequence[Method]", folds: Sequence[Fold], cache: "Cache", args: argparse.Namespace) -> None:

@@ -1,15 +1,9 @@
 """``tactophone export``: a recorded run in the formats of other fields."""
 
 import argparse
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from tactophone.cli import options, output
-
-if TYPE_CHECKING:
-    from tactophone.offline.lerobot import Exported
 
 EXAMPLES = (
     "tactophone export lerobot run.mcap --with robot-data --out felt-data",
@@ -21,21 +15,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("format", choices=("lerobot",), metavar="FORMAT", help="lerobot: LeRobotDataset v3.0")
     add("log", type=Path, metavar="LOG", help="MCAP file written by --record")
-    add(
-        "--with", dest="dataset", type=Path, required=True, metavar="DATASET", help="folder of the robot's own data set"
-    )
+    add("--with", dest="dataset", type=Path, required=True, metavar="DATASET",
+        help="folder of the robot's own data set")  # fmt: skip
     add("--out", type=Path, required=True, metavar="DIR", help="new folder: a copy with what was felt")
-    add(
-        "--episode",
-        type=options.Within(int, 0),
-        default=0,
-        metavar="N",
-        help="episode that the log belongs to, %(type)s",
-    )
-    add(
-        "--start", type=options.Within(float, 0, unit="s since 1970"), metavar="S",
-        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction",
-    )  # fmt: skip
+    add("--episode", type=options.Within(int, 0), default=0, metavar="N",
+        help="episode that the log belongs to, %(type)s")  # fmt: skip
+    add("--start", type=options.Within(float, 0, unit="s since 1970"), metavar="S",
+        help="time of the episode's first frame, %(type)s; by default that of the log's first prediction")  # fmt: skip
     options.add_json(parser, "print the summary as JSON")
 
 
@@ -43,22 +29,10 @@ def run(args: argparse.Namespace) -> int:
     """Write the copy."""
     from tactophone.offline.lerobot import export
 
-    output.show(
-        _Shown(export(args.log, args.dataset, args.out, episode=args.episode, start=args.start)), as_json=args.json
+    found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start)
+    words = (
+        f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
+        f"{found.frames} frames; {len(found.sound)} files of sound"
     )
+    output.show(found, [words], as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    exported: "Exported"
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self.exported)
-
-    def parts(self) -> Iterator[output.Part]:
-        found = self.exported
-        yield (
-            f"{found.folder}: {len(found.features)} features of {found.rows} predictions in {found.felt} of "
-            f"{found.frames} frames; {len(found.sound)} files of sound"
-        )

@@ -30,7 +30,6 @@ EXTRA_OF_MODULE = {
     "rosbags": "ros",
     "zenoh": "zenoh",
     "pyarrow": "lerobot",
-    "tdw": "profiles",
 }
 """Import name of each optional dependency -> the extra of ``pyproject.toml`` that installs it."""
 

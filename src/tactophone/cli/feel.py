@@ -21,12 +21,13 @@ from tactophone.haptics.passthrough import PASSTHROUGH
 from tactophone.haptics.profiles import PROFILES
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.prepare import Preparation, PreparedSource
-from tactophone.offline.recording import OutputFiles, RunSummary, process_recording
+from tactophone.offline.vibration_wav import OutputFiles, RunScores, RunSummary, process_recording, score_run
 from tactophone.perception.model_file import ModelCard, read_model
 from tactophone.perception.models import default_model, model_path, tip_mismatch
 from tactophone.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.settings import Settings
+from tactophone.telemetry.records import read_timeline
 from tactophone.types import DEFAULT_TIP, PipelineStep, TouchEvent
 
 EXAMPLES = (
@@ -41,7 +42,7 @@ class Result:
     """A recording that was processed, with the files written.
 
     ``notes`` state what was corrected or is missing; ``events`` counts touch events by kind; ``floor`` is ``None``
-    where a threshold was given.
+    where a threshold was given, and ``scores`` where no label says what was touched.
     """
 
     path: Path
@@ -54,22 +55,19 @@ class Result:
     files: dict[str, Path]
     floor: RecordingFloor | None
     notes: list[str]
+    scores: RunScores | None
     events: Counter[str] = field(default_factory=Counter)
 
     def as_json(self) -> dict[str, Any]:
         return {
-            "recording": str(self.path),
-            "model": self.pipeline.detector.name,
-            "profile": self.profile,
-            "label": self.label or None,
-            **asdict(self.summary),
+            "recording": str(self.path), "model": self.pipeline.detector.name, "profile": self.profile,
+            "label": self.label or None, **asdict(self.summary),
             "threshold_dbfs": self.pipeline.detector.threshold.dbfs,
-            "noise_floor_dbfs": self.floor.floor_dbfs if self.floor and self.floor.known else None,
-            "notes": self.notes,
-            "events": dict(self.events),
-            "speed": self.summary.speed,
+            "noise_floor_dbfs": self.floor.floor_dbfs if self.floor and self.floor.known else None, "notes": self.notes,
+            "false_bumps": self.scores and self.scores.false_bumps, "dips": self.scores and self.scores.dips,
+            "events": dict(self.events), "speed": self.summary.speed,
             "files": {kind: str(path) for kind, path in self.files.items()},
-        }
+        }  # fmt: skip
 
     def parts(self) -> Iterator[output.Part]:
         """Print the summary; where there was no contact, the likely cause and the next command."""
@@ -82,6 +80,8 @@ class Result:
         contact, rough = (output.percent(share, unknown="none") for share in (summary.contact, summary.rough))
         yield f"  contact    {contact} of the time, of which rough {rough}"
         yield f"  threshold  {_threshold(self)}"
+        if self.scores:
+            yield f"  felt       false bumps: {self.scores.false_bumps}; dips: {self.scores.dips}"
         for note in self.notes:
             yield f"  [yellow]note[/]       {note}"
         if self.events:
@@ -129,26 +129,16 @@ def _no_contact(result: Result) -> tuple[str, str]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add(
-        "recordings", nargs="+", type=Path, metavar="RECORDING",
+    add("recordings", nargs="+", type=Path, metavar="RECORDING",
         help="WAV or FLAC at 2 kHz or more; one channel, or two: contact microphone, air microphone; or the sound of a "
-        "run, an MCAP file of --record",
-    )  # fmt: skip
-    add(
-        "--finger",
-        default="",
-        metavar="NAME",
-        help="of the log of a hand: only the finger of this name (default: each)",
-    )
+        "run, an MCAP file of --record")  # fmt: skip
+    add("--finger", default="", metavar="NAME",
+        help="of the log of a hand: only the finger of this name (default: each)")  # fmt: skip
     add("--out", type=Path, default=Path(), metavar="DIR", help="folder for the results; created if it does not exist")
-    add(
-        "--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="paper", metavar="NAME",
-        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}",
-    )  # fmt: skip
-    add(
-        "--contact", choices=("fast", "window"), default="fast",
-        help="detect contact within milliseconds, or by the model's whole window as in the paper",
-    )  # fmt: skip
+    add("--profile", dest="rendering.profile", choices=(*PROFILES, *PASSTHROUGH), default="paper", metavar="NAME",
+        help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip
+    add("--contact", choices=("fast", "window"), default="fast",
+        help="detect contact within milliseconds, or by the model's whole window as in the paper")  # fmt: skip
     add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
     add(
         "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
@@ -174,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
             output.print_error(message if message.startswith(str(path)) else f"{path}: {message}")
             continue
         if not args.json:
-            output.show(results[-1], as_json=False)
+            output.show(results[-1], results[-1].parts(), as_json=False)
     if args.json:
         output.show(results, as_json=True)
     if page.wanted(args, settings) and results:
@@ -240,7 +230,9 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         summary, renderer = process_recording(sound, pipeline, outputs, passthrough=passthrough, on_step=follow)
     files = {"vibration": outputs.waveform, "timeline": outputs.timeline}
     if settings.detector.events or profile == "events":
-        files["events"] = _write_events(args.out / f"{stem}.events.csv", events)
+        files["events"] = args.out / f"{stem}.events.csv"
+        lines = ["time,event", *(f"{event.time:.4f},{event.kind}" for event in events)]
+        files["events"].write_text("\n".join(lines) + "\n", encoding="utf-8")
     if outputs.timeline_json:
         files["timeline_json"] = outputs.timeline_json
     files |= output.write_haptic_files(args.to, args.out / stem, outputs.timeline, duration=source.duration)
@@ -251,23 +243,15 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         files["figure"] = args.out / f"{stem}.feel.png"
         labelled = f", labelled {label}" if label else ""
         draw_recording(
-            files["figure"],
-            timeline=outputs.timeline,
-            microphones=renderer.microphones,
-            vibration=renderer.vibration,
+            files["figure"], timeline=outputs.timeline, microphones=renderer.microphones, vibration=renderer.vibration,
             title=f"{path.name}{labelled}; model {pipeline.detector.name}, profile {pipeline.profile.name}",
             truth=truth,
-        )
+        )  # fmt: skip
     mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
     notes = preparation.notes(source.channels) + _missing_treble(source, card)
-    return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, counts)
-
-
-def _write_events(path: Path, events: Iterable[TouchEvent]) -> Path:
-    lines = ["time,event", *(f"{event.time:.4f},{event.kind}" for event in events)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    return path
+    scores = score_run(read_timeline(outputs.timeline), truth) if label else None
+    return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, scores, counts)
 
 
 def _prepare(path: Path, card: ModelCard, settings: Settings) -> tuple[Preparation, RecordingFloor | None]:
@@ -303,15 +287,9 @@ def _open_pipeline(
 ) -> Pipeline:
     profile = settings.rendering.profile
     pipeline = open_pipeline(
-        model,
-        sample_rate=sound.sample_rate,
-        channels=sound.channels,
-        profile="paper" if profile in PASSTHROUGH else profile,
-        limits=Limits(ceiling=settings.rendering.ceiling),
-        fast_contact=fast_contact,
-        follow_floor=False,
-        events=settings.detector.events,
-        tip=settings.capture.tip,
-    )
+        model, sample_rate=sound.sample_rate, channels=sound.channels,
+        profile="paper" if profile in PASSTHROUGH else profile, limits=Limits(ceiling=settings.rendering.ceiling),
+        fast_contact=fast_contact, follow_floor=False, events=settings.detector.events, tip=settings.capture.tip,
+    )  # fmt: skip
     pipeline.detector.threshold.dbfs = floor.threshold_dbfs if floor else settings.detector.threshold_dbfs
     return pipeline

@@ -5,9 +5,8 @@ import math
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
@@ -47,55 +46,38 @@ EXAMPLES = (
 NEW, GENERAL = "new objects, held-out takes", "general test set"
 
 
-@dataclass(frozen=True, slots=True)
-class Finetuned:
-    """Scores before and after by the set that was scored, the share of new parameters, the time in s, and the file."""
-
-    changes: "dict[str, dict[str, Change]]"
-    share: float
-    seconds: float
-    file: Path
-
-    def as_json(self) -> dict[str, Any]:
-        return {**self.changes, "share": self.share, "seconds": self.seconds, "file": self.file}
-
-    def parts(self) -> Iterator[output.Part]:
-        rows = []
-        for name, part in self.changes.items():
-            rows.append((f"[bold]{name}[/]", "", "", ""))
-            for key, change in part.items():
-                if math.isnan(change.before.value):
-                    rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
-                    continue
-                points = (100 * change.difference.value, 100 * change.difference.low, 100 * change.difference.high)
-                text = "{:+.1f} ({:+.1f} to {:+.1f})".format(*points)
-                rows.append((f"  {HEADINGS[key]}", str(change.before), str(change.after), text))
-        headings = ("", "before", "after", "change, points")
-        yield [dict(zip(headings, row, strict=True)) for row in rows]
-        yield f"share of the new parameters: {self.share:.0%}; {self.seconds:.0f} s; intervals: 90 %"
-        new, elsewhere = (self.changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
-        if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
-            output.log().print(
-                "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
-            )
-        yield escape(str(self.file))
+def _parts(changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path) -> Iterator[output.Part]:
+    rows = []
+    for name, part in changes.items():
+        rows.append((f"[bold]{name}[/]", "", "", ""))
+        for key, change in part.items():
+            if math.isnan(change.before.value):
+                rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
+                continue
+            points = (100 * change.difference.value, 100 * change.difference.low, 100 * change.difference.high)
+            text = "{:+.1f} ({:+.1f} to {:+.1f})".format(*points)
+            rows.append((f"  {HEADINGS[key]}", str(change.before), str(change.after), text))
+    headings = ("", "before", "after", "change, points")
+    yield [dict(zip(headings, row, strict=True)) for row in rows]
+    yield f"share of the new parameters: {share:.0%}; {seconds:.0f} s; intervals: 90 %"
+    new, elsewhere = (changes[name]["balanced_accuracy"] for name in (NEW, GENERAL))
+    if new.after.value < min(1.0, new.before.value + 1e-9) or elsewhere.difference.value < -0.02:
+        output.log().print(
+            "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
+        )
+    yield escape(str(file))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", metavar="MODEL", help="model to start from: a file, or the name of a shipped one")
-    parser.add_argument(
-        "new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more"
-    )
-    parser.add_argument(
-        "--general", type=Path, required=True, metavar="DIR", help="a general data set, to replay and to test with"
-    )
-    parser.add_argument("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
-    parser.add_argument(
-        "--strategy", choices=("blend", "fine-tuned"), default="blend",
-        help="train on both and mix with the old parameters, or the paper's own fine-tuning",
-    )  # fmt: skip
-    parser.add_argument("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
-    parser.add_argument("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
+    add = parser.add_argument
+    add("model", metavar="MODEL", help="model to start from: a file, or the name of a shipped one")
+    add("new", type=Path, metavar="DIR", help="recordings of two or more new objects, two takes or more")
+    add("--general", type=Path, required=True, metavar="DIR", help="a general data set, to replay and to test with")
+    add("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
+    add("--strategy", choices=("blend", "fine-tuned"), default="blend",
+        help="train on both and mix with the old parameters, or the paper's own fine-tuning")  # fmt: skip
+    add("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
+    add("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
     options.add_json(parser, "print JSON instead of a table")
     add_filter(parser)
 
@@ -116,7 +98,9 @@ def run(args: argparse.Namespace) -> int:
         )  # fmt: skip
     share = _choose(args, recipe, trained, data)
     changes = _measure(args, data, calibration)
-    output.show(Finetuned(changes, share, time.monotonic() - began, args.out), as_json=args.json)
+    seconds = time.monotonic() - began
+    values = {**changes, "share": share, "seconds": seconds, "file": args.out}
+    output.show(values, _parts(changes, share, seconds, args.out), as_json=args.json)
     return 0
 
 

@@ -1,9 +1,7 @@
 """``tactophone latency``: impulses through the running system, and the latency budget stage by stage."""
 
 import argparse
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,15 +31,11 @@ PERCENTILES = (50, 95, 99)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_settings(parser, "latency")
     add = parser.add_argument
-    add(
-        "--impulses", type=Within(int, 10, 2000), default=100, metavar="N",
-        help="impulses to play, %(type)s, about 4 a second",
-    )  # fmt: skip
+    add("--impulses", type=Within(int, 10, 2000), default=100, metavar="N",
+        help="impulses to play, %(type)s, about 4 a second")  # fmt: skip
     add("--dummy", action="store_true", help="start a JACK server without a sound card for this")
-    add(
-        "--period", type=Within(int, 32, 1024, unit="samples"), default=128, metavar="N",
-        help="period of that server, %(type)s",
-    )  # fmt: skip
+    add("--period", type=Within(int, 32, 1024, unit="samples"), default=128, metavar="N",
+        help="period of that server, %(type)s")  # fmt: skip
     add("--impulse-port", default="", metavar="PORT", help="JACK port of a loudspeaker or cable to the microphones")
     add("--vibration-port", default="", metavar="PORT", help="JACK port of a sensor or cable on the actuator")
     add("--no-decisions", action="store_true", help="do not measure the decision delay (simulated, 10 s)")
@@ -65,42 +59,21 @@ def run(args: argparse.Namespace) -> int:
         measured = measure(settings, graph, impulses=args.impulses, progress=lambda share: update(completed=share))
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
-    result = Latency(measured, delays, decider.detector.name if decider else None, settings, args.dummy, card)
-    output.show(result, as_json=args.json)
-    return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Latency:
-    """What was measured with these settings; ``delays`` are those of the decision, by the ``detector`` of that name."""
-
-    measured: "ImpulseLatency"
-    delays: "DecisionDelays | None"
-    detector: str | None
-    settings: Settings
-    dummy: bool
-    card: "ModelCard"
-
-    def as_json(self) -> dict[str, object]:
-        window = {"window_ms": 1000 * self.card.duration}
-        return {**as_figures(self.measured, self.delays), **window, "detector": self.detector}
-
-    def parts(self) -> Iterator[output.Part]:
-        yield _table(self.measured, self.delays, self.card)
-        yield _notes(self.measured, self.settings, dummy=self.dummy)
-        if self.delays is not None and self.detector:
-            yield _decision_notes(self.delays, self.detector)
-
-
-def as_figures(measured: "ImpulseLatency", delays: "DecisionDelays | None") -> dict[str, object]:
-    """Return percentiles in milliseconds: by stage, end to end, and of the decision."""
+    detector = decider.detector.name if decider else None
+    parts: list[output.Part] = [_table(measured, delays, card), _notes(measured, settings, dummy=args.dummy)]
+    if delays and detector:
+        parts.append(_decision_notes(delays, detector))
     rows = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
-    if delays is not None:
+    if delays:
         rows |= {"contact to vibration": np.array(delays.touch), "edge to changed vibration": np.array(delays.edge)}
-    percentiles = {name: _percentiles_ms(durations) for name, durations in rows.items()}
-    counts = {"impulses": measured.impulses, "missed": measured.missed, "period": measured.period}
-    counts["restarts"] = measured.restarts
-    return {**counts, "disagreement_ms": 1000 * measured.disagreement, "milliseconds": percentiles}
+    values = {
+        "impulses": measured.impulses, "missed": measured.missed, "period": measured.period,
+        "restarts": measured.restarts, "disagreement_ms": 1000 * measured.disagreement,
+        "milliseconds": {name: _percentiles_ms(durations) for name, durations in rows.items()},
+        "window_ms": 1000 * card.duration, "detector": detector,
+    }  # fmt: skip
+    output.show(values, parts, as_json=args.json)
+    return 0
 
 
 def _sum(measured: "ImpulseLatency") -> NDArray[np.float64]:
@@ -133,7 +106,8 @@ def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "M
 
 
 def _cells(durations: NDArray[np.float64]) -> list[str]:
-    return [f"{value:.2f}" for value in _percentiles_ms(durations).values()]
+    # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
+    return [f"{max(value, 0.0):.2f}" for value in _percentiles_ms(durations).values()]
 
 
 def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> str:
@@ -152,8 +126,8 @@ def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> st
         )
     if dummy:
         words.append(
-            "A server without a sound card delivers each period at its beginning, so capture reads up to a period too "
-            "short: a card adds one period there, and one or two at the device."
+            "A server without a sound card delivers each period at its beginning, so capture is up to a period too "
+            "short (under 0 is shown as 0): a card adds one period there, and one or two at the device."
         )
     return "\n".join(words)
 

@@ -8,7 +8,6 @@ import math
 import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,8 +17,7 @@ from tactophone.cli import console, extras, options, output, page
 from tactophone.cli.console import Outcome
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.settings import Settings
-from tactophone.telemetry.layout import COUNTERS, STAGES, State
-from tactophone.telemetry.watcher import Snapshot
+from tactophone.telemetry.layout import COUNTERS, STAGES
 
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.bridges.process import Bridge
@@ -40,10 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser, verb: str, usual: Sequence[st
     options.add_fingers(parser)
     page.add_dashboard(parser)
     add_record(parser)
-    parser.add_argument(
-        "--duration", type=options.Within(float, 0, unit="s"), default=0.0, metavar="S",
-        help="how long to run, %(type)s; 0: until interrupted",
-    )  # fmt: skip
+    parser.add_argument("--duration", type=options.Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted")  # fmt: skip
     options.add_json(parser, "at the end, print all counters as JSON")
 
 
@@ -54,10 +50,8 @@ def add_record(parser: argparse.ArgumentParser) -> None:
         "prediction and command, as `tactophone feel` writes them; repeatable; complete up to 1 s if a process dies",
     )  # fmt: skip
     words = "; ".join(f"{name}: {what}" for name, what in BRIDGES.items())
-    parser.add_argument(
-        "--bridge", action="append", default=[], metavar="NAME[=ADDRESS]",
-        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`",
-    )  # fmt: skip
+    parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=ADDRESS]",
+        help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip
 
 
 def follow(
@@ -84,7 +78,7 @@ def recorded(args: argparse.Namespace, settings: Settings, name: str) -> Iterato
     with ExitStack() as stack:
         for path in args.record:
             if path.suffix == ".csv":
-                from tactophone.telemetry.follower import PredictionLog
+                from tactophone.telemetry.prediction_log import PredictionLog
 
                 stack.enter_context(PredictionLog(name, path, report=output.warn))
         for build in _bridges(args, settings, name):
@@ -158,34 +152,19 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
 
             if address and not address.isdecimal():
                 raise ConfigError(f"--bridge {text}: wanted the number of a ROS domain, such as {bridge}=0")
+            sinks = tuple(sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip())
             yield partial(
-                RosBridge,
-                name,
-                finger=chosen.finger,
-                publish=chosen.ros_publish,
-                sinks=tuple(sink.strip() for sink in chosen.ros_sinks.split(",") if sink.strip()),
-                domain=int(address) if address else None,
-                over="zenoh" if bridge == "zenoh" else "dds",
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class _RunSummary:
-    counters: dict[str, int]
-    gauges: dict[str, float]
-    state: State
-    restarts: int
-
-    def parts(self) -> Iterator[output.Part]:
-        return counts_and_budget(self.counters, self.gauges)
+                RosBridge, name, finger=chosen.finger, publish=chosen.ros_publish, sinks=sinks,
+                domain=int(address) if address else None, over="zenoh" if bridge == "zenoh" else "dds",
+            )  # fmt: skip
 
 
 def print_outcome(args: argparse.Namespace, outcome: Outcome) -> int:
-    last: Snapshot | None = outcome.last
+    last = outcome.last
     if last is None:
         return 1
-    summary = _RunSummary(last.counters, last.gauges, last.state, outcome.restarts)
-    output.show(summary, as_json=args.json)
+    summary = {"counters": last.counters, "gauges": last.gauges, "state": last.state, "restarts": outcome.restarts}
+    output.show(summary, counts_and_budget(last.counters, last.gauges), as_json=args.json)
     return outcome.exit_code
 
 
@@ -196,3 +175,4 @@ def counts_and_budget(counters: dict[str, Any], gauges: dict[str, float]) -> Ite
     if math.isfinite(gauges["latency_total"]):
         stages = (*STAGES, "total")
         yield [{stage: f"{1000 * gauges[f'latency_{stage}']:.2f} ms" for stage in stages}]
+        yield "total: from the middle of a packet's sound to its vibration (`latency` measures a touch's first one)"

@@ -2,8 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,28 +38,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "show a model's card: input, decision rule, training data, scores"
     show = actions.add_parser("show", help=words, description=words)
     show.set_defaults(run=_show)
-    show.add_argument(
-        "model", metavar="NAME|FILE", help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}"
-    )
+    show.add_argument("model", metavar="NAME|FILE",
+        help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}")  # fmt: skip
     options.add_json(show, "print the card as JSON")
     words = (
-        "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
-        "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
-        "runs while loading: import it only from a source you trust"
+        "convert a model file of format 1 (FILE.onnx), or a model that the paper's authors published (general.pt, "
+        "fine_tuned.pt, piezo_only.pt) or that their notebook saved (model.pt, with its threshold; model_script.pt); a "
+        "TorchScript file is a program that torch runs while loading: import it only from a source you trust"
     )
     published = actions.add_parser("import", help=words, description=words)
     published.set_defaults(run=_import)
-    published.add_argument("source", type=Path, metavar="FILE.pt", help="the TorchScript file, or model.pt")
-    published.add_argument(
-        "--out", type=Path, metavar="FILE", help="the model file to write (default: FILE.onnx, in this folder)"
-    )
+    published.add_argument("source", type=Path, metavar="FILE", help="the ONNX or TorchScript file, or model.pt")
+    published.add_argument("--out", type=Path, metavar="FILE",
+        help="the model file to write (default: FILE.onnx, in this folder)")  # fmt: skip
 
 
 def _import(args: argparse.Namespace) -> int:
-    from tactophone.training.paper_models import import_published
-
     out = args.out or Path(args.source.stem + ".onnx")
-    import_published(args.source, out)
+    if args.source.suffix == ".onnx":
+        from tactophone.training.export import convert
+
+        convert(args.source, out)
+    else:
+        from tactophone.training.paper_models import import_published
+
+        import_published(args.source, out)
     print(out)
     return 0
 
@@ -68,24 +70,12 @@ def _import(args: argparse.Namespace) -> int:
 def _show(args: argparse.Namespace) -> int:
     path = model_path(args.model)
     card = read_model(path).card
-    output.show(ModelFile(path, path.stat().st_size, card), as_json=args.json)
+    size = path.stat().st_size
+    rows = [("file", f"{path} ({size / 1e3:,.0f} kB)"), *_lines(card)]
+    listing = output.listing(((name, escape(words)) for name, words in rows), max_width=36)
+    values = {"file": str(path), "bytes": size, **json.loads(card.to_json())}
+    output.show(values, [listing], as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class ModelFile:
-    """A model file, its size, and what its card says."""
-
-    path: Path
-    bytes: int
-    card: ModelCard
-
-    def as_json(self) -> dict[str, Any]:
-        return {"file": str(self.path), "bytes": self.bytes, **json.loads(self.card.to_json())}
-
-    def parts(self) -> Iterator[output.Part]:
-        rows = [("file", f"{self.path} ({self.bytes / 1e3:,.0f} kB)"), *_lines(self.card)]
-        yield output.listing(((name, escape(words)) for name, words in rows), max_width=36)
 
 
 def _lines(card: ModelCard) -> list[tuple[str, str]]:
@@ -135,28 +125,20 @@ def _shape(value: Any) -> list[int]:
 
 
 def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", metavar="MODEL", help="a model file, or the name of a shipped one")
-    parser.add_argument(
-        "--data", type=Path, required=True, metavar="DIR", help="validation recordings, none of them trained on"
-    )
+    add = parser.add_argument
+    add("model", metavar="MODEL", help="a model file, or the name of a shipped one")
+    add("--data", type=Path, required=True, metavar="DIR", help="validation recordings, none of them trained on")
     add_filter(parser)
     parser.set_defaults(run=_set_threshold)
     goal = parser.add_mutually_exclusive_group(required=True)
-    goal.add_argument(
-        "--false-bumps", metavar="N/min", help="rough predicted on smooth, over 0 to 600 times a minute of contact"
-    )
-    goal.add_argument(
-        "--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
-        help="share of smooth contact predicted rough, %(type)s",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="FILE",
-        help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)",
-    )
-    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
-    parser.add_argument("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
+    goal.add_argument("--false-bumps", metavar="N/min",
+        help="rough predicted on smooth, over 0 to 600 times a minute of contact")  # fmt: skip
+    goal.add_argument("--false-positives", type=Within(float, 0, 1, over=True), metavar="SHARE",
+        help="share of smooth contact predicted rough, %(type)s")  # fmt: skip
+    add("--out", type=Path, metavar="FILE",
+        help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)")  # fmt: skip
+    add("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
+    add("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
     options.add_json(parser, "print JSON instead of a table")
 
 
@@ -183,7 +165,13 @@ def _set_threshold(args: argparse.Namespace) -> int:
 
         scores = {"dataset": dataset.name, "sha256": dataset.fingerprint, **chosen.as_json()}
         set_decision(path, chosen.rule, scores, out=out)
-    output.show(Rules(before, chosen, [picture] if args.dry_run else [out, picture]), as_json=args.json)
+    files = [picture] if args.dry_run else [out, picture]
+    values: dict[str, Any] = {
+        name: {key: getattr(point.rule, key) for key in ("rough_on", "rough_off", "confirm")} | point.as_json()
+        for name, point in {"before": before, "chosen": chosen}.items()
+    }
+    parts: list[output.Part] = [_rows(before, chosen), *(escape(str(file)) for file in files)]
+    output.show({**values, "files": files}, parts, as_json=args.json)
     return 0
 
 
@@ -197,35 +185,20 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
         return [part for take in takes for part in by_label(predict(take))]
 
 
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What the decision rules before and after give on the data, and the files that were written."""
+def _rows(*points: "OperatingPoint") -> list[dict[str, str]]:
+    """What the decision rules before and after give on the data."""
 
-    before: "OperatingPoint"
-    chosen: "OperatingPoint"
-    files: list[Path]
+    def row(name: str, words: Callable[["OperatingPoint"], str]) -> dict[str, str]:
+        return {"": name, **dict(zip(("before", "chosen"), map(words, points), strict=True))}
 
-    def as_json(self) -> dict[str, Any]:
-        points = {"before": self.before, "chosen": self.chosen}
-        rules = {name: {key: getattr(point.rule, key) for key in _RULE} for name, point in points.items()}
-        return {**{name: rules[name] | point.as_json() for name, point in points.items()}, "files": self.files}
-
-    def parts(self) -> Iterator[output.Part]:
-        def row(name: str, words: Callable[["OperatingPoint"], str]) -> dict[str, str]:
-            return {"": name, "before": words(self.before), "chosen": words(self.chosen)}
-
-        yield [
-            row("rough from, until", lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}"),
-            row("updates in a row", lambda point: str(point.rule.confirm)),
-            row("false bumps a minute", lambda point: _brief(point.false_bumps_per_minute)),
-            row("smooth as rough", lambda point: _brief(point.false_positive_rate)),
-            row("rough as rough", lambda point: _brief(point.rough_recall)),
-            row("touch to rough, p50", lambda point: f"{1000 * point.delay:.0f} ms"),
-        ]
-        yield from (escape(str(file)) for file in self.files)
-
-
-_RULE = ("rough_on", "rough_off", "confirm")
+    return [
+        row("rough from, until", lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}"),
+        row("updates in a row", lambda point: str(point.rule.confirm)),
+        row("false bumps a minute", lambda point: _brief(point.false_bumps_per_minute)),
+        row("smooth as rough", lambda point: _brief(point.false_positive_rate)),
+        row("rough as rough", lambda point: _brief(point.rough_recall)),
+        row("touch to rough, p50", lambda point: f"{1000 * point.delay:.0f} ms"),
+    ]
 
 
 def _brief(estimate: "Estimate") -> str:

@@ -139,13 +139,8 @@ def add_flag(group: "argparse._ActionsContainer", name: str, default: Any = None
         return
     value = setting.default if default is None else default
     shown = "" if value == "" else f" (default: {value})"
-    group.add_argument(
-        setting.flag,
-        dest=name,
-        action="append" if name == "link.peer" else "store",
-        metavar="NAME[:DEVICE]" if setting.device else "VALUE",
-        help=f"{words}{shown}",
-    )
+    group.add_argument(setting.flag, dest=name, action="append" if name == "link.peer" else "store",
+        metavar="NAME[:DEVICE]" if setting.device else "VALUE", help=f"{words}{shown}")  # fmt: skip
 
 
 def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
@@ -155,24 +150,18 @@ def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str
     """
     own = dict(setting.split("=", 1) for setting in usual)
     group = parser.add_argument_group("settings (all of them: `tactophone settings`)")
-    group.add_argument(
-        "--settings", type=Path, action="append", default=[], metavar="FILE",
-        help="TOML file of settings; options override it, and so does a later file",
-    )  # fmt: skip
-    group.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", help="any other setting, such as link.port=48471"
-    )
+    group.add_argument("--settings", type=Path, action="append", default=[], metavar="FILE",
+        help="TOML file of settings; options override it, and so does a later file")  # fmt: skip
+    group.add_argument("--set", action="append", default=[], metavar="NAME=VALUE",
+        help="any other setting, such as link.port=48471")  # fmt: skip
     for name in flags_of(verb):
         add_flag(group, name, own.get(name))
 
 
 def add_fingers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--fingers",
-        metavar="N|FILE",
+    parser.add_argument("--fingers", metavar="N|FILE",
         help="a hand: its number of fingers, 1 to 10, or a TOML file with a table for each "
-        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)",
-    )
+        "(docs/guide/hand.md); both ends need as many (default: one finger, and no file)")  # fmt: skip
 
 
 def add_finger(parser: argparse.ArgumentParser) -> None:

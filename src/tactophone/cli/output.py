@@ -54,8 +54,8 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def show(result: Any, *, as_json: bool) -> None:
-    """Print a result, a dataclass, on stdout: as JSON of its fields, or as the ``parts()`` that it has for people.
+def show(result: Any, parts: Iterable[Part] | None = None, *, as_json: bool) -> None:
+    """Print a result on stdout: as JSON, or for people as the ``parts``.
 
     A sequence of dataclasses without parts is a table with a column for each field.
     """
@@ -63,7 +63,8 @@ def show(result: Any, *, as_json: bool) -> None:
         # JSON has neither infinities nor NaN: they become null.
         print(json.dumps(finite(as_values(result)), indent=2, ensure_ascii=False))
         return
-    parts: Iterable[Part] = result.parts() if hasattr(result, "parts") else [[_cells(row) for row in result]]
+    if parts is None:
+        parts = [[{name.replace("_", " "): value for name, value in _fields(row).items()} for row in result]]
     for part in parts:
         if isinstance(part, Sequence) and not isinstance(part, str):
             if part:
@@ -88,10 +89,6 @@ def as_values(result: Any) -> Any:
     if isinstance(result, list | tuple):
         return [as_values(value) for value in result]
     return str(result) if isinstance(result, Path) else result
-
-
-def _cells(row: Any) -> dict[str, Any]:
-    return {name.replace("_", " "): value for name, value in _fields(row).items()}
 
 
 def _fields(result: Any) -> dict[str, Any]:
@@ -162,11 +159,8 @@ def progress(description: str, total: float | None = None, *, note: str = "") ->
     Yields the function that updates it, by ``completed`` or ``advance``, ``total`` and ``note``.
     """
     columns = (
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
+        BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
+    )  # fmt: skip
     with Progress(
         TextColumn(description), *columns, console=log(), transient=True, disable=not log().is_terminal
     ) as bar:

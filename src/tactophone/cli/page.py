@@ -4,6 +4,7 @@ import argparse
 import socket
 import threading
 import time
+import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -23,9 +24,8 @@ if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and 
 
 def add_dashboard(parser: argparse.ArgumentParser, verb: str = "") -> None:
     """Add ``--dashboard``, and for a verb without other settings ``--lan`` and ``--https``."""
-    parser.add_argument(
-        "--dashboard", action="store_true", help="serve a page that shows the run, and print its address"
-    )
+    parser.add_argument("--dashboard", action="store_true",
+        help="serve a page that shows the run, and print its address")  # fmt: skip
     for name in options.flags_of(verb):
         if name.startswith("page."):
             options.add_flag(parser, name)
@@ -52,7 +52,7 @@ def shown(
     recorder = PageRecorder(name, Path(), report=output.note)
     record = recorder.page if live else None
     with recorder, watch(name, microphone=microphone, recorder=record, **place(settings)) as served:
-        announce(served)
+        announce(served, browser=settings.page.open)
         yield
 
 
@@ -73,10 +73,15 @@ def place(settings: Settings) -> dict[str, Any]:
     return {"address": f"{network_address()}:0", "certificate": _certificate(settings), "names": names}
 
 
-def announce(page: "Page", path: str = "") -> None:
-    """Print the page's address; if other machines can reach it, also a QR code and who can see it."""
+def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
+    """Print the page's address, and open it here in a ``browser``.
+
+    If other machines can reach it, also print a QR code and who can see it.
+    """
     address = f"{page.url}{path}"
     output.note(f"page: {address}")
+    if browser and not webbrowser.open(address):
+        output.note("no browser could be opened here: open the address in one")
     if page.private:
         return
     # Black on white in any terminal: not every camera reads an inverted code.

@@ -2,33 +2,11 @@
 
 import argparse
 import socket
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tactophone.cli import options, output
 
-if TYPE_CHECKING:
-    pass
-
-
 EXAMPLES = ("tactophone pair init", "tactophone pair show", "tactophone pair trust robot 0123:4567:89ab:cdef")
-
-
-@dataclass(frozen=True, slots=True)
-class Machine:
-    """This machine, and those it trusts: fingerprints by name. A fingerprint is no secret, but its channel must be."""
-
-    name: str
-    fingerprint: str
-    trusted: dict[str, str]
-    _trust_command: str
-
-    def parts(self) -> Iterator[output.Part]:
-        yield self._trust_command
-        for name, fingerprint in self.trusted.items():
-            yield f"trusted: {name} {fingerprint}"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,9 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     forget = steps.add_parser("forget", help="stop accepting a machine")
     forget.add_argument("name", help="as given to `pair trust`")
     for step, action in ((init, _init), (show, _show), (trust, _trust), (forget, _forget)):
-        step.add_argument(
-            "--identity", type=Path, metavar="FOLDER", help="where keys are kept (default: ~/.config/tactophone)"
-        )
+        step.add_argument("--identity", type=Path, metavar="FOLDER",
+            help="where keys are kept (default: ~/.config/tactophone)")  # fmt: skip
         step.set_defaults(step=action)
 
 
@@ -73,8 +50,10 @@ def _show(args: argparse.Namespace) -> None:
     identity, peers = Identity.load(args.identity), Peers.load(args.identity)
     if not args.json:
         output.log().print("On the other machine, run:")
-    shown = Machine(identity.name, identity.fingerprint, dict(peers.items()), identity.trust_command)
-    output.show(shown, as_json=args.json)
+    # A fingerprint is no secret, but the channel that it is compared by must be trusted.
+    shown = {"name": identity.name, "fingerprint": identity.fingerprint, "trusted": dict(peers.items())}
+    trusted = (f"trusted: {name} {fingerprint}" for name, fingerprint in peers.items())
+    output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
 
 
 def _trust(args: argparse.Namespace) -> None:

@@ -44,27 +44,24 @@ USUAL_OF_TRY = [*NEAR, "output.actuator=none"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     verb = parser.get_default("verb")
     if verb == "play":
-        parser.add_argument(
+        add(
             "--seed", type=SEED, metavar="N",
             help="random seed of the first round's order, %(type)s; each further round adds 1 (default: random)",
         )  # fmt: skip
-        parser.add_argument(
-            "--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
-            help="file to which each round's result is appended as one line of JSON",
-        )  # fmt: skip
+        add("--results", type=Path, default=Path("stone-box.jsonl"), metavar="FILE",
+            help="file to which each round's result is appended as one line of JSON")  # fmt: skip
         options.add_settings(parser, verb, NEAR)
         return
     from tactophone.cli import live
 
     words = "; ".join(f"{name}: {what}" for name, what in SOURCES.items())
-    parser.add_argument("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
+    add("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
     live.add_record(parser)
-    parser.add_argument(
-        "--duration", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
-        help="how long to run, %(type)s; 0: until interrupted",
-    )  # fmt: skip
+    add("--duration", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
+        help="how long to run, %(type)s; 0: until interrupted")  # fmt: skip
     options.add_json(parser, "at the end, print all counters as JSON")
     options.add_settings(parser, verb, USUAL_OF_TRY)
 
@@ -88,7 +85,7 @@ def _play(args: argparse.Namespace) -> int:
     game = GameSettings(name, [shuffled(seed + k) for k in range(ROUNDS)], seed, finger, args.results)
     # The page comes first: both sides take seconds to start, and it shows their progress.
     with serve_game(game, **page.place(settings)) as served:
-        page.announce(served)
+        page.announce(served, browser=settings.page.open)
 
         from tactophone.cli import console
         from tactophone.cli.send_receive import both_sides
@@ -110,7 +107,7 @@ def _try(args: argparse.Namespace) -> int:
     name = settings.process.name or "try"
     source = audio.source_of(settings)
     with watch(name, microphone=source.microphone, **page.place(settings)) as served:
-        page.announce(served, "try")
+        page.announce(served, "try", browser=settings.page.open)
         with both_sides(settings, name=name, open_source=source.open) as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)

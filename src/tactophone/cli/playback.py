@@ -40,6 +40,7 @@ class Take:
 def play_on_page(settings: Settings, takes: Sequence[Take], *, name: str) -> None:
     """Play takes on the page over and over until interrupted."""
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # in order: the shared memory is removed
+    name = settings.process.name or name
     with Telemetry(name, fingers=len(takes[0].paths)) as telemetry, shown(settings, name, live=False):
         output.log().print("playing back on the page until Ctrl-C")
         for take in itertools.cycle(takes):
@@ -72,22 +73,13 @@ def _source(path: Path) -> FileSource:
 def _state(take: Take, source: FileSource) -> State:
     fingers = tuple(
         FingerState(
-            name=name,
-            muted_because="",
-            ceiling=pipeline.limits.ceiling,
-            local_ceiling=pipeline.limits.ceiling,
-            profile=pipeline.profile.name,
-            detector=pipeline.detector.name,
+            name=name, muted_because="", ceiling=pipeline.limits.ceiling, local_ceiling=pipeline.limits.ceiling,
+            profile=pipeline.profile.name, detector=pipeline.detector.name,
             threshold_dbfs=pipeline.detector.threshold.dbfs,
         )
         for name, pipeline in zip(take.fingers, take.pipelines, strict=True)
-    )
+    )  # fmt: skip
     return State(
-        role="replay",
-        profiles=(fingers[0].profile,),
-        source=take.title,
-        link="replay",
-        sample_rate=source.sample_rate,
-        channels=source.channels,
-        fingers=fingers,
-    )
+        role="replay", profiles=(fingers[0].profile,), source=take.title, link="replay", sample_rate=source.sample_rate,
+        channels=source.channels, fingers=fingers,
+    )  # fmt: skip

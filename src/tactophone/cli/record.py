@@ -2,10 +2,8 @@
 
 import argparse
 import datetime
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import os
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group
 from rich.markup import escape
@@ -21,9 +19,10 @@ from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.health import Reference
 from tactophone.recording import protocol
-from tactophone.recording.protocol import PROTOCOL, Key, Stage
+from tactophone.recording.protocol import Key, Stage
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone.recording.safe_writer import recording_in, recover
+from tactophone.simulation.takes import TAKES
 from tactophone.types import Touch
 
 SCENARIOS = ("held", "table", "box")
@@ -37,65 +36,21 @@ EXAMPLES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Take:
-    """A take that was recorded: its file, its name, and its other columns of the data set."""
-
-    file: Path
-    take: str
-    properties: Mapping[str, str]
-
-    def as_json(self) -> dict[str, Any]:
-        return {"file": self.file, "take": self.take, **self.properties}
-
-
-@dataclass(frozen=True, slots=True)
-class Session:
-    """What was recorded of an object."""
-
-    object: str
-    takes: list[Take]
-    _folder: Path
-
-    def parts(self) -> Iterator[output.Part]:
-        yield [
-            {
-                "take": take.take,
-                "level": f"{float(take.properties['level_dbfs']):.0f} dBFS",
-                "quality": take.properties["quality"],
-            }
-            for take in self.takes
-        ]
-        folder = escape(str(self._folder))
-        yield f"{len(self.takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "object", metavar="OBJECT", help="the object's name; with --source finger, a name from the catalogue"
-    )
-    parser.add_argument("--label", required=True, choices=("smooth", "rough"), help="how it feels to you")
-    parser.add_argument(
-        "--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)"
-    )
-    parser.add_argument("--material", default="", metavar="NAME", help="its material")
-    parser.add_argument(
-        "--scenario", default="table", metavar="NAME", help=f"how it is held: {', '.join(SCENARIOS)}, or any other"
-    )
-    parser.add_argument("--session", default="", metavar="NAME", help="recording session (default: today's date)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to"
-    )
-    parser.add_argument("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")
-    parser.add_argument(
-        "--seconds", type=Within(float, 1, 600, unit="s"), default=protocol.DURATION, metavar="S",
-        help="length of a take, %(type)s",
-    )  # fmt: skip
-    parser.add_argument(
-        "--takes", default="all", metavar="LIST",
-        help=f"comma-separated takes, of {', '.join(take.name for take in PROTOCOL)}; or 'all'",
-    )  # fmt: skip
-    parser.add_argument("--yes", action="store_true", help="start and keep each take without a key press")
+    add = parser.add_argument
+    add("object", metavar="OBJECT", help="the object's name; with --source finger, a name from the catalogue")
+    add("--label", required=True, choices=("smooth", "rough"), help="how it feels to you")
+    add("--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)")
+    add("--material", default="", metavar="NAME", help="its material")
+    add("--scenario", default="table", metavar="NAME", help=f"how it is held: {', '.join(SCENARIOS)}, or any other")
+    add("--session", default="", metavar="NAME", help="recording session (default: today's date)")
+    add("--out", type=Path, default=Path("recordings"), metavar="DIR", help="data set to add the takes to")
+    add("--calibration", type=Path, metavar="FILE", help="calibration file of this set-up")
+    add("--seconds", type=Within(float, 1, 600, unit="s"), default=protocol.DURATION, metavar="S",
+        help="length of a take, %(type)s")  # fmt: skip
+    add("--takes", default="all", metavar="LIST",
+        help=f"comma-separated takes, of {', '.join(take.name for take in TAKES)}; or 'all'")  # fmt: skip
+    add("--yes", action="store_true", help="start and keep each take without a key press")
     options.add_json(parser, "at the end, print the takes as JSON")
     options.add_settings(parser, "record")
     options.add_finger(parser)
@@ -103,11 +58,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record until all takes are done, or the user quits."""
+    os.umask(0o077)  # no other user of this machine hears what is recorded
     plan, target = _plan(args), _recorded_object(args)
     with recording_in(plan.root):
         recorder = _session(args, plan, target)
-    takes = [Take(each.path, each.take, each.properties) for each in recorder.recordings]
-    output.show(Session(args.object, takes, args.out), as_json=args.json)
+    takes = recorder.recordings
+    known = [(each.take, float(each.properties["level_dbfs"]), each.properties["quality"]) for each in takes]
+    rows = [{"take": take, "level": f"{level:.0f} dBFS", "quality": quality} for take, level, quality in known]
+    folder = escape(str(args.out))
+    words = f"{len(takes)} takes in {folder}: check them with `tactophone dataset check {folder}`"
+    values = [{"file": each.path, "take": each.take, **each.properties} for each in takes]
+    output.show({"object": args.object, "takes": values}, [rows, words], as_json=args.json)
     return 0
 
 
@@ -124,25 +85,21 @@ def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject
 
 
 def _plan(args: argparse.Namespace) -> SessionPlan:
-    names = [take.name for take in PROTOCOL]
+    names = [take.name for take in TAKES]
     selected = names if args.takes == "all" else args.takes.split(",")
     if unknown := sorted(set(selected) - set(names)):
         hint = did_you_mean(unknown[0], names)
         raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}{hint}")
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
-    takes = tuple(take for take in PROTOCOL if take.name in selected)
+    takes = tuple(take for take in TAKES if take.name in selected)
     return SessionPlan(args.out, reference, takes, duration=args.seconds)
 
 
 def _recorded_object(args: argparse.Namespace) -> RecordedObject:
     return RecordedObject(
-        args.object,
-        Touch[args.label.upper()],
-        surface=args.surface,
-        material=args.material,
-        scenario=args.scenario,
+        args.object, Touch[args.label.upper()], surface=args.surface, material=args.material, scenario=args.scenario,
         session=args.session or datetime.date.today().isoformat(),
-    )
+    )  # fmt: skip
 
 
 def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unattended: bool) -> None:

@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
         from tactophone.offline.replay import add_sound
 
         files["audio"] = add_sound(args.log, args.audio)
-    output.show(Replayed(args.log, replay, rendered, files, bool(changes)), as_json=args.json)
+    values = _values(args.log, replay, rendered, files)
+    output.show(values, _parts(replay, files, changed=bool(changes)), as_json=args.json)
     own = options.settings_of(args)
     if page.wanted(args, own):
         _play(args.log, own, changed, ceiling)
@@ -157,47 +158,34 @@ def _play(log: Path, own: Settings, change: Callable[[Settings], Settings], ceil
         playback.play_on_page(own, takes, name="replay")
 
 
-@dataclass(frozen=True, slots=True)
-class Replayed:
-    """How a log compares with what was computed again, and what was written."""
+def _values(log: Path, replay: "Replay", rendered: "list[RenderedFinger]", files: dict[str, Path]) -> dict[str, Any]:
+    # The summary of the only finger, or of each by its name.
+    of = {finger.name: asdict(finger.summary) for finger in rendered}
+    compared = {name: getattr(replay.comparison, name) for name in ("equal", "different", "uncertain")}
+    of_run = {name: getattr(replay, name) for name in ("role", "processes", "complete", "missed", "notes")}
+    return {"log": log, **of_run, **compared, "files": files, **({"summary": of.get("", of)} if of else {})}
 
-    log: Path
-    replay: "Replay"
-    rendered: "list[RenderedFinger]"
-    files: dict[str, Path]
-    changed: bool
 
-    def as_json(self) -> dict[str, Any]:
-        replay, comparison = self.replay, self.replay.comparison
-        # The summary of the only finger, or of each by its name.
-        of = {finger.name: asdict(finger.summary) for finger in self.rendered}
-        return {
-            "log": self.log, "role": replay.role, "processes": replay.processes, "complete": replay.complete,
-            "missed": replay.missed, "equal": comparison.equal, "different": comparison.different,
-            "uncertain": comparison.uncertain, "notes": replay.notes, "files": self.files,
-            **({"summary": of.get("", of)} if of else {}),
-        }  # fmt: skip
-
-    def parts(self) -> Iterator[output.Part]:
-        comparison = self.replay.comparison
-        total = comparison.equal + comparison.different
-        if self.replay.role == "robot":
-            yield "the robot's side: its packets computed as an operator without losses would; nothing to compare with"
-        elif self.changed:
-            yield f"{comparison.different} of {total} predictions or commands differ from those logged"
-        elif comparison.different:
-            yield f"{comparison.different} of {total} predictions or commands differ from those logged; the first:"
-            for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
-                yield f"  {name:9}{entry.prediction} {entry.command}"
-        else:
-            yield f"{comparison.equal} predictions and commands, equal to the bit to those logged"
-        if comparison.uncertain:
-            yield f"{comparison.uncertain} were made while a control changed, and are not compared"
-        if not self.replay.complete:
-            yield "the log has no end: its writer was killed or its disk was full; read to its last part"
-        if self.replay.missed:
-            yield f"the recorder missed {self.replay.missed} bytes or predictions on a busy machine"
-        for note in self.replay.notes:
-            yield escape(f"! {note}")
-        for kind, path in self.files.items():
-            yield escape(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")
+def _parts(replay: "Replay", files: dict[str, Path], *, changed: bool) -> Iterator[output.Part]:
+    comparison = replay.comparison
+    total = comparison.equal + comparison.different
+    if replay.role == "robot":
+        yield "the robot's side: its packets computed as an operator without losses would; nothing to compare with"
+    elif changed:
+        yield f"{comparison.different} of {total} predictions or commands differ from those logged"
+    elif comparison.different:
+        yield f"{comparison.different} of {total} predictions or commands differ from those logged; the first:"
+        for name, entry in zip(("logged", "computed"), comparison.first or (), strict=False):
+            yield f"  {name:9}{entry.prediction} {entry.command}"
+    else:
+        yield f"{comparison.equal} predictions and commands, equal to the bit to those logged"
+    if comparison.uncertain:
+        yield f"{comparison.uncertain} were made while a control changed, and are not compared"
+    if not replay.complete:
+        yield "the log has no end: its writer was killed or its disk was full; read to its last part"
+    if replay.missed:
+        yield f"the recorder missed {replay.missed} bytes or predictions on a busy machine"
+    for note in replay.notes:
+        yield escape(f"! {note}")
+    for kind, path in files.items():
+        yield escape(f"{kind + ':':11}{' ' * (len(kind) > 9)}{path}")

@@ -83,20 +83,6 @@ EXAMPLES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
-    """What is wrong with the microphones, so that no model was fitted."""
-
-    findings: list[Finding]
-
-    def as_json(self) -> dict[str, Any]:
-        return {"passed": False, "findings": [finding.message for finding in self.findings]}
-
-    def parts(self) -> Iterator[output.Part]:
-        yield from _words(self.findings)
-        yield "nothing was written: correct what is refused above, and run setup again"
-
-
-@dataclass(frozen=True, slots=True)
 class Fitted:
     """A model that was fitted, what its file holds, and what was found wrong with the microphones."""
 
@@ -131,47 +117,37 @@ class Fitted:
         if not fit.abstains:
             unknown = output.percent(fit.unknown)
             yield f"{unknown} of this sound is unknown to {start}: the new model never abstains"
+        if fit.keeps:
+            yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
         yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
-        if not after >= 0.75:  # also where it is NaN
+        if not fit.keeps and not after >= 0.75:  # also where it is NaN
             yield f"[yellow]note:[/] {_estimate(fit)}"
         yield f"[green]written:[/] {escape(str(self.file))}; use it as --model of `feel` and `receive`"
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
-    """What a check of the microphones found, and the calibration file it was written to."""
-
-    diagnosis: CalibrationResult
-    file: Path
-
-    def as_json(self) -> dict[str, Any]:
-        found = self.diagnosis
-        result = {"passed": found.passed, "findings": found.findings, "gain_db": found.gain_db}
-        return result | asdict(found.calibration)
-
-    def parts(self) -> Iterator[output.Part]:
-        calibration, gains = self.diagnosis.calibration, self.diagnosis.gain_db
-        yield [
-            {
-                "microphone": name,
-                "noise floor": f"{calibration.floor_dbfs[channel]:.1f} dBFS",
-                "hum": f"{calibration.hum_dbfs[channel]:.1f} dBFS",
-                "stroke": f"{calibration.stroke_dbfs[channel]:.1f} dBFS",
-                "highest peak": f"{calibration.peak_dbfs[channel]:.1f} dBFS",
-                "turn gain by": f"{gains[channel]:+d} dB" if gains[channel] else "-",
-            }
-            for channel, name in enumerate(MICROPHONES[: calibration.channels])
-        ]
-        yield (
-            f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
-            f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
-        )
-        yield from _words(self.diagnosis.findings)
-        if self.diagnosis.passed:
-            file = escape(str(self.file))
-            yield f"[green]good:[/] written to {file}; use it as --calibration of `record`, `train` and `receive`"
-        else:
-            yield "nothing was written: correct what is refused above, and check again"
+def _checked(found: CalibrationResult, file: Path) -> Iterator[output.Part]:
+    calibration, gains = found.calibration, found.gain_db
+    yield [
+        {
+            "microphone": name,
+            "noise floor": f"{calibration.floor_dbfs[channel]:.1f} dBFS",
+            "hum": f"{calibration.hum_dbfs[channel]:.1f} dBFS",
+            "stroke": f"{calibration.stroke_dbfs[channel]:.1f} dBFS",
+            "highest peak": f"{calibration.peak_dbfs[channel]:.1f} dBFS",
+            "turn gain by": f"{gains[channel]:+d} dB" if gains[channel] else "-",
+        }
+        for channel, name in enumerate(MICROPHONES[: calibration.channels])
+    ]
+    yield (
+        f"contact from {calibration.threshold_dbfs:.1f} dBFS (a window of 256 ms: {calibration.window_dbfs:.1f} "
+        f"dBFS): at most {calibration.false_alarms_per_minute:g} false contacts a minute"
+    )
+    yield from _words(found.findings)
+    if found.passed:
+        name = escape(str(file))
+        yield f"[green]good:[/] written to {name}; use it as --calibration of `record`, `train` and `receive`"
+    else:
+        yield "nothing was written: correct what is refused above, and check again"
 
 
 def _words(findings: Sequence[Finding]) -> Iterator[str]:
@@ -182,34 +158,22 @@ def _words(findings: Sequence[Finding]) -> Iterator[str]:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, metavar="FILE", help="file to write (default: finger.onnx; with --check calibration.toml)")
-    add(
-        "--model",
-        default="",
-        metavar="NAME|FILE",
-        help="model of kind texture to start from; default: the shipped one for the tip",
-    )
+    add("--model", default="", metavar="NAME|FILE",
+        help="model of kind texture to start from; default: the shipped one for the tip")  # fmt: skip
     for label, names in (("smooth", SMOOTH), ("rough", ROUGH)):
-        add(
-            f"--{label}", metavar="NAMES",
+        add(f"--{label}", metavar="NAMES",
             help=f"{label} objects of your own, separated by commas; two or more, as unlike as you have (default: "
-            f"{', '.join(names)})",
-        )  # fmt: skip
-    add(
-        "--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
-        help="of sliding on each object, %(type)s",
-    )  # fmt: skip
+            f"{', '.join(names)})")  # fmt: skip
+    add("--seconds", type=Within(float, 2, 60, unit="s"), default=SLIDE, metavar="S",
+        help="of sliding on each object, %(type)s")  # fmt: skip
     add("--yes", action="store_true", help="ask nothing, and start each step without a key press")
     options.add_json(parser, "print the result as JSON")
     add("--dashboard", action="store_true", help="guide on a page of this machine too, and print its address")
-    add(
-        "--check", action="store_true",
+    add("--check", action="store_true",
         help="only check the microphones and measure noise floor and contact threshold: silence, strokes, taps; writes "
-        "a calibration file, by default calibration.toml",
-    )  # fmt: skip
-    add(
-        "--false-alarms", default="1/min", metavar="N/min",
-        help="with --check: false contacts to allow in silence, over 0 to 600 a minute",
-    )  # fmt: skip
+        "a calibration file, by default calibration.toml")  # fmt: skip
+    add("--false-alarms", default="1/min", metavar="N/min",
+        help="with --check: false contacts to allow in silence, over 0 to 600 a minute")  # fmt: skip
     options.add_settings(parser, "setup")
     options.add_finger(parser)
 
@@ -240,7 +204,9 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
     if screen.page is not None:
         screen.page.show(findings=[str(finding) for finding in findings])
     if any(finding.fatal for finding in findings):
-        output.show(Refused(findings), as_json=args.json)
+        words = "nothing was written: correct what is refused above, and run setup again"
+        messages = [finding.message for finding in findings]
+        output.show({"passed": False, "findings": messages}, [*_words(findings), words], as_json=args.json)
         return 1
     floor = measure_floor(
         [AudioBlock(recorded.silence, recorded.sample_rate)],
@@ -254,7 +220,7 @@ def _fit_and_write(args: argparse.Namespace, recorded: _Recorded, tip: str, scre
 
     write_set_up(args.out, start, model, fit, threshold_dbfs=floor.threshold_dbfs, tip=tip)
     result = Fitted(args.out, fit, findings, floor.threshold_dbfs, tip, model.card.name)
-    output.show(result, as_json=args.json)
+    output.show(result, result.parts(), as_json=args.json)
     if screen.page is not None:
         content = output.finite(output.as_values(result))
         words = f"written: {args.out}; {_estimate(fit)}. Now feel with it: tactophone receive --model {args.out}"
@@ -287,7 +253,7 @@ def _ask_tip(args: argparse.Namespace, screen: GuideScreen) -> str:
     if key in console.QUIT_KEYS:
         raise KeyboardInterrupt
     if screen.page is not None:
-        screen.page.show(buttons={})
+        screen.page.show(instruction="Opening the microphones ...", buttons={})
     return key if key in TIP_NAMES else dict(zip("1234", TIP_NAMES, strict=True)).get(key, tip)
 
 
@@ -354,12 +320,15 @@ def _check_set_up(args: argparse.Namespace) -> int:
         diagnosis = measure_calibration(sounds, made=made, source=audio.name, false_alarms_per_minute=rate)
     if diagnosis.passed:
         diagnosis.calibration.write(path)
-    output.show(Checked(diagnosis, path), as_json=args.json)
+    values = {"passed": diagnosis.passed, "findings": diagnosis.findings, "gain_db": diagnosis.gain_db}
+    output.show(values | asdict(diagnosis.calibration), _checked(diagnosis, path), as_json=args.json)
     return 0 if diagnosis.passed else 1
 
 
 def _estimate(fit: "SetUpFit") -> str:
     after = fit.balanced_accuracy
+    if fit.keeps:
+        return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
     if math.isnan(after):
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:

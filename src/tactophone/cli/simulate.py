@@ -3,8 +3,7 @@
 import argparse
 import os
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +15,13 @@ from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 if TYPE_CHECKING:
     from tactophone.simulation.catalogue import SimulatedObject
-    from tactophone.simulation.operator import RoundSummary
     from tactophone.simulation.takes import Take
 
 
 EXAMPLES = (
     "tactophone simulate objects",
     "tactophone simulate dataset simulated --objects 0,5 --takes static,long_light --seconds 2",
-    "tactophone simulate operator --rounds 100 --json",
+    "tactophone simulate competition competition --runs 1",
 )
 
 
@@ -36,7 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _objects_arguments(add: Callable[..., object]) -> None:
-    add("--measured", action="store_true", help="list the measured surfaces of the package tdw")
     add("--json", action="store_true", help="print JSON instead of a table")
 
 
@@ -44,10 +41,7 @@ def _dataset_arguments(add: Callable[..., object]) -> None:
     takes, cores = ", ".join(take.name for take in TAKES), os.cpu_count() or 1
     _sound_arguments(add)
     add("--seconds", type=Within(float, 0, over=True, unit="s"), default=30.0, help="length of a take, %(type)s")
-    words = (
-        "numbers or names separated by commas, 'paper' for the paper's 23, 'all' for the catalogue, or 'measured' "
-        "for ten height profiles of the package tdw"
-    )
+    words = "numbers or names separated by commas, 'paper' for the paper's 23, or 'all' for the catalogue"
     add("--objects", default="paper", metavar="LIST", help=words)
     words = f"takes separated by commas, of {takes}; or 'all'"
     add("--takes", default="all", metavar="LIST", help=words)
@@ -73,17 +67,6 @@ def _hand_arguments(add: Callable[..., object]) -> None:
     add("--tip", choices=TIP_NAMES, default=DEFAULT_TIP, help="tip that touches")
 
 
-def _operator_arguments(add: Callable[..., object]) -> None:
-    from tactophone.haptics.profiles import PROFILES
-
-    add("--model", default="", metavar="NAME|FILE", help="default: the shipped one for two channels")
-    add("--profile", default="paper", metavar="NAME", help=f"one of {', '.join(PROFILES)}")
-    add("--rounds", type=Within(int, 1), default=1000, help="rounds, %(type)s")
-    add("--visits", type=Within(int, 1), default=12, help="rendered visits per label to draw from, %(type)s")
-    add("--seed", type=SEED, default=0, help="random seed of stones, strokes and noise, %(type)s")
-    add("--json", action="store_true", help="print JSON instead of text")
-
-
 def _sound_arguments(add: Callable[..., object]) -> None:
     add("out", type=Path, metavar="OUT", help="folder to write to; finished files are kept")
     add("--seed", type=SEED, default=0, help="random seed of sessions, strokes and noise, %(type)s")
@@ -92,42 +75,23 @@ def _sound_arguments(add: Callable[..., object]) -> None:
 
 
 def _objects(args: argparse.Namespace) -> int:
-    from tactophone.simulation.catalogue import catalogue, measured_objects
+    from tactophone.simulation.catalogue import catalogue
 
-    rows = [_row(obj) for obj in (measured_objects() if args.measured else catalogue())]
-    output.show(Catalogue(rows), as_json=args.json)
+    rows = [_row(obj) for obj in catalogue()]
+    table = [
+        {key.replace("_um", " (µm)"): f"{cell:.2f}" if isinstance(cell, float) else cell for key, cell in row.items()}
+        for row in rows
+    ]
+    output.show(rows, [table], as_json=args.json)
     return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Catalogue:
-    """Simulated objects with their true roughness."""
-
-    rows: list[dict[str, Any]]
-
-    def as_json(self) -> list[dict[str, Any]]:
-        return self.rows
-
-    def parts(self) -> Iterator[output.Part]:
-        yield [
-            {
-                key.replace("_um", " (µm)"): f"{cell:.2f}" if isinstance(cell, float) else cell
-                for key, cell in row.items()
-            }
-            for row in self.rows
-        ]
 
 
 def _row(obj: "SimulatedObject") -> dict[str, Any]:
     return {
-        "number": obj.number,
-        "object": obj.name,
-        "label": obj.label.name.lower(),
-        "material": obj.substance,
-        "mounting": str(obj.mounting),
-        "Ra_um": round(obj.roughness.ra * 1e6, 3),
+        "number": obj.number, "object": obj.name, "label": obj.label.name.lower(), "material": obj.substance,
+        "mounting": str(obj.mounting), "Ra_um": round(obj.roughness.ra * 1e6, 3),
         "Rq_um": round(obj.roughness.rq * 1e6, 3),
-    }
+    }  # fmt: skip
 
 
 def _dataset(args: argparse.Namespace) -> int:
@@ -135,15 +99,9 @@ def _dataset(args: argparse.Namespace) -> int:
     from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
 
     options = RenderOptions(
-        args.seconds,
-        args.seed,
-        opus=args.opus,
-        hall=args.hall,
-        authors_layout=args.authors_layout,
-        bits=args.bits,
-        tip=args.tip,
-        gain_db=args.gain,
-    )
+        args.seconds, args.seed, opus=args.opus, hall=args.hall, authors_layout=args.authors_layout, bits=args.bits,
+        tip=args.tip, gain_db=args.gain,
+    )  # fmt: skip
     objects = _objects_named(args.objects)
     _check_layout(args)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
@@ -188,51 +146,11 @@ def _competition(args: argparse.Namespace) -> int:
     return 0
 
 
-def _operator(args: argparse.Namespace) -> int:
-    from tactophone.pipeline import open_pipeline
-    from tactophone.simulation.operator import (
-        OfflinePipeline,
-        perceive_visits,
-        play_rounds,
-        render_visits,
-        summarize_rounds,
-    )
-    from tactophone.types import LIVE_SAMPLE_RATE
-
-    pipeline = open_pipeline(args.model, sample_rate=LIVE_SAMPLE_RATE, channels=2, profile=args.profile)
-    visits = render_visits(visits=args.visits, seed=args.seed)
-    rounds = play_rounds(perceive_visits(visits, OfflinePipeline(pipeline)), rounds=args.rounds, seed=args.seed)
-    summary = summarize_rounds(rounds)
-    output.show(Task(args.rounds, summary), as_json=args.json)
-    return 0
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """How the simulated operator fared in so many rounds."""
-
-    rounds: int
-    summary: "RoundSummary"
-
-    def as_json(self) -> dict[str, Any]:
-        return asdict(self.summary)
-
-    def parts(self) -> Iterator[output.Part]:
-        found = self.summary
-        yield f"simulated operator, {self.rounds} rounds of five stones, two rough"
-        yield f"picked both rough stones:      {found.success:.1%}"
-        yield f"the roughest picked was rough: {found.found:.1%}"
-        low, high = found.quartiles
-        yield f"time to decide:                {found.duration:.1f} s (quartiles {low:.1f} to {high:.1f} s)"
-
-
 def _objects_named(names: str) -> "list[SimulatedObject]":
-    from tactophone.simulation.catalogue import PAPER, catalogue, find, measured_objects
+    from tactophone.simulation.catalogue import PAPER, catalogue, find
 
     if names == "all":
         return list(catalogue())
-    if names == "measured":
-        return list(measured_objects())
     if names == "paper":
         return [obj for obj in catalogue() if obj.number in PAPER]
     return [find(name.strip()) for name in names.split(",")]
@@ -266,23 +184,15 @@ _ACTIONS = {
     "objects": ("list the catalogue of objects with their true roughness", _objects_arguments, _objects),
     "dataset": (
         "render the paper's data set, seven takes of each object; continues after an interruption",
-        _dataset_arguments,
-        _dataset,
+        _dataset_arguments, _dataset,
     ),
     "competition": (
         "render runs over five stones in a box, on two days, with the truth over time",
-        _competition_arguments,
-        _competition,
+        _competition_arguments, _competition,
     ),
     "hand": (
         "let the fingers of a hand stroke a smooth and a rough stone, and write the sound and labels of each",
-        _hand_arguments,
-        _hand,
+        _hand_arguments, _hand,
     ),
-    "operator": (
-        "let a simulated operator explore five stones and pick the rough ones",
-        _operator_arguments,
-        _operator,
-    ),
-}
+}  # fmt: skip
 """Description, arguments and function of each action."""

@@ -18,23 +18,16 @@ EXAMPLES = (
 
 def add_recipe(parser: argparse._ActionsContainer) -> None:
     """Add ``--recipe``, and the options for which nobody should need a file."""
-    parser.add_argument(
-        "--recipe", metavar="NAME|FILE.toml", default="paper-fast",
+    add = parser.add_argument
+    add("--recipe", metavar="NAME|FILE.toml", default="paper-fast",
         help=f"one of {', '.join(RECIPES)}; or a file with recipe = NAME and any of "
-        f"{', '.join(RecipeFile.__struct_fields__[1:])} (docs/guide/training.md)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
-        "from variant in a recipe file (default: 2)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--tip", choices=TIP_NAMES,
-        help="that the model is for (recipes on features; default: the one that the recordings name)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE",
-        help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable",
-    )  # fmt: skip
+        f"{', '.join(RecipeFile.__struct_fields__[1:])} (docs/guide/training.md)")  # fmt: skip
+    add("--channels", type=int, choices=(1, 2), help="microphones to use; the recipes paper and paper-fast take them "
+        "from variant in a recipe file (default: 2)")  # fmt: skip
+    add("--tip", choices=TIP_NAMES,
+        help="that the model is for (recipes on features; default: the one that the recordings name)")  # fmt: skip
+    add("--set", action="append", default=[], metavar="NAME=VALUE",
+        help="any other entry of a recipe file, such as variant=one-channel or seed=1; repeatable")  # fmt: skip
 
 
 def recipe_of(args: argparse.Namespace) -> RecipeFile:
@@ -48,26 +41,19 @@ def recipe_of(args: argparse.Namespace) -> RecipeFile:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
-    parser.add_argument("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
-    parser.add_argument(
-        "--also", type=Path, action="append", default=[], metavar="DIR",
-        help="train on this data set too, all of it that is labelled; repeatable",
-    )  # fmt: skip
+    add = parser.add_argument
+    add("data", type=Path, metavar="DIR", help="a data set: see `tactophone dataset`")
+    add("--out", type=Path, default=Path("model.onnx"), metavar="FILE", help="the model file to write")
+    add("--also", type=Path, action="append", default=[], metavar="DIR",
+        help="train on this data set too, all of it that is labelled; repeatable")  # fmt: skip
     add_filter(parser)
     add_recipe(parser)
-    parser.add_argument(
-        "--from", type=Path, dest="start", metavar="MODEL",
-        help="continue from this model's parameters instead of random ones (recipe paper)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--calibration", type=Path, metavar="FILE",
+    add("--from", type=Path, dest="start", metavar="MODEL",
+        help="continue from this model's parameters instead of random ones (recipe paper)")  # fmt: skip
+    add("--calibration", type=Path, metavar="FILE",
         help="contact threshold from `tactophone setup --check`, for labels and for the model's gate, in place of "
-        "contact_threshold in a recipe file (recipe paper)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--restart", action="store_true", help="start over even if an interrupted run of this training could resume"
-    )
+        "contact_threshold in a recipe file (recipe paper)")  # fmt: skip
+    add("--restart", action="store_true", help="start over even if an interrupted run of this training could resume")
 
 
 def run(args: argparse.Namespace) -> int:

@@ -163,10 +163,10 @@ def _sound_faults(measured: _Measurements) -> Iterator[tuple[str, str, bool]]:
     if duration < MIN_DURATION:
         yield "short", f"{duration:.3f} s, less than one window of {MIN_DURATION} s; record it again or drop it", True
     threshold = 10 ** (SILENT_DBFS / 20)
-    silent = [str(number) for number, peak in enumerate(measured.peaks) if peak < threshold]
+    silent = [str(number) for number, peak in enumerate(measured.peaks, 1) if peak < threshold]
     if silent:
         whole = len(silent) == measured.channels
-        where = "every channel" if whole else f"channel {', '.join(silent)}"
+        where = "every channel" if whole else f"channel {', '.join(silent)} of {measured.channels}"
         yield "silent", f"{where} stays under {SILENT_DBFS:.0f} dBFS; check the microphone and its gain", whole
     if max(measured.clipped) > CLIPPED_SHARE * measured.size:
         share = sum(measured.clipped) / (measured.size * measured.channels)

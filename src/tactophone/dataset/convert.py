@@ -21,13 +21,9 @@ CARD = "README.md"
 
 
 def convert(
-    dataset: Dataset,
-    out: Path,
-    *,
-    air_of: Mapping[Path, Path] = {},
-    targets: Mapping[Path, Path] = {},
+    dataset: Dataset, out: Path, *, air_of: Mapping[Path, Path] = {}, targets: Mapping[Path, Path] = {},
     progress: Callable[[int], None] = lambda done: None,
-) -> Dataset:
+) -> Dataset:  # fmt: skip
     """Copy recordings into a new folder as FLAC with a ``metadata.csv``; the originals stay.
 
     Sound is neither resampled nor mixed; floating-point sound becomes 24 bit. Both mappings are by a recording's path:

@@ -20,7 +20,6 @@ from zipfile import BadZipFile, ZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset.plots import BLUE, GREY, VERMILION, load_pyplot
 from tactophone.errors import DatasetError
 
 CUTOFF = 0.8e-3
@@ -270,22 +269,21 @@ def levelled(heights: Heights) -> Heights:
     return np.asarray(heights - (terms @ parts).reshape(heights.shape))
 
 
-def read_heights(path: Path, *, unit: str = "m", height_range: float | None = None) -> tuple[Heights, float | None]:
+def read_heights(path: Path, *, unit: str = "m") -> tuple[Heights, float | None]:
     """Read a profile or a height map: heights in m, and the step in m where the file states it.
 
     The file is ``.npy``; ``.npz`` with an array ``heights``, or with one array alone, and perhaps ``step`` in m;
-    ``.csv`` (one column: a profile; more: a map), its numbers in ``unit``, one of :data:`UNITS`; or ``.png`` in grey,
-    where white is ``height_range`` m over black. Raises `DatasetError` if it cannot be read as heights, or holds
-    values that are no numbers.
+    ``.csv`` (one column: a profile; more: a map). Its numbers are in ``unit``, one of :data:`UNITS`. Raises
+    `DatasetError` if it cannot be read as heights, or holds values that are no numbers.
     """
     if not path.is_file():
-        raise DatasetError(f"{path}: no such file; name a height map or profile: .npy, .npz, .csv or .png")
+        raise DatasetError(f"{path}: no such file; name a height map or profile: .npy, .npz or .csv")
     try:
         if (size := _size(path)) > 8 * MOST_HEIGHTS:
             raise ValueError(
                 f"{size / 1e9:.1f} GB of numbers, but at most {8 * MOST_HEIGHTS / 1e9:.2f}; cut or thin it"
             )
-        heights, step = _read(path, UNITS[unit], height_range)
+        heights, step = _read(path, UNITS[unit])
     except (OSError, ValueError, LookupError, TypeError, ArithmeticError, MemoryError, EOFError, BadZipFile) as error:
         raise DatasetError(f"{path}: cannot be read as heights ({error})") from None
     if heights.ndim not in (1, 2) or heights.size == 0:
@@ -304,15 +302,10 @@ def _size(path: Path) -> int:
         case ".npz":
             with ZipFile(path) as arrays:
                 return sum(part.file_size for part in arrays.infolist())
-        case ".png":
-            from PIL.PngImagePlugin import PngImageFile
-
-            with PngImageFile(path) as image:
-                return 8 * image.width * image.height
     return path.stat().st_size
 
 
-def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights, float | None]:
+def _read(path: Path, scale: float) -> tuple[Heights, float | None]:
     match path.suffix.lower():
         case ".npy":
             return np.asarray(np.load(path, allow_pickle=False), float) * scale, None
@@ -325,14 +318,7 @@ def _read(path: Path, scale: float, height_range: float | None) -> tuple[Heights
                 return np.asarray(arrays[name], float) * scale, float(arrays["step"]) if "step" in arrays else None
         case ".csv" | ".txt":
             return _read_csv(path, scale), None
-        case ".png":
-            if height_range is None:
-                raise ValueError("grey has no unit: give --height-range, the height of white over black")
-            from matplotlib import image
-
-            pixels = np.asarray(image.imread(path), float)  # from 0 to 1; of a colour image, the mean of its colours
-            return (pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)) * height_range, None
-    raise ValueError(f"{path.suffix or 'no suffix'}: only .npy, .npz, .csv and .png are read")
+    raise ValueError(f"{path.suffix or 'no suffix'}: only .npy, .npz and .csv are read")
 
 
 def _read_csv(path: Path, scale: float) -> Heights:
@@ -368,37 +354,3 @@ def _doubts(rows: Heights, profile: Roughness, *, step: float, resolution: float
             "finer ones were not seen, and Ra is too low"
         )
     return doubts
-
-
-def draw_heights(path: Path, heights: Heights, report: HeightReport, *, title: str) -> None:
-    """Draw heights in um over place in mm, with the parameters in the title, as PNG.
-
-    Raises `TactophoneError` if matplotlib is not installed.
-    """
-    pyplot = load_pyplot()
-    rows = np.atleast_2d(levelled(heights))
-    is_map = len(rows) > 1
-    figure, panels = pyplot.subplots(1 + is_map, 1, figsize=(9, 6 if is_map else 3), layout="constrained", dpi=110)
-    axes = np.atleast_1d(panels)
-    length, width = 1e3 * report.step * rows.shape[1], 1e3 * report.step * len(rows)
-    if is_map:
-        image = axes[0].imshow(1e6 * rows, extent=(0, length, width, 0), cmap="viridis", aspect="equal")
-        axes[0].axhline(width / 2, color=VERMILION, linewidth=0.8)
-        axes[0].set_ylabel("mm")
-        axes[0].set_anchor("W")
-        figure.colorbar(image, cax=axes[0].inset_axes((1.03, 0, 0.03, 1)), label="um")
-    middle = rows[len(rows) // 2]
-    rough = roughness_profile(middle, step=report.step, cutoff=report.cutoff)
-    place = 1e3 * report.step * np.arange(len(middle))
-    trimmed = (len(middle) - len(rough)) // 2
-    axes[-1].plot(place, 1e6 * middle, color=GREY, linewidth=0.8, label="levelled")
-    axes[-1].plot(
-        place[trimmed : trimmed + len(rough)], 1e6 * rough, color=BLUE, linewidth=0.8, label="roughness, filtered"
-    )
-    axes[-1].set(xlabel="mm", ylabel="um")
-    axes[-1].legend(frameon=False, fontsize=8, loc="upper right", ncols=2)
-    found = report.profile
-    words = f"Ra {1e6 * found.ra:.3g} um, Rq {1e6 * found.rq:.3g} um, Rz {1e6 * found.rz:.3g} um, "
-    figure.suptitle(f"{title}: {words}RSm {1e3 * found.rsm:.3g} mm, cut-off {1e3 * report.cutoff:g} mm", fontsize=10)
-    figure.savefig(path)
-    pyplot.close(figure)

@@ -354,13 +354,9 @@ def _files(folder: Path, suffixes: set[str]) -> list[Path]:
 
 
 def _import(
-    folder: Path,
-    out: Path,
-    files: list[Path],
-    find: Callable[[Path], Found | Problem],
-    microphone: str,
+    folder: Path, out: Path, files: list[Path], find: Callable[[Path], Found | Problem], microphone: str,
     progress: Callable[[int], None],
-) -> Imported:
+) -> Imported:  # fmt: skip
     problems: list[Problem] = []
     labels: dict[str, Touch | None] = {}
     if (folder / LABELS).is_file():

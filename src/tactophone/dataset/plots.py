@@ -17,7 +17,6 @@ from tactophone.errors import TactophoneError
 from tactophone.types import Touch
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-PURPLE = "#CC79A7"
 _PALETTE = (files("tactophone") / "pages" / "static" / "palette.css").read_text(encoding="utf-8")
 TOUCH_COLOURS = {touch: re.findall(rf"--{touch.name.lower()}: (#\w+)", _PALETTE)[0] for touch in Touch}
 """Of the pages' light theme, whose file says them for pages and figures alike."""
@@ -73,15 +72,18 @@ def draw_dataset(path: Path, dataset: Dataset) -> None:
     shown = [readable[place] for place in places]
     rows = -(-len(shown) // 4)
     height = 0.28 * len(dataset.surfaces) + 1.2
-    figure = pyplot.figure(figsize=(11, height + 1.9 * rows), layout="constrained", dpi=110)
-    upper, lower = figure.subfigures(2, 1, height_ratios=[height, 1.9 * rows])
+    figure = pyplot.figure(figsize=(11, height + 2.2 * rows), layout="constrained", dpi=90)
+    upper, lower = figure.subfigures(2, 1, height_ratios=[height, 2.2 * rows])
     _draw_levels(upper.subplots(), dataset, readable)
     axes = np.atleast_1d(lower.subplots(rows, min(4, len(shown)), sharey=True, squeeze=False)).ravel()
+    image = None
     for panel, recording in zip(axes, shown, strict=False):
-        _draw_spectrogram(panel, recording)
+        image = _draw_spectrogram(panel, recording)
     for panel in axes[len(shown) :]:
         panel.set_axis_off()
-    lower.supylabel("contact (or only) channel, kHz", fontsize=8)
+    lower.supylabel("contact (or only) channel, kHz", fontsize=9)
+    if image is not None:
+        lower.colorbar(image, ax=axes, label="dBFS/Hz", pad=0.01)
     figure.savefig(path)
     pyplot.close(figure)
 
@@ -99,8 +101,8 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
         drawn[surface] += 1
         axes.plot([low, high], [height] * 2, color=colour, alpha=0.35, linewidth=1.5)
         axes.plot(middle, height, "o", color=colour, markersize=3)
-    axes.set_yticks(range(len(row_of)), list(row_of), fontsize=7)
-    axes.set_xlabel("level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=8)
+    axes.set_yticks(range(len(row_of)), list(row_of), fontsize=9)
+    axes.set_xlabel("level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=9)
     for label in (Touch.ROUGH, Touch.SMOOTH):
         axes.plot([], [], "o", color=TOUCH_COLOURS[label], label=label.name.lower())
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
@@ -118,14 +120,20 @@ def _levels(recording: Recording) -> tuple[float, float, float]:
     return float(low), float(middle), float(high)
 
 
-def _draw_spectrogram(axes: Any, recording: Recording) -> None:
+def _draw_spectrogram(axes: Any, recording: Recording) -> Any:
+    """Draw it, and return its image, for the bar that says what its colours mean."""
     sound = recording.read(duration=EXCERPT)
     rate = sound.sample_rate
     size = 1 << int(np.log2(rate / 40))
-    axes.specgram(sound.samples[:, 0] + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40)
+    *_, image = axes.specgram(
+        sound.samples[:, 0] + 1e-9, NFFT=size, Fs=rate, noverlap=size // 2, cmap="magma", vmin=-120, vmax=-40
+    )
     axes.set_ylim(0, min(MAX_FREQUENCY, rate / 2))
     axes.set_yticks([0, 1000, 2000, 3000, 4000] if rate >= 8000 else [0, rate / 2])
     axes.yaxis.set_major_formatter(lambda value, _: f"{value / 1000:g}")
-    axes.set_title(f"{recording.surface} {recording.take}\n{recording.known('label')} {recording.scenario}", fontsize=7)
-    axes.tick_params(labelsize=6)
-    axes.set_xlabel("s", fontsize=7)
+    axes.set_title(
+        f"{recording.surface} {recording.take}\n{recording.known('label')} {recording.scenario}", fontsize=10
+    )
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("s", fontsize=8)
+    return image

@@ -66,14 +66,9 @@ class GamepadDevice(ThreadedDevice):
     latency = REFRESH
 
     def __init__(
-        self,
-        process: Process,
-        *,
-        device: str = "",
-        roughness: Callable[[], float],
-        ceiling: Callable[[], float],
+        self, process: Process, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
         find: Callable[[], list[Any]] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(process, thread="actuator")
         self._device, self._find = device, find or _pads
         self._roughness, self._ceiling = roughness, ceiling

@@ -11,6 +11,7 @@ callback stops before it leaves, see `Leaving`.
 
 import contextlib
 import ctypes
+import faulthandler
 import functools
 import os
 import socket
@@ -19,7 +20,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -28,9 +29,9 @@ from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
 _ABANDONED: list[Any] = []
-"""Clients of dead servers: kept, because libjack's threads may still call back into them."""
+"""Clients of dead servers, and those that could not leave: kept, as libjack's threads may still call back into them."""
 
-_LEAVING_LIMIT = 2.0
+_LEAVING_LIMIT = 0.5
 """Seconds to wait for the server when a client leaves; a server in order answers within milliseconds."""
 
 CALLBACK_LIMIT = 0.1
@@ -39,8 +40,11 @@ CALLBACK_LIMIT = 0.1
 RETURN_TIME = 0.01
 """Seconds in which a callback that has nothing to do returns to libjack."""
 
-THREAD_LIMIT = 2.0
-"""Seconds to wait for the end of a lost client's thread."""
+THREAD_LIMIT = 0.5
+"""Seconds to wait for a late callback, and for the end of its thread."""
+
+_DEAD_AFTER = 2.0
+"""Seconds of a close after which the process ends: libjack has cancelled a thread in Python, and nobody can go on."""
 
 _PIDFD_GETFD = 438
 """Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
@@ -63,34 +67,44 @@ class Leaving:
     """Whether a client is about to leave, and whether its callback has seen that.
 
     libjack 1.9.21 cancels the thread of a client that is closed, and that of a lost one when the next joins
-    (``CheckContext``), wherever it is. In the middle of Python it would keep the interpreter's lock for ever. So the
-    callback of a client that leaves does nothing.
+    (``CheckContext``), wherever it is. In the middle of Python, or waiting for it, it would keep the interpreter's lock
+    for ever. So the callback of a client that leaves does nothing, and where the interpreter is late, as beside other
+    busy threads, the thread ends by itself before the client is closed.
     """
 
     asked: bool = False
-    lost: bool = False
+    ends: bool = False
     thread: int = 0
     seen: threading.Event = field(default_factory=threading.Event)
 
-    def ask(self, *, lost: bool) -> None:
-        """Have the callback do nothing more, and wait until it has returned; the thread of a lost client ends."""
-        self.lost, self.asked = lost, True
-        if self.seen.wait(CALLBACK_LIMIT) and lost:
-            until = time.monotonic() + THREAD_LIMIT
-            while os.path.exists(f"/proc/self/task/{self.thread}") and time.monotonic() < until:
-                time.sleep(RETURN_TIME)
+    def ask(self, *, lost: bool) -> bool:
+        """Have the callback do nothing more; return whether its thread is out of Python, and the client may be closed.
+
+        The thread of a ``lost`` client ends.
+        """
+        self.ends, self.asked = lost, True
+        answered, began = self.seen.wait(CALLBACK_LIMIT), time.monotonic()
         time.sleep(RETURN_TIME)
+        late = time.monotonic() - began > 1.5 * RETURN_TIME
+        if not (lost or late):
+            return True  # a server that does not call has no thread in Python
+        # Not always: a synchronous server would wait 50 ms for a client whose thread ends.
+        self.ends = True
+        if not answered and not (late and self.seen.wait(THREAD_LIMIT)):
+            return False
+        until = time.monotonic() + THREAD_LIMIT
+        while (runs := os.path.exists(f"/proc/self/task/{self.thread}")) and time.monotonic() < until:
+            time.sleep(RETURN_TIME)
+        time.sleep(RETURN_TIME)
+        return not runs
 
     def answer(self, outputs: Iterable[FloatArray]) -> bool:
-        """Silence the outputs, in the callback; returns whether its thread is to end.
-
-        Not that of a client that is closed: a synchronous server would wait 50 ms for it.
-        """
+        """Silence the outputs, in the callback; returns whether its thread is to end."""
         for output in outputs:
             output[:] = 0.0
         self.thread = threading.get_native_id()
         self.seen.set()
-        return self.lost
+        return self.ends
 
 
 class JackClient:
@@ -141,7 +155,7 @@ class JackClient:
     def fault(self) -> str:
         """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
-            return f"the JACK server{self._named()} is gone: start it again, and the client reconnects"
+            return f"{self._named()} is gone: start it again, and the client reconnects"
         return self._other_rate or self._unconnected
 
     def open(self) -> None:
@@ -156,7 +170,10 @@ class JackClient:
         except jack.JackError:
             self.close()
             raise DeviceError(
-                f"no JACK server{self._named()}: start one, such as `jackd -R -d alsa -r 48000 -p 128`, "
+                "PipeWire does not answer: start it (`systemctl --user start pipewire`), or choose portaudio"
+                if is_pipewire()
+                else f"no JACK server {self._server}".rstrip()
+                + ": start one, such as `jackd -R -d alsa -r 48000 -p 128`; on PipeWire `pw-jack tactophone ...`, "
                 "or choose portaudio"
             ) from None
         self._connect_ports()
@@ -185,17 +202,20 @@ class JackClient:
         client, self._client = self._client, None
         if client is None:
             return
-        # Its callback returns first: libjack cancels its thread wherever it is.
-        self._leaving.ask(lost=False)
-        leaving = threading.Thread(target=client.close, daemon=True)
-        leaving.start()
-        leaving.join(_LEAVING_LIMIT)
-        if leaving.is_alive():
+        closing = threading.Thread(target=client.close, daemon=True)
+        # Of another rate, it was never activated, and has no callback.
+        if may_close := bool(self._other_rate) or self._leaving.ask(lost=False):
+            faulthandler.dump_traceback_later(_DEAD_AFTER, exit=True, file=_nowhere())
+            closing.start()
+            closing.join(_LEAVING_LIMIT)
+            faulthandler.cancel_dump_traceback_later()
+        if not may_close or closing.is_alive():
             # A server that is blocked in writing to this client goes on once the client's sockets are closed.
             disconnect_from_jack(os.getpid(), client=client.name)
-            leaving.join(_LEAVING_LIMIT)
-        if leaving.is_alive():
-            _ABANDONED.append(client)  # still inside the library: it ends with the process
+            if may_close:
+                closing.join(_LEAVING_LIMIT)
+        if not may_close or closing.is_alive():
+            self._keep(client)
         self._lost = False
 
     def ports(self) -> list[JackPort]:
@@ -228,8 +248,12 @@ class JackClient:
             ""
             if self._reconnect
             else (
-                f"the JACK server{self._named()} runs at {client.samplerate} Hz now, but {self._rate} Hz is needed: "
-                f"start it with that rate (jackd ... -r {self._rate})"
+                f"{self._named()} runs at {client.samplerate} Hz now, but {self._rate} Hz is needed: "
+                + (
+                    f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
+                    if is_pipewire()
+                    else f"start it with that rate (jackd ... -r {self._rate})"
+                )
             )
         )
         if self._reconnect:
@@ -238,14 +262,17 @@ class JackClient:
     def _abandon(self) -> None:
         """Discard the client of a dead server: closing it crashes once a new server has taken over its memory."""
         self._leaving.ask(lost=True)
-        self._client._ptr = _jack()._ffi.NULL  # otherwise the binding closes it at garbage collection
-        _ABANDONED.append(self._client)
+        self._keep(self._client)
         self._client, self._lost = None, False
+
+    def _keep(self, client: Any) -> None:
+        client._ptr = _jack()._ffi.NULL  # otherwise the binding closes it at garbage collection
+        _ABANDONED.append(client)
 
     def _cycle(self, inputs: "_Arrays", outputs: "_Arrays", leaving: Leaving) -> Callable[[int], None]:
         def cycle(size: int) -> None:
             if leaving.asked:
-                if not leaving.seen.is_set() and leaving.answer(outputs.now(size)):
+                if leaving.answer(outputs.now(size)):
                     raise _jack().CallbackExit
                 return
             try:
@@ -287,7 +314,7 @@ class JackClient:
         self.losses += 1
 
     def _named(self) -> str:
-        return f" {self._server}" if self._server else ""
+        return "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
 
 
 class _Arrays:
@@ -331,6 +358,16 @@ def _jack() -> Any:
     jack.set_error_function(_ignore)
     jack.set_info_function(_ignore)
     return jack
+
+
+def is_pipewire() -> bool:
+    """Whether its libjack is loaded in place of jackd's, as by ``pw-jack``."""
+    return "PipeWire" in _jack().version_string()
+
+
+@functools.cache
+def _nowhere() -> IO[str]:
+    return open(os.devnull, "w")  # stays open, for a report that nobody could read
 
 
 def _ignore(_: str) -> None:

@@ -33,14 +33,9 @@ class PortAudioStream:
     """One direction of a PortAudio device, given by number or part of its name; empty is the system's default."""
 
     def __init__(
-        self,
-        process: Process,
-        direction: Literal["input", "output"],
-        *,
-        device: str = "",
-        channels: int = 1,
+        self, process: Process, direction: Literal["input", "output"], *, device: str = "", channels: int = 1,
         sample_rate: int = LIVE_SAMPLE_RATE,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.xruns = self.process_faults = self.losses = 0
         self._process, self._direction, self._device, self._channels = process, direction, device, channels
         self.sample_rate = sample_rate
@@ -120,13 +115,9 @@ class PortAudioStream:
 
     def _make(self, sound: Any, index: int) -> Any:
         settings = {
-            "device": index,
-            "channels": self._channels,
-            "samplerate": self.sample_rate,
-            "blocksize": 0,
-            "latency": "low",
-            "dtype": "float32",
-        }
+            "device": index, "channels": self._channels, "samplerate": self.sample_rate, "blocksize": 0,
+            "latency": "low", "dtype": "float32",
+        }  # fmt: skip
         if self._direction == "input":
             return sound.InputStream(callback=self._record, **settings)
         return sound.OutputStream(callback=self._play, **settings)
@@ -152,17 +143,13 @@ def devices() -> list[PortAudioDevice]:
     systems = [system["name"] for system in sound.query_hostapis()]
     return [
         PortAudioDevice(
-            index=int(entry["index"]),
-            name=str(entry["name"]),
-            system=systems[entry["hostapi"]],
-            inputs=int(entry["max_input_channels"]),
-            outputs=int(entry["max_output_channels"]),
-            sample_rate=float(entry["default_samplerate"]),
-            input_latency=float(entry["default_low_input_latency"]),
+            index=int(entry["index"]), name=str(entry["name"]), system=systems[entry["hostapi"]],
+            inputs=int(entry["max_input_channels"]), outputs=int(entry["max_output_channels"]),
+            sample_rate=float(entry["default_samplerate"]), input_latency=float(entry["default_low_input_latency"]),
             output_latency=float(entry["default_low_output_latency"]),
         )
         for entry in sound.query_devices()
-    ]
+    ]  # fmt: skip
 
 
 def _sounddevice() -> Any:

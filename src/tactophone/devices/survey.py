@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from tactophone.devices.jack import JackClient, silent
+from tactophone.devices.jack import JackClient, is_pipewire, silent
 from tactophone.devices.portaudio import PortAudioDevice, devices
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE
@@ -46,15 +46,17 @@ def _jack(server: str) -> SurveyedDevice:
         client.open()
     except DeviceError as error:
         return _missing("JACK", server or "default server", str(error))
-    ports = [port for port in client.ports() if port.physical]
+    # A sink or source that is no sound card, as PipeWire offers without one, is better than none.
+    ports = [port for port in client.ports() if port.physical] or client.ports()
     rate, period = client.sample_rate, client.period
     coil = _dualsense_port([port.name for port in client.ports() if not port.is_output])
     client.close()
+    system = "JACK by PipeWire" if is_pipewire() else "JACK"
     outputs = [port.name for port in ports if port.is_output]
     inputs = [port.name for port in ports if not port.is_output]
     microphones = [f"capture.{name}={port}" for name, port in zip(("contact", "air"), outputs, strict=False)]
     return SurveyedDevice(
-        "JACK",
+        system,
         server or "default server",
         len(outputs),
         len(inputs),

@@ -1,4 +1,4 @@
-"""Events at the operator's finger: false bumps per minute, and the delay to a correct decision in milliseconds.
+"""Events at the operator's finger: false bumps and dips per minute, and the delay to a correct decision in ms.
 
 All are computed from a detector's predictions at each update, through its own contact gate and decision rule, as the
 live system acts on them.
@@ -31,7 +31,7 @@ from tactophone.dataset.values import (
 )
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
-from tactophone.perception.decision import Decision, DecisionRule
+from tactophone.perception.decision import Decision, DecisionRule, count_dips
 from tactophone.types import FloatArray, Touch
 
 BRIDGE = 0.03
@@ -116,6 +116,17 @@ def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: Decisio
         bumps += len(stretches) - sum(gap < BRIDGE for gap in gaps)
         duration += float(touching.mean() * (take.time[-1] - take.time[0]))
     return 60 * bumps / duration if duration else float("nan")
+
+
+def dips_per_minute(predictions: Iterable[TakePredictions], rule: DecisionRule) -> float:
+    """Dips per minute of true contact with rough surfaces; NaN without any."""
+    dips, duration = 0, 0.0
+    for take in predictions:
+        if take.recording.label is Touch.ROUGH and len(take.time) > 1:
+            touching = true_contact(take)
+            dips += count_dips(decided_touches(take, rule) == Touch.ROUGH, touching)
+            duration += float(touching.mean() * (take.time[-1] - take.time[0]))
+    return 60 * dips / duration if duration else float("nan")
 
 
 def contact_delays(predictions: Iterable[TakePredictions], rule: DecisionRule, *, latency: float) -> Delays:

@@ -106,17 +106,12 @@ def measure_counts(table: Floats, called: NDArray[np.bool_]) -> dict[str, Floats
     # Mann-Whitney's statistic over all pairs; pairs within a bin are ties.
     below = np.cumsum(smooth, axis=-1) - smooth / 2
     return {
-        "smooth_accuracy": quiet,
-        "rough_accuracy": recall,
-        "balanced_accuracy": balanced_accuracy(quiet, recall),
-        "false_positive_rate": 1 - quiet,
-        "auc": _divide((rough * below).sum(axis=-1), all_rough * all_smooth),
-        "recall_at_1": _recall_at(rough, smooth),
-        "rough_as_rough": _divide(hits, total),
-        "rough_as_smooth": _divide(all_rough - hits, total),
-        "smooth_as_rough": _divide(bumps, total),
+        "smooth_accuracy": quiet, "rough_accuracy": recall, "balanced_accuracy": balanced_accuracy(quiet, recall),
+        "false_positive_rate": 1 - quiet, "auc": _divide((rough * below).sum(axis=-1), all_rough * all_smooth),
+        "recall_at_1": _recall_at(rough, smooth), "rough_as_rough": _divide(hits, total),
+        "rough_as_smooth": _divide(all_rough - hits, total), "smooth_as_rough": _divide(bumps, total),
         "smooth_as_smooth": _divide(all_smooth - bumps, total),
-    }
+    }  # fmt: skip
 
 
 def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) -> Floats:

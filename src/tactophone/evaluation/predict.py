@@ -17,8 +17,7 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import Model
+from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
 from tactophone.perception.models import with_gate
 from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch

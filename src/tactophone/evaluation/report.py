@@ -12,7 +12,7 @@ import numpy as np
 
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import DRAWS, Estimate, bootstrap, estimate
-from tactophone.evaluation.events import decided_touches
+from tactophone.evaluation.events import decided_touches, dips_per_minute, false_bumps_per_minute
 from tactophone.evaluation.metrics import RULES, Floats, Rule, balanced_accuracy, rough_score
 from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
 from tactophone.perception.decision import DecisionRule
@@ -65,6 +65,9 @@ class Report:
     """Share of updates with the model's contact gate open."""
     rendered: Rendered
     """What the operator gets: contact gate, abstention and decision rule inside."""
+    false_bumps: float
+    dips: float
+    """`false_bumps` and `dips`: per minute of smooth and of rough contact, as rendered; NaN without any."""
     rules: dict[Rule, dict[str, Estimate]]
     """For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
     whatever the model's gate reports, so that all models are scored on the same windows."""
@@ -118,20 +121,18 @@ def make_report(
 
     Raises `DatasetError` if no recording has labelled contact.
     """
+    own = decision or DecisionRule()
     labelled = [take for take in predictions if take.recording.labelled]
     rules = {rule: estimate(scores_of(map(in_true_contact, labelled), rule), draws=draws) for rule in RULES}
     opened = np.concatenate([take.contact for take in labelled])
     surfaces = sorted({take.recording.surface for take in labelled})
     return Report(
-        len(labelled),
-        len(surfaces),
-        len(opened),
-        float(opened.mean()),
-        rendered_scores(labelled, decision or DecisionRule(), draws=draws),
-        rules,
+        len(labelled), len(surfaces), len(opened), float(opened.mean()),
+        rendered_scores(labelled, own, draws=draws),
+        false_bumps_per_minute(labelled, own), dips_per_minute(labelled, own), rules,
         tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
         tuple(_score(take.recording.path.name, [take]) for take in labelled),
-    )
+    )  # fmt: skip
 
 
 def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:

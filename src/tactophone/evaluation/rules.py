@@ -157,14 +157,9 @@ def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> Oper
 
 
 def draw_trade_off(
-    path: Path,
-    outcomes: RuleOutcomes,
-    rules: Sequence[DecisionRule],
-    *,
-    chosen: OperatingPoint,
-    before: OperatingPoint,
-    limit: tuple[Goal, float],
-) -> None:
+    path: Path, outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, chosen: OperatingPoint,
+    before: OperatingPoint, limit: tuple[Goal, float],
+) -> None:  # fmt: skip
     """Draw rough recall over false bumps as PNG, a line for each number of confirmations."""
     pyplot = load_pyplot()
     goal, value = limit

@@ -71,13 +71,9 @@ def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: S
 
 
 def gamepad_actuator(
-    render: Render,
-    *,
-    device: str = "",
-    roughness: Callable[[], float],
-    ceiling: Callable[[], float],
+    render: Render, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
-) -> DeviceActuator:
+) -> DeviceActuator:  # fmt: skip
     """Turn the motors of a gamepad; arguments as of `tactophone.devices.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
     return DeviceActuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))

@@ -75,13 +75,9 @@ class Passthrough:
     """
 
     def __init__(
-        self,
-        *,
-        shift: float = 1.0,
-        dynamics: Dynamics | None = None,
-        limits: Limits | None = None,
+        self, *, shift: float = 1.0, dynamics: Dynamics | None = None, limits: Limits | None = None,
         open_chain: "type[_Chain] | None" = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
         self._open_chain = open_chain or _Chain
         # A windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz.

@@ -299,15 +299,11 @@ class EventsProfile:
 
 PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = MappingProxyType(
     {
-        "paper": lambda response: PaperProfile(),
-        "perceptual": PerceptualProfile.fitted,
-        "erm": ErmProfile.fitted,
-        "lra": LraProfile.fitted,
-        "piezo": PiezoProfile.fitted,
-        "dualsense": DualSenseProfile.fitted,
+        "paper": lambda response: PaperProfile(), "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted,
+        "lra": LraProfile.fitted, "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
         "events": lambda response: EventsProfile(PaperProfile()),
     }
-)
+)  # fmt: skip
 """Makes each profile for an actuator, by the name that ``feel --profile`` takes."""
 
 

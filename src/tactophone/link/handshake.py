@@ -180,10 +180,14 @@ class Handshakes:
     def __init__(self, identity: Identity, peers: Peers) -> None:
         self.is_taken: Callable[[str], bool] = lambda _: False
         self.accepted = self.taken = ""
-        self._peers = peers
         self._cookie_key = secrets.token_bytes(32)
         self._context = self._make_context(identity)
         self._label = call_label(identity.fingerprint)
+        self.trust(peers)
+
+    def trust(self, peers: Peers) -> None:
+        """Take these peers for the trusted ones."""
+        self._peers = peers
         self._known_labels = [call_label(pin) for _, pin in peers.items()]
 
     def call(self, *, now: float, continues: bytes = b"") -> "Handshake":

@@ -385,14 +385,10 @@ def read_prediction(content: bytes, *, end: float) -> Prediction:
         raise PacketError(f"a prediction of touch {touch} with probabilities {shares}; there are {len(Touch)} touches")
     none, smooth, rough = (share / sum(shares) for share in shares)
     return Prediction(
-        probabilities=(none, smooth, rough),
-        touch=Touch(touch),
-        roughness=roughness / _ONE,
-        level_dbfs=-math.inf if level == _SILENT else level / 100,
-        start=end - length / CLOCK_RATE,
-        end=end,
+        probabilities=(none, smooth, rough), touch=Touch(touch), roughness=roughness / _ONE,
+        level_dbfs=-math.inf if level == _SILENT else level / 100, start=end - length / CLOCK_RATE, end=end,
         faulty=bool(faulty),
-    )
+    )  # fmt: skip
 
 
 def write_predictions(predictions: Mapping[int, Prediction], *, fingers: int) -> tuple[PayloadType, bytes]:

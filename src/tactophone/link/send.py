@@ -70,14 +70,9 @@ class SendGroup:
     """
 
     def __init__(
-        self,
-        sessions: Sequence[Session],
-        codec: Codec,
-        *,
-        rule: RedundancyRule | None = None,
-        follow: bool = False,
+        self, sessions: Sequence[Session], codec: Codec, *, rule: RedundancyRule | None = None, follow: bool = False,
         prompt: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not 1 <= len(sessions) <= MOST_OPERATORS:
             raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
         self._encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow

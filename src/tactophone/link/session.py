@@ -225,20 +225,16 @@ class Session:
     """
 
     def __init__(
-        self,
-        identity: Identity,
-        peers: Peers,
-        *,
-        call: Address | list[Address] | None = None,
-        renew_after: float = RENEW_AFTER,
-        version: str = "",
-    ) -> None:
+        self, identity: Identity, peers: Peers, *, call: Address | list[Address] | None = None,
+        renew_after: float = RENEW_AFTER, version: str = "",
+    ) -> None:  # fmt: skip
         self.faults: Counter[str] = Counter()
         self.failure: str | None = None
         self.sent_away: tuple[str, float] | None = None
         self.hung_up = ""
         self._identity = identity
         self._handshakes = Handshakes(identity, peers)
+        self.trust = self._handshakes.trust
         self._admission = Admission()
         self._version, self._peer_version = version, ""
         self._introduce_at = 0.0

@@ -196,13 +196,9 @@ class Sides:
 
 
 def measure(
-    settings: Settings,
-    graph: Graph,
-    *,
-    impulses: int = 100,
-    seed: int = 0,
+    settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0,
     progress: Callable[[float], None] = lambda share: None,
-) -> ImpulseLatency:
+) -> ImpulseLatency:  # fmt: skip
     """Run both sides on this machine, play impulses, and measure.
 
     Raises `TactophoneError` when a side does not start, or the two do not connect.

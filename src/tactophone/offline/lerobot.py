@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.bridges import topics
+from tactophone.bridges import log_topics
 from tactophone.bridges.mcap import LogEnd, read_messages
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.offline.replay import write_sound
@@ -142,7 +142,7 @@ def _read_fingers(log: Path) -> tuple[list[Finger], float]:
     """Return the predictions of each finger, and the time of the beginning of the sound, in s since 1970."""
     found: dict[str, list[tuple[float, float, list[float]]]] = {}
     for message in read_messages(log):
-        if isinstance(message, LogEnd) or message.topic.kind != topics.PREDICTION.kind:
+        if isinstance(message, LogEnd) or message.topic.kind != log_topics.PREDICTION.kind:
             continue
         entries = msgspec.json.decode(message.data, type=dict[str, Any])
         entries |= {"touch": Touch[entries["touch"].upper()], "event": ("", *EVENT_KINDS).index(entries["event"])}

@@ -8,7 +8,7 @@ import numpy as np
 
 from tactophone.dataset.plots import CONTACT_COLOUR, GREY, ORANGE, TOUCH_COLOURS, VIBRATION_COLOUR, load_pyplot
 from tactophone.dataset.values import Segment
-from tactophone.offline.recording import PeakEnvelope
+from tactophone.offline.vibration_wav import PeakEnvelope
 from tactophone.telemetry.records import read_timeline
 from tactophone.types import Touch
 
@@ -17,15 +17,9 @@ _NO_CONTACT_COLOUR = "#C9C9C9"
 
 
 def draw_recording(
-    path: Path,
-    *,
-    timeline: Path,
-    microphones: PeakEnvelope,
-    vibration: PeakEnvelope,
-    title: str = "",
-    truth: Sequence[Segment] = (),
-    finger: str = "",
-) -> None:
+    path: Path, *, timeline: Path, microphones: PeakEnvelope, vibration: PeakEnvelope, title: str = "",
+    truth: Sequence[Segment] = (), finger: str = "",
+) -> None:  # fmt: skip
     """Draw a run and write it as PNG.
 
     Parameters
@@ -86,12 +80,9 @@ def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
     )  # fmt: skip
     axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7)
     axis.step(
-        lines["time"],
-        np.where(in_contact, share, np.nan),
-        where="post",
-        color=TOUCH_COLOURS[Touch.ROUGH],
+        lines["time"], np.where(in_contact, share, np.nan), where="post", color=TOUCH_COLOURS[Touch.ROUGH],
         linewidth=1.1,
-    )
+    )  # fmt: skip
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
 

@@ -18,10 +18,10 @@ from typing import Any, cast
 import numpy as np
 import soundfile
 
+from tactophone.bridges.log_topics import topics_of
 from tactophone.bridges.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
 from tactophone.bridges.reader import entries_of
 from tactophone.bridges.sound import SoundMessages
-from tactophone.bridges.topics import topics_of
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.hand import channels_of, each_finger, names_of, of_finger
@@ -33,7 +33,7 @@ from tactophone.link.receive import ReceiveSession
 from tactophone.link.session import Session
 from tactophone.link.stream import DecodedAudio
 from tactophone.offline.plot import draw_recording
-from tactophone.offline.recording import OfflineRenderer, OutputFiles, RunSummary
+from tactophone.offline.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.perception.models import default_model, model_path, shipped_models
 from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.gate import FingerOutput
@@ -369,12 +369,9 @@ def write_replay(replay: Replay, folder: Path, stem: str, *, plot: bool = False)
     for name, pipeline, renderer, files in zip(stems, pipelines, renderers, written, strict=True) if plot else ():
         files["figure"] = folder / f"{name}.replay.png"
         draw_recording(
-            files["figure"],
-            timeline=files["timeline"],
-            microphones=renderer.microphones,
-            vibration=renderer.vibration,
+            files["figure"], timeline=files["timeline"], microphones=renderer.microphones, vibration=renderer.vibration,
             title=f"{name}, replayed; model {pipeline.detector.name}, profile {pipeline.profile.name}",
-        )
+        )  # fmt: skip
     return [RenderedFinger(*each) for each in zip(names, summaries, written, strict=True)]
 
 

@@ -145,16 +145,11 @@ class Round:
             raise ValueError(f"choices are {list(choices)}, but must be two of the stones 0 to {len(self.order) - 1}")
         begin = next((point.time for point in self.path if point.stone >= 0), now.time)
         return RoundResult(
-            finished=finished,
-            seed=self.seed,
-            order=tuple(touch.name.lower() for touch in self.order),
-            choices=chosen,
-            correct=sum(self.order[stone] is Touch.ROUGH for stone in chosen),
-            duration=round(now.time - begin, 3),
-            strokes=tuple(self.strokes),
-            trainer=self.trainer,
+            finished=finished, seed=self.seed, order=tuple(touch.name.lower() for touch in self.order), choices=chosen,
+            correct=sum(self.order[stone] is Touch.ROUGH for stone in chosen), duration=round(now.time - begin, 3),
+            strokes=tuple(self.strokes), trainer=self.trainer,
             round_trip=float(np.median(self.round_trips)) if self.round_trips else None,
-        )
+        )  # fmt: skip
 
     def track(self, begin: float) -> NDArray[np.float64]:
         """Return rows of time since ``begin`` (s), x, y (m), force (N) and truth, shape ``(points, 5)``."""

@@ -99,14 +99,10 @@ class _Player:
 
     async def receive(self) -> None:
         actions: dict[str, Callable[..., Awaitable[None]]] = {
-            "begin": self._begin,
-            "move": self._move,
-            "choose": self._choose,
-            "delay": self._delay,
-            "stop": partial(self._request, "stop"),
-            "mute": partial(self._request, "mute"),
+            "begin": self._begin, "move": self._move, "choose": self._choose, "delay": self._delay,
+            "stop": partial(self._request, "stop"), "mute": partial(self._request, "mute"),
             "arm": partial(self._request, "arm"),
-        }
+        }  # fmt: skip
         async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
                 continue

@@ -45,13 +45,9 @@ class Page:
     """
 
     def __init__(
-        self,
-        build: "Callable[[], web.Application]",
-        address: str | None = None,
-        *,
-        certificate: tuple[Path, Path] | None = None,
-        names: tuple[str, ...] = (),
-    ) -> None:
+        self, build: "Callable[[], web.Application]", address: str | None = None, *,
+        certificate: tuple[Path, Path] | None = None, names: tuple[str, ...] = (),
+    ) -> None:  # fmt: skip
         if importlib.util.find_spec("aiohttp") is None:
             raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
         listening = _listen_everywhere(ADDRESS if address is None else address)
@@ -86,14 +82,9 @@ class Page:
 
 
 def watch(
-    name: str,
-    address: str | None = None,
-    *,
-    microphone: Connection | None = None,
-    recorder: Connection | None = None,
-    certificate: tuple[Path, Path] | None = None,
-    names: tuple[str, ...] = (),
-) -> Page:
+    name: str, address: str | None = None, *, microphone: Connection | None = None, recorder: Connection | None = None,
+    certificate: tuple[Path, Path] | None = None, names: tuple[str, ...] = (),
+) -> Page:  # fmt: skip
     """Serve the operator's page for the run of that name; see `Page`.
 
     ``microphone`` takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end), and
@@ -156,12 +147,9 @@ def _listen(address: str) -> socket.socket:
 
 
 def _serve(
-    parent: Parent,
-    build: "Callable[[], web.Application]",
-    access: AccessControl,
-    listening: list[socket.socket],
+    parent: Parent, build: "Callable[[], web.Application]", access: AccessControl, listening: list[socket.socket],
     certificate: tuple[Path, Path] | None,
-) -> None:
+) -> None:  # fmt: skip
     tls: ssl.SSLContext | None = None
     if certificate is not None:
         tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -170,12 +158,9 @@ def _serve(
 
 
 async def _run(
-    parent: Parent,
-    build: "Callable[[], web.Application]",
-    access: AccessControl,
-    listening: list[socket.socket],
+    parent: Parent, build: "Callable[[], web.Application]", access: AccessControl, listening: list[socket.socket],
     tls: ssl.SSLContext | None,
-) -> None:
+) -> None:  # fmt: skip
     from aiohttp import web
 
     from tactophone.pages.views import protect

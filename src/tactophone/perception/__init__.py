@@ -1,1 +1,1 @@
-"""Sound to prediction: resample, window, extract features, classify, decide; and the health of the microphones."""
+"""Sound to prediction: resample, window, run the model, decide; and the health of the microphones."""

@@ -27,8 +27,9 @@ FAST, SLOW = 0.004, WINDOW
 CLEAR_DB = 5.0
 """Margin over the threshold at which the fast level opens the gate by itself."""
 
-RELEASE_DB = 3.0
-"""Margin under the threshold at which the slow level closes the gate, or noise at the threshold would chatter."""
+RELEASE_DB = 0.5
+"""Margin under a fixed threshold at which the slow level closes the gate. One measured in silence is 1.9 dB over noise
+that varies by 0.3 dB (`margin_db`): at 3 dB, that noise itself would keep a touch open."""
 
 SHORTEST = 0.03
 """Shortest touch in s: a shorter one is not perceived as vibration (Sci. Rep. 2025, 15:5057)."""

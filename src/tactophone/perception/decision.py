@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tactophone.types import Touch
 
 Probabilities = tuple[float, float, float]
@@ -91,3 +94,14 @@ def rough_share(probabilities: Probabilities) -> float:
     """
     _, smooth, rough = probabilities
     return rough / (smooth + rough) if smooth + rough > 0 else 0.5
+
+
+def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
+    """Count the dips of predictions: stretches without rough between two with it, within one touch of a rough surface.
+
+    >>> count_dips(np.array([1, 0, 0, 1, 0, 1], bool), np.array([1, 1, 1, 1, 0, 1], bool))
+    1
+    """
+    touches = np.flatnonzero(np.diff(touching.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    begun = [int((np.diff(rough[first:end].astype(np.int8), prepend=0) > 0).sum()) for first, end in touches]
+    return sum(max(0, count - 1) for count in begun)

@@ -1,29 +1,29 @@
 """The detector: sound in; predictions out at every window, and whenever contact begins or ends.
 
-`WindowDetector` resamples, cuts windows, extracts features, runs the network, compares the level, decides. The paper
+`WindowDetector` resamples, cuts windows, compares the level, runs the model's graph, decides. The paper
 classifies the last 256 ms of both microphones at every sound buffer (section III); this does so at the hop of the
 model's card. `TouchDetector` joins it with the contact gate. Predictions are bit-equal at any block size.
 
-Several fingers share the calls: one for the features of all their windows, one of the network for every three. A
-detector takes a block of sound as a generator. Where windows fall due it yields them, and it is sent their predictions.
-So whoever has several detectors collects what all of them wait for (`process_together`), and a single detector is the
-case of one. What a call computes for a window does not depend on the other windows in it, bit for bit.
+Several fingers share the calls of the graph, with a window of each. A detector takes a block of sound as a generator.
+Where windows fall due it yields them, and it is sent their predictions. So whoever has several detectors collects what
+all of them wait for (`process_together`), and a single detector is the case of one. What a call computes for a finger
+depends on the other fingers in it by its last bits alone.
 """
 
 import math
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from tactophone.errors import ModelError
 from tactophone.perception.contact import Contact, ContactGate
-from tactophone.perception.decision import Decision, Probabilities
-from tactophone.perception.features import EXTRACTORS, SUPPORTS_MISSING_CHANNEL, Extractor, level_meter
+from tactophone.perception.decision import Decision, Probabilities, rough_share
 from tactophone.perception.health import InvalidSampleFilter
-from tactophone.perception.model_file import Engine, Model, ModelCard
+from tactophone.perception.levels import LOUDNESS
+from tactophone.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.resample import LOWEST_RATE, Resampler, Windower
 from tactophone.types import AIR, CONTACT, AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
@@ -71,23 +71,31 @@ def process_together(processings: Sequence[Processing]) -> list[list[Prediction]
 
 def _predict(pending: Sequence[PendingWindows]) -> list[list[Prediction]]:
     results: list[list[Prediction]] = [[] for _ in pending]
-    by_network: dict[object, list[tuple[int, WindowDetector, int, FloatArray]]] = {}
-    for number, (detector, windows) in enumerate(pending):
-        entries = by_network.setdefault(detector.network, [])
-        for end, window in windows:
-            entries.append((number, detector, end, window))
-    for entries in by_network.values():
-        _, alike, _, window = entries[0]
-        # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
-        sound = np.empty((len(entries), *window.shape[::-1]), np.float32)
-        for place, (_, _, _, window) in zip(sound, entries, strict=True):
-            place[:] = window.T
-        described = zip(entries, sound, alike.describe(sound.swapaxes(1, 2)), strict=True)
-        measured = [detector.measure(place.T, description) for (_, detector, _, _), place, description in described]
-        found = alike.classify([features for _, _, features in measured])
-        for (number, detector, end, _), each, probabilities in zip(entries, measured, found, strict=True):
-            results[number].append(detector.decide(end, probabilities, *each))
+    by_network: dict[object, list[int]] = {}
+    for number, (detector, _) in enumerate(pending):
+        by_network.setdefault(detector.network, []).append(number)
+    for numbers in by_network.values():
+        # A window of each finger at a time: what the graph remembers of a touch depends on the windows before.
+        for place in range(max(len(pending[number][1]) for number in numbers)):
+            due = [number for number in numbers if place < len(pending[number][1])]
+            found = _predict_one_each([(pending[number][0], *pending[number][1][place]) for number in due])
+            for number, prediction in zip(due, found, strict=True):
+                results[number].append(prediction)
     return results
+
+
+def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -> list[Prediction]:
+    """Return the prediction of a window of each detector, all of one network."""
+    # Channels first and each contiguous: the result of a sum may depend on how its numbers lie in memory.
+    sound = np.empty((len(due), *due[0][2].shape[::-1]), np.float32)
+    for place, (_, _, window) in zip(sound, due, strict=True):
+        place[:] = window.T
+    measured = [detector.measure(place[CONTACT]) for place, (detector, _, _) in zip(sound, due, strict=True)]
+    found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
+    return [
+        detector.decide(end, *level, *each)
+        for (detector, end, _), level, each in zip(due, measured, found, strict=True)
+    ]
 
 
 CERTAINLY_NONE: Probabilities = (1.0, 0.0, 0.0)
@@ -130,6 +138,10 @@ class WindowDetector:
                 f"sound at {sample_rate} Hz, but models need {LOWEST_RATE} Hz or more; record at a higher rate"
             )
         card = self.card = model.card
+        if card.kind not in KINDS:
+            raise ModelError(
+                f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(KINDS)}; update Tactophone"
+            )
         self.name, self.hop, self.bandwidth = card.name, float(card.hop / card.sample_rate), card.sample_rate / 2
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
@@ -137,13 +149,12 @@ class WindowDetector:
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self._sample_rate = sample_rate
         self._decision = Decision(card.decision)
-        self._extractor = _open_extractor(card)
         self.network = model
         """Detectors of one network compute their windows together."""
-        self._engine = Engine(model.session)
-        self.describe, self.classify = self._extractor.describe, self._engine.run
-        self._check_width()
-        self._level_of = level_meter(self._extractor, card.gate.rule)
+        engine = Engine(model.session)
+        self.classify, self.state = engine.run, engine.new_state()
+        """`state`: what the graph remembers of the touch."""
+        self._level_of = LOUDNESS[card.gate.rule]
         self.reset()
         # Half the length of the low-pass, less a sample: the window ends *after* its last sample, which is known once
         # the low-pass has all around it.
@@ -165,7 +176,7 @@ class WindowDetector:
         self._arrived: list[FloatArray] = []
         self._missing = self._resampler.missing_until(self._windower.next_end)
         self._decision.reset()
-        self._extractor.reset()
+        self.state[:] = 0
         if self.floor:
             self.floor.reset()
 
@@ -212,16 +223,6 @@ class WindowDetector:
         self._missing = self._resampler.missing_until(self._windower.next_end)
         return windows
 
-    def _check_width(self) -> None:
-        """Raise `ModelError` if the network does not take as many features as its kind computes."""
-        windows = np.zeros((1, self.card.window_size, self.card.channels), np.float32)
-        found = self._extractor.push(self.describe(windows)[0], contact=False).shape
-        if found != (self._engine.width,):
-            raise ModelError(
-                f"model {self.card.name}: its network takes {self._engine.width} features, but its kind "
-                f"{self.card.kind} has {found[0]} of such windows; export it again"
-            )
-
     def _select_channels(self, samples: FloatArray) -> FloatArray:
         missing = self.card.channels - samples.shape[1]
         if missing > 0:
@@ -229,18 +230,18 @@ class WindowDetector:
         first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def measure(self, window: FloatArray, description: Any) -> tuple[float, bool, FloatArray]:
-        """Return a window's level, whether that is contact, and the features of the touch so far."""
-        level_dbfs = self._level_of(window, description)
+    def measure(self, contact: FloatArray) -> tuple[float, bool]:
+        """Return the level of a window's first channel, and whether that is contact."""
+        level_dbfs = self._level_of(contact)
         loud = level_dbfs >= self.threshold_dbfs
         if self.floor and self.threshold.follows_floor:
             self.floor.push(level_dbfs, touching=loud)
-        return level_dbfs, loud, self._extractor.push(description, contact=loud)
+        return level_dbfs, loud
 
     def decide(
-        self, end: int, probabilities: Probabilities, level_dbfs: float, loud: bool, features: FloatArray
+        self, end: int, level_dbfs: float, loud: bool, probabilities: Probabilities, features: FloatArray
     ) -> Prediction:
-        """Return the prediction of the next window, from the model's probabilities and what :meth:`measure` found."""
+        """Return the prediction of the next window, from its level and what the graph returned."""
         faulty = self._is_faulty(end, probabilities)
         if faulty:
             probabilities = CERTAINLY_NONE
@@ -265,18 +266,6 @@ class WindowDetector:
         return False
 
 
-def _open_extractor(card: ModelCard) -> Extractor:
-    if card.kind not in EXTRACTORS:
-        raise ModelError(
-            f"model {card.name} is of kind {card.kind}, but this version runs {', '.join(EXTRACTORS)}; "
-            "update Tactophone"
-        )
-    try:
-        return EXTRACTORS[card.kind](card)
-    except (KeyError, ValueError, TypeError, OverflowError) as error:
-        raise ModelError(f"model {card.name}: its settings cannot be used ({error}); export it again") from None
-
-
 MAX_INTERVAL = 0.02
 """Longest time, in s, without a prediction: where windows come more rarely, the newest one is repeated."""
 
@@ -292,12 +281,22 @@ PAUSE = 0.01
 """Seconds of held silence for which the last decision stands where sound stopped at once: with the 32 ms over which the
 gate measures, rough ends within about 40 ms of its sound."""
 
-FADED_PAUSE = 0.04
-"""The same where sound faded, as it does where a stroke turns; that silence lasts for 25 ms (p50) to 58 (p90)."""
+FADED_PAUSE = 0.08
+"""The same where sound faded, as it does where a stroke turns; that silence lasts for 29 ms (p50) to 71 (p90)."""
 
-FADING, FADED_DB = 0.03, 10.0
-"""Sound has faded where no window of the last 30 ms was 10 dB over the threshold. Where it stops at once, 19 in 20 are
-louder by 16 dB; where a stroke turns, nine in ten are not (`benchmarks/demo_scores.py`, seeds 100 to 300)."""
+FADING, FADED_DB = 0.03, 12.0
+"""Sound has faded where no window of the last 30 ms was 12 dB over the threshold."""
+
+LANDED = 0.04
+"""Seconds of a touch without rough: a landing clicks on a smooth surface too, and is silent afterwards."""
+
+EVIDENCE, EVIDENCE_RATE = 12.0, 10.0
+"""Evidence of smooth that ends rough within a touch: at most 12, and 10 for each second for which it has been rough,
+because rough that has lasted is likely to go on, while a false bump must not be prolonged."""
+
+EVIDENCE_OF_LOGIT, EVIDENCE_OF_UNKNOWN = 2.0, 0.1
+"""Evidence of a window, besides 1, for each unit by which its logit is under the threshold; and that of one whose sound
+is unknown."""
 
 LONG_WINDOW = 0.1
 """Seconds from which a window counts as longer than what the gate measures, 32 ms."""
@@ -313,10 +312,11 @@ class TouchDetector:
 
     With a contact gate, the gate decides on contact, by a threshold that is given or follows the noise. The start of a
     touch is reported at once, as smooth (a false bump is worse than a missed one), until the window is full enough of
-    contact to be classified. Where a window within a touch is too quiet to be classified, the last decision stands. The
-    end of a touch is reported at once, though the window still contains it. Without a gate, contact is that of the
-    window, as in the paper. Detector and gate are for sound of the same rate, and fed by this object alone; ``window``
-    is the length of the detector's windows in s.
+    contact to be classified. Where a window within a touch is too quiet to be classified, the last decision stands, and
+    rough stands until windows are evidence enough of smooth, or it would have holes (*dips*). The end of a touch is
+    reported at once, though the window still contains it. Without a gate, contact is that of the window, as in the
+    paper. Detector and gate are for sound of the same rate, and fed by this object alone; ``window`` is the length of
+    the detector's windows in s.
 
     Notes
     -----
@@ -390,6 +390,7 @@ class TouchDetector:
         self._touching, self._since, self._held, self._held_since = self._gate is None, 0.0, False, 0.0
         self._reported_until = -math.inf
         self._loud_until, self._pause = -math.inf, PAUSE
+        self._against = self._rough_since = 0.0
         # The last decision of this touch.
         self._decided, self._roughness = Touch.SMOOTH, 0.0
 
@@ -405,10 +406,26 @@ class TouchDetector:
                 window = self._shifted(event)
                 if window.level_dbfs >= self._threshold_dbfs + FADED_DB:
                     self._loud_until = window.end + self.latency
-                found.append(self._revise(window))
+                found.append(self._revise(self._persist(window)))
             elif prediction := self._apply_contact(event):
                 found.append(prediction)
         return found
+
+    def _persist(self, window: Prediction) -> Prediction:
+        """Let rough stand until the windows of this touch are evidence enough against it."""
+        if window.touch is Touch.ROUGH:
+            self._against = 0.0
+        if self._decided is not Touch.ROUGH or window.touch is not Touch.SMOOTH:
+            return window
+        rule = self.detector.card.decision
+        under = _logit(rule.rough_off) - _logit(rough_share(window.probabilities))
+        if window.probabilities[Touch.NONE] >= rule.abstain_from:
+            self._against += EVIDENCE_OF_UNKNOWN
+        else:
+            self._against = self._against + 1 + EVIDENCE_OF_LOGIT * under if under > 0 else 0.0
+        if self._against >= min(EVIDENCE, EVIDENCE_RATE * (window.end - self._rough_since)):
+            return window
+        return _overruled(window, Touch.ROUGH, self._roughness)
 
     def _apply_contact(self, contact: Contact) -> Prediction | None:
         changed = (contact.touching, contact.held) != (self._touching, self._held)
@@ -444,6 +461,10 @@ class TouchDetector:
         # The level of a touch falls between two strokes, and where one turns: the last decision stands.
         if paused or prediction.touch is Touch.NONE:
             return _overruled(prediction, self._decided, self._roughness)
+        if prediction.touch is Touch.ROUGH and now - self._since < LANDED:
+            return _overruled(prediction, Touch.SMOOTH)
+        if prediction.touch is not self._decided:
+            self._against, self._rough_since = 0.0, prediction.end
         self._decided, self._roughness = prediction.touch, prediction.roughness
         return prediction
 
@@ -451,6 +472,11 @@ class TouchDetector:
         if not self._shift:
             return prediction
         return replace(prediction, start=prediction.start + self._shift, end=prediction.end + self._shift)
+
+
+def _logit(share: float) -> float:
+    share = min(max(share, 1e-6), 1 - 1e-6)
+    return math.log(share / (1 - share))
 
 
 def _overruled(prediction: Prediction, touch: Touch, roughness: float = 0.0) -> Prediction:

@@ -11,8 +11,8 @@ that of noise is and that of sliding is not; nearly all of its excess rises with
 other follows: grains and meshes strike a sliding tip in trains, and a finger that bounces does so more softly.
 
 Sliding is an excess of all bands over the background for 30 ms. It begins a *stroke*, or a *slip* if no touch-down was
-detected since the last sliding ended; its end is a *lift-off*. A finger that rests sounds like one
-that has left: lift-off means that the sliding ended.
+detected since the last sliding ended; its end is a *lift-off*, unless it goes on soon. A finger that rests sounds like
+one that has left: lift-off means that the sliding ended.
 """
 
 from collections import deque
@@ -86,6 +86,9 @@ a steel stylus, which shakes the air microphone, by up to 35."""
 SLIDING, SLIDING_ON_DB, SLIDING_OFF_DB = 16, 1.6, 0.8
 """Steps, 40 ms, over which the median excess of the bands begins sliding, and ends it."""
 
+TURN = 48
+"""Steps, 0.12 s, for which sliding must have ended before it is a lift-off: a finger that turns is as quiet."""
+
 QUIET_RATE, SLIDING_RATE = 0.01, 2e-4
 """Share by which the background follows a step's level: within 0.25 s at rest, 12 s while sliding."""
 
@@ -138,7 +141,7 @@ class EventDetector:
         self._onset = self._landed = -CLASSIFIED_AFTER - 1
         self._since: list[Floats] = []
         self._unrest = self._sharpest = 0.0
-        self._sliding, self._touched_down = False, False
+        self._sliding, self._touched_down, self._still = False, False, 0
 
     def push(self, block: AudioBlock) -> list[TouchEvent]:
         """Take sound; return the events that it completes, oldest first, at seconds since the stream began."""
@@ -257,13 +260,14 @@ class EventDetector:
         began = self._time(max(0, self._count - SLIDING // 2))
         settled = self._count - self._landed > CLASSIFIED_AFTER
         if not self._sliding and settled and median >= SLIDING_ON_DB and self._count > HISTORY // 2:
-            self._sliding = True
+            self._sliding, self._still = True, 0
             kind = "stroke" if self._touched_down else "slip"
             self._touched_down = False
             return [TouchEvent(kind, began)]
-        if self._sliding and median < SLIDING_OFF_DB:
+        self._still = self._still + 1 if median < SLIDING_OFF_DB else 0
+        if self._sliding and self._still > TURN:
             self._sliding = False
-            return [TouchEvent("lift-off", began)]
+            return [TouchEvent("lift-off", began - TURN * self._step / self._rate)]
         return []
 
     def _time(self, step: int) -> float:

@@ -92,7 +92,7 @@ _BASS_RATE = 1000
 _TREBLE_STEPS = 8
 _HARMONICS = 7
 FULL_SCALE = 0.999
-"""From here a sample is at full scale; the page's lamps have the same figure (``pages/static/figures.js``)."""
+"""From here a sample is at full scale; the page's lamps have the same figure (``pages/static/gauges.js``)."""
 
 CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""
@@ -297,7 +297,7 @@ _MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
             "a touch that the contact microphone picks up hardly reaches it",
             "open the case or clear its port",
         ),
-        FaultKind.SWAPPED: ("channel 1 sounds like the contact microphone", "exchange the two plugs"),
+        FaultKind.SWAPPED: ("input 2 (air) sounds like the contact microphone", "exchange the two plugs"),
         FaultKind.ALIKE: ("both channels carry the same sound", "switch off direct monitoring and mono mixing"),
     }
 )

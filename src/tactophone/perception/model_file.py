@@ -1,7 +1,8 @@
 """Model files: one ONNX file with everything that the live side needs, checked before it runs.
 
-What the network is trained for (rate, window, hop, channels, gate) is stored in the file as a *card*, so that no flag
-of the live commands can disagree. docs/reference/model-files.md describes the format.
+The graph goes from sound to probabilities: it holds the features too, and what it remembers of a touch is an input and
+an output. What the network is trained for (rate, window, hop, channels, gate) is stored in the file as a *card*, so
+that no flag of the live commands can disagree. docs/reference/model-files.md describes the format.
 
 A file may come from anywhere, so every number and every operator in it has bounds. The file is read as far as needed by
 a reader of protocol buffers of a few lines, before ONNX Runtime sees it: already loading a graph computes parts of it.
@@ -32,10 +33,23 @@ if TYPE_CHECKING:
     import onnxruntime
 
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CARD_KEY = "tactophone.card"
-FEATURES = "features"
-LOG_PROBABILITIES = "log_probabilities"
+
+SOUND, CONTACT_INPUT, STATE = "sound", "contact", "state"
+"""Inputs: a window of each finger, ``(fingers, channels, samples)``; of graphs that remember a touch, also whether the
+finger touches (0 or 1), ``(fingers,)``, and the state, in double precision, ``(fingers, size)``: zeros at the start."""
+
+LOG_PROBABILITIES, FEATURES, STATE_OUT = "log_probabilities", "features", "state_out"
+"""Outputs: of none, smooth and rough, ``(fingers, 3)``; what the classifier takes, ``(fingers, features)``; the state
+for the next window."""
+
+KINDS = ("paper", "texture", "cues")
+"""Of features: see :mod:`tactophone.training.features`."""
+
+SUPPORTS_MISSING_CHANNEL = frozenset({"texture", "cues"})
+"""Kinds that can do without the air microphone."""
+
 CLASSES = ("none", "smooth", "rough")
 
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
@@ -70,7 +84,7 @@ class ModelCard:
     name: Name
     """Shown to people; the file's name may differ."""
     kind: Name
-    """Of its features, a key of :data:`tactophone.perception.features.EXTRACTORS`."""
+    """Of its features, one of :data:`KINDS`."""
     sample_rate: Annotated[int, msgspec.Meta(ge=2_000, le=192_000)]
     window_size: Annotated[int, msgspec.Meta(ge=1)]
     hop: Fraction
@@ -190,7 +204,7 @@ def read_model(path: Path) -> Model:
     session = _session(path, content, without=["ConstantFolding"])
     card = _card(path, session)
     try:
-        check_network(session, features=FEATURES, output=LOG_PROBABILITIES, classes=len(CLASSES))
+        check_network(session, card)
     except ValueError as error:
         raise ModelError(f"{path}: cannot be used ({error}); export it again") from None
     return _OPEN_MODELS.setdefault(digest, Model(card, _session(path, content)))
@@ -213,6 +227,11 @@ def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
         raise ModelError(f"{path}: its metadata is not text in UTF-8; export it again") from None
     if text is None:
         raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
+    if _FORMAT_1.search(text):
+        raise ModelError(
+            f"{path}: of format 1, which lacks the features; train again, or convert it with `tactophone model import "
+            f"{path}`"
+        )
     try:
         return ModelCard.from_json(text)
     except (ValueError, KeyError, TypeError) as error:
@@ -259,6 +278,7 @@ TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
 
+_FORMAT_1 = re.compile(r'"format": 1\b')
 _FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 _GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5
@@ -344,24 +364,36 @@ def printable(value: Any) -> Any:
     return value
 
 
-def check_network(session: "onnxruntime.InferenceSession", *, features: str, output: str, classes: int) -> None:
-    """Raise `ValueError` unless the network maps features to one row of classes, within `PROBE_TIMEOUT`."""
-    inputs, outputs = session.get_inputs(), session.get_outputs()
-    if [(each.name, each.type) for each in inputs] != [(features, "tensor(float)")]:
-        raise ValueError(f"its input must be {features}, of floats")
-    if [(each.name, each.type) for each in outputs] != [(output, "tensor(float)")]:
-        raise ValueError(f"its output must be {output}, of floats")
-    shape = inputs[0].shape
-    # The number of windows may be a name instead of 1: training and evaluation classify many at once.
-    rows, width = shape if len(shape) == 2 else (0, 0)
-    if type(width) is not int or not 0 < width <= MAX_FEATURES or (type(rows) is int and rows != 1):
-        raise ValueError(f"its input has shape {shape}, but it must be (1, 1 to {MAX_FEATURES})")
-    found = _probe(session, features, np.zeros((1, shape[1]), np.float32))
-    if found.shape != (1, classes):
-        raise ValueError(f"its output has shape {found.shape}, but it must be (1, {classes})")
+def check_network(session: "onnxruntime.InferenceSession", card: ModelCard) -> None:
+    """Raise `ValueError` unless the network maps the card's windows to one row of classes, within `PROBE_TIMEOUT`."""
+    inputs = {each.name: each for each in session.get_inputs()}
+    outputs = {each.name: each.type for each in session.get_outputs()}
+    stateful = len(inputs) > 1
+    types = {SOUND: "float", CONTACT_INPUT: "float", STATE: "double"} if stateful else {SOUND: "float"}
+    if {name: each.type for name, each in inputs.items()} != {name: f"tensor({kind})" for name, kind in types.items()}:
+        raise ValueError(f"its input must be {SOUND}, of floats, alone or with {CONTACT_INPUT} and {STATE}")
+    names = (LOG_PROBABILITIES, FEATURES, *([STATE_OUT] if stateful else []))
+    wanted = {name: "tensor(double)" if name == STATE_OUT else "tensor(float)" for name in names}
+    if outputs != wanted:
+        raise ValueError(f"its output must be {' and '.join(wanted)}")
+    shape, sizes = inputs[SOUND].shape, [card.channels, card.window_size]
+    # The number of fingers may be a name instead of 1.
+    if shape[1:] != sizes or (type(shape[0]) is int and shape[0] != 1):
+        raise ValueError(f"its sound has shape {shape}, but by its card it must be {[1, *sizes]}")
+    zeros: dict[str, Any] = {SOUND: np.zeros((1, *sizes), np.float32)}
+    if stateful:
+        size = inputs[STATE].shape[-1]
+        if type(size) is not int or not 0 < size <= MAX_FEATURES or len(inputs[STATE].shape) != 2:
+            raise ValueError(f"its state has shape {inputs[STATE].shape}, but it must be (1, 1 to {MAX_FEATURES})")
+        zeros |= {CONTACT_INPUT: np.zeros(1, np.float32), STATE: np.zeros((1, size))}
+    found = dict(zip(names, _probe(session, names, zeros), strict=True))
+    if found[LOG_PROBABILITIES].shape != (1, len(CLASSES)):
+        raise ValueError(f"its output has shape {found[LOG_PROBABILITIES].shape}, but it must be (1, {len(CLASSES)})")
+    if found[FEATURES].ndim != 2 or (stateful and found[STATE_OUT].shape != zeros[STATE].shape):
+        raise ValueError("its features and its state must be rows, the state of one length")
 
 
-def _probe(session: "onnxruntime.InferenceSession", features: str, zeros: Any) -> Any:
+def _probe(session: "onnxruntime.InferenceSession", names: Sequence[str], zeros: dict[str, Any]) -> list[Any]:
     """Run the network once, in a thread that is ended when it takes too long."""
     import onnxruntime
 
@@ -371,11 +403,12 @@ def _probe(session: "onnxruntime.InferenceSession", features: str, zeros: Any) -
     def run() -> None:
         rng = np.random.default_rng(0)
         try:
-            # A network may be quick on silence alone, and slow once something is touched.
+            # A network may be quick on silence alone, and slow or of another shape once something is touched.
             for loudness in (0, 1, 1e4):
-                noise = zeros + (loudness * rng.standard_normal(zeros.shape)).astype(zeros.dtype)
+                noise = (loudness * rng.standard_normal(zeros[SOUND].shape)).astype(np.float32)
+                touch = {CONTACT_INPUT: np.full(1, loudness > 0, np.float32)} if CONTACT_INPUT in zeros else {}
                 begun = time.thread_time()
-                results.append(session.run(None, {features: noise}, options)[0])
+                results.append(session.run(names, zeros | {SOUND: noise} | touch, options))
                 if (taken := time.thread_time() - begun) > SLOWEST:
                     failures.append(TOO_SLOW.format(taken))
         except Exception as error:  # ONNX Runtime raises a dozen types of its own
@@ -389,59 +422,73 @@ def _probe(session: "onnxruntime.InferenceSession", features: str, zeros: Any) -
         raise ValueError(f"one inference takes over {PROBE_TIMEOUT:g} s")
     if failures:
         raise ValueError(f"its network cannot run ({failures[0]})")
-    return results[0]
-
-
-MOST_ROWS = 3
-"""Rows of one call. ONNX Runtime computes four numbers of an array at once, by an exponential whose last bit may differ
-from that for the one to three that are left: with four rows, 53 of 60,000 of the stylus' network differed from those of
-one row; with up to three, each is what it is alone."""
+    if len({tuple(np.shape(each) for each in result) for result in results}) > 1:
+        raise ValueError("the shapes of its outputs depend on the values of its input")
+    return list(results[0])
 
 
 class Engine:
-    """Turns features into probabilities; input and output arrays are allocated once for each number of rows.
+    """Turns windows into probabilities; input and output arrays are allocated once for each number of fingers.
 
-    A network whose file names the number of rows instead of stating 1 computes up to `MOST_ROWS` at once, each as it
-    would alone, bit for bit. For others, each row is a call.
+    A network whose file names the number of fingers instead of stating 1 computes all at once; each finger's result may
+    then differ by its last bits from what it is alone (by under 1e-5, a test holds). For others, each is a call.
     """
 
     def __init__(self, session: "onnxruntime.InferenceSession") -> None:
-        rows, width = session.get_inputs()[0].shape
-        self.width = int(width)
-        """Features that the network takes."""
-        self._session, self._most_rows = session, 1 if rows == 1 else MOST_ROWS
-        self._bound: dict[int, tuple[onnxruntime.IOBinding, FloatArray, FloatArray]] = {}
+        inputs = {each.name: each.shape for each in session.get_inputs()}
+        outputs = {each.name: each.shape for each in session.get_outputs()}
+        self._session, self._alone = session, type(inputs[SOUND][0]) is int
+        self._sizes = {name: shape[1:] for name, shape in (inputs | outputs).items()}
+        self._inputs = list(inputs)
+        self._bound: dict[int, tuple[onnxruntime.IOBinding, dict[str, Any]]] = {}
 
-    def run(self, features: Sequence[FloatArray]) -> list[Probabilities]:
-        """Return the probabilities of none, smooth and rough for each row of features, of shape ``(features,)``.
+    def new_state(self) -> Any:
+        """Return the state before a touch."""
+        return np.zeros(self._sizes.get(STATE, (0,)))
 
-        A broken network returns NaN, or numbers that do not sum to 1: the caller checks.
+    def run(
+        self, sound: FloatArray, contact: Sequence[bool], states: Sequence[Any]
+    ) -> list[tuple[Probabilities, FloatArray]]:
+        """Return the probabilities of none, smooth and rough for each finger, and the features that they follow from.
+
+        Sound has the shape ``(fingers, channels, samples)``. Each finger's state is changed in place. A broken network
+        returns NaN, or numbers that do not sum to 1: the caller checks. The features are valid until the next run.
         """
-        most = self._most_rows
-        return [each for at in range(0, len(features), most) for each in self._run(features[at : at + most])]
+        if self._alone and len(sound) > 1:
+            parts = (self._run(sound[n : n + 1], contact[n : n + 1], states[n : n + 1]) for n in range(len(sound)))
+            return [(probabilities, features.copy()) for ((probabilities, features),) in parts]
+        return self._run(sound, contact, states)
 
-    def _run(self, features: Sequence[FloatArray]) -> list[Probabilities]:
-        binding, rows, log_probabilities = self._bound.get(len(features)) or self._bind(len(features))
-        for number, row in enumerate(features):
-            rows[number] = row
+    def _run(
+        self, sound: FloatArray, contact: Sequence[bool], states: Sequence[Any]
+    ) -> list[tuple[Probabilities, FloatArray]]:
+        binding, arrays = self._bound.get(len(sound)) or self._bind(len(sound))
+        arrays[SOUND][:] = sound
+        if STATE in arrays:
+            arrays[CONTACT_INPUT][:] = contact
+            for row, state in zip(arrays[STATE], states, strict=True):
+                row[:] = state
         begun = time.thread_time()  # which stands still while this thread has to wait
         self._session.run_with_iobinding(binding)
-        if (taken := time.thread_time() - begun) > SLOWEST:
+        if (taken := (time.thread_time() - begun) / len(sound)) > SLOWEST:
             raise ModelError(f"{TOO_SLOW.format(taken)}; choose another with --model")
+        if STATE in arrays:
+            for row, state in zip(arrays[STATE_OUT], states, strict=True):
+                state[:] = row
         # exp of an invalid value far over 0 would overflow; capped at e it still fails the caller's check.
-        return [
+        probabilities = [
             (math.exp(min(none, 1.0)), math.exp(min(smooth, 1.0)), math.exp(min(rough, 1.0)))
-            for none, smooth, rough in log_probabilities.tolist()
+            for none, smooth, rough in arrays[LOG_PROBABILITIES].tolist()
         ]
+        return list(zip(probabilities, arrays[FEATURES], strict=True))
 
-    def _bind(self, count: int) -> tuple["onnxruntime.IOBinding", FloatArray, FloatArray]:
+    def _bind(self, count: int) -> tuple["onnxruntime.IOBinding", dict[str, Any]]:
         # Bound once: naming and wrapping the arrays at every run takes longer than a small network itself.
-        binding = self._session.io_binding()
-        rows, log_probabilities = np.zeros((count, self.width), np.float32), np.zeros((count, len(CLASSES)), np.float32)
-        for bind, name, array in (
-            (binding.bind_input, FEATURES, rows),
-            (binding.bind_output, LOG_PROBABILITIES, log_probabilities),
-        ):
-            bind(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
-        self._bound[count] = binding, rows, log_probabilities
+        binding, arrays = self._session.io_binding(), {}
+        for name, sizes in self._sizes.items():
+            kind: Any = np.float64 if name in (STATE, STATE_OUT) else np.float32
+            array = arrays[name] = np.zeros((count, *sizes), kind)
+            bind = binding.bind_input if name in self._inputs else binding.bind_output
+            bind(name, "cpu", 0, kind, array.shape, array.ctypes.data)
+        self._bound[count] = binding, arrays
         return self._bound[count]

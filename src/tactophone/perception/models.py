@@ -8,13 +8,14 @@ from types import MappingProxyType
 from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import TouchDetector, WindowDetector
-from tactophone.perception.features import SUPPORTS_MISSING_CHANNEL
-from tactophone.perception.model_file import ModelCard, read_model
+from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
 from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 from tactophone.plugins import DETECTORS, load, registered
 from tactophone.types import DEFAULT_TIP, Detector
 
-TIP_MODELS: Mapping[str, str] = MappingProxyType({"pad": "texture", "plastic": "stylus", "stylus": "stylus"})
+TIP_MODELS: Mapping[str, str] = MappingProxyType(
+    {"rubber": "rubber", "pad": "texture", "plastic": "plastic", "stylus": "stylus"}
+)
 """The shipped model for each tip. A file each: whoever states the tip gets the right one and names no model."""
 
 PAPER_MONO = "paper-mono"

@@ -13,9 +13,8 @@ Time is counted in samples of the sound, so that simulated sound is processed as
 
 import enum
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 
-from tactophone.dataset.layouts import PRESSURES
+from tactophone.simulation.takes import Take
 from tactophone.types import AudioBlock
 
 DURATION = 30.0
@@ -23,40 +22,6 @@ DURATION = 30.0
 
 COUNTDOWN = 3.0
 """Seconds between the key press and the take: time to move the hand back to the finger."""
-
-
-@dataclass(frozen=True, slots=True)
-class TakePlan:
-    """A take of the protocol: the stroke and its pressure."""
-
-    stroke: str
-    pressure: str = ""
-
-    @property
-    def name(self) -> str:
-        """The file name that the paper's authors use; they write *loud* for strong.
-
-        >>> TakePlan("long", "strong").name, TakePlan("wiggle").name
-        ('long_loud', 'wiggle')
-        """
-        if not self.pressure:
-            return self.stroke
-        authors_name = {paper: authors for authors, paper in PRESSURES.items()}
-        return f"{self.stroke}_{authors_name[self.pressure]}"
-
-    @property
-    def instruction(self) -> str:
-        if not self.pressure:
-            return "wiggle to and fro without a pause, at any pressure"
-        lengths = {"long": "long strokes, from end to end", "short": "short strokes, a centimetre or two"}
-        return f"{lengths[self.stroke]}, {self.pressure} pressure; lift off now and then"
-
-
-PROTOCOL = (
-    *(TakePlan(stroke, pressure) for stroke in ("long", "short") for pressure in ("light", "medium", "strong")),
-    TakePlan("wiggle"),
-)
-"""Long and short strokes at light, medium and strong pressure, and one take of wiggles (paper, section III)."""
 
 
 class Stage(enum.StrEnum):
@@ -85,7 +50,8 @@ class Protocol:
     """Steps through the takes but those that are ``done``; ``duration`` and ``countdown`` are in s.
 
     >>> import numpy as np
-    >>> protocol = Protocol(PROTOCOL, sample_rate=1000, duration=1, countdown=1)
+    >>> from tactophone.simulation.takes import TAKES
+    >>> protocol = Protocol(TAKES, sample_rate=1000, duration=1, countdown=1)
     >>> protocol.press(Key.GO)
     >>> sound = AudioBlock(np.zeros((1500, 2), np.float32), 1000)
     >>> protocol.push(sound).size, protocol.stage.value, protocol.take.name
@@ -93,14 +59,9 @@ class Protocol:
     """
 
     def __init__(
-        self,
-        takes: Sequence[TakePlan],
-        *,
-        sample_rate: int,
-        done: Collection[str] = (),
-        duration: float = DURATION,
+        self, takes: Sequence[Take], *, sample_rate: int, done: Collection[str] = (), duration: float = DURATION,
         countdown: float = COUNTDOWN,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.takes = tuple(take for take in takes if take.name not in done)
         self._size = round(duration * sample_rate)
         self._countdown_size = round(countdown * sample_rate)
@@ -110,7 +71,7 @@ class Protocol:
         self._enter(Stage.READY if self.takes else Stage.DONE)
 
     @property
-    def take(self) -> TakePlan:
+    def take(self) -> Take:
         """The current take; the last take when all are done."""
         return self.takes[min(self._place, len(self.takes) - 1)]
 

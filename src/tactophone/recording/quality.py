@@ -15,7 +15,7 @@ from tactophone.perception.health import (
     SignalStatistics,
     clipped_samples,
 )
-from tactophone.recording.protocol import PROTOCOL, TakePlan
+from tactophone.simulation.takes import TAKES, Take
 from tactophone.types import CONTACT, AudioBlock
 
 MIN_CONTACT = 0.1
@@ -83,17 +83,12 @@ class TakeMeter:
             return TakeLevels(duration, 0.0, 0.0, -np.inf)
         levels = np.array([statistics.level_dbfs[CONTACT] for statistics in self._history])
         return TakeLevels(
-            duration,
-            float(np.mean(levels >= self._threshold_dbfs)),
-            float(self._clipped.max() / self._size),
-            float(np.percentile(levels, LEVEL_PERCENTILE)),
-            tuple(self._faults),
-        )
+            duration, float(np.mean(levels >= self._threshold_dbfs)), float(self._clipped.max() / self._size),
+            float(np.percentile(levels, LEVEL_PERCENTILE)), tuple(self._faults),
+        )  # fmt: skip
 
 
-def assess_take(
-    take: TakePlan, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float
-) -> TakeQuality:
+def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float) -> TakeQuality:
     """Report what is wrong with a take, given the levels in dBFS of each other take of this object, by its name."""
     # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
     complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
@@ -104,7 +99,7 @@ def assess_take(
     if levels.clipped > CLIPPED_SHARE:
         complaints.append(f"{levels.clipped:.1%} is clipped: turn the gain down, calibrate again and start over")
     # The take of the same stroke with the next lighter pressure, if there is one.
-    same_stroke = [plan for plan in PROTOCOL if plan.stroke == take.stroke]
+    same_stroke = [plan for plan in TAKES if plan.stroke == take.stroke]
     place = same_stroke.index(take)
     lighter = same_stroke[place - 1] if place else None
     if lighter and lighter.name in other_levels:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.perception.health import Reference
-from tactophone.recording.protocol import COUNTDOWN, DURATION, PROTOCOL, Key, Protocol, Stage, TakePlan
+from tactophone.recording.protocol import COUNTDOWN, DURATION, Key, Protocol, Stage
 from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.recording.safe_writer import TakeWriter
+from tactophone.simulation.takes import TAKES, Take
 from tactophone.types import AudioBlock, Touch
 
 
@@ -34,18 +35,15 @@ class RecordedObject:
     scenario: str = "table"
     session: str = ""
 
-    def recording(self, root: Path, take: TakePlan, channels: int) -> Recording:
-        properties = {"object": self.name, "material": self.material, "stroke": take.stroke, "pressure": take.pressure}
+    def recording(self, root: Path, take: Take, channels: int) -> Recording:
+        properties = {"object": self.name, "material": self.material, "stroke": take.stroke}
+        if take.stroke != "wiggle":  # of any pressure
+            properties["pressure"] = take.pressure
         return Recording(
-            root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac",
-            self.surface or self.name,
-            self.label,
-            ("contact", "air")[:channels],
-            take=take.name,
-            scenario=self.scenario,
-            session=self.session,
+            root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac", self.surface or self.name, self.label,
+            ("contact", "air")[:channels], take=take.name, scenario=self.scenario, session=self.session,
             properties={key: value for key, value in properties.items() if value},
-        )
+        )  # fmt: skip
 
 
 def slug(name: str) -> str:
@@ -64,7 +62,7 @@ class SessionPlan:
 
     root: Path
     reference: Reference = field(default_factory=Reference)
-    takes: tuple[TakePlan, ...] = PROTOCOL
+    takes: tuple[Take, ...] = TAKES
     duration: float = DURATION
     countdown: float = COUNTDOWN
 

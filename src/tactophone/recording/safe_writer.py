@@ -6,7 +6,6 @@ into a FLAC when the take ends, and the part is deleted when the FLAC is complet
 any of these steps is finished by :func:`recover`: ``TAKE.part.json`` holds its entry for the manifest.
 """
 
-import fcntl
 import json
 import os
 from collections.abc import Iterator
@@ -116,6 +115,8 @@ def recording_in(root: Path) -> Iterator[None]:
 
 
 def _lock(descriptor: int, root: Path) -> None:
+    import fcntl  # not on Windows, where what only reads takes has to load too
+
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

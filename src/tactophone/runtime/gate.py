@@ -127,15 +127,9 @@ class FingerOutput:
     """
 
     def __init__(
-        self,
-        settings: Settings,
-        renderer: Renderer,
-        endpoint: OperatorEndpoint,
-        *,
-        index: int = 0,
-        name: str = "",
+        self, settings: Settings, renderer: Renderer, endpoint: OperatorEndpoint, *, index: int = 0, name: str = "",
         muted_because: str = "",
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.index, self.name, self.renderer = index, name, renderer
         self.gate = OutputGate(
             renderer.limits, output_level=settings.rendering.output_level, muted_because=muted_because
@@ -242,17 +236,11 @@ class FingerOutput:
     def state(self) -> FingerState:
         pipeline, gate = self.pipeline, self.gate
         return FingerState(
-            name=self.name,
-            armed=gate.armed,
-            muted_because=gate.muted_because,
-            ceiling=gate.limits.ceiling,
-            local_ceiling=gate.local_ceiling,
-            output_level=gate.output_level,
-            profile=pipeline.profile.name,
-            detector=pipeline.detector.name,
-            threshold_dbfs=pipeline.detector.threshold.dbfs,
+            name=self.name, armed=gate.armed, muted_because=gate.muted_because, ceiling=gate.limits.ceiling,
+            local_ceiling=gate.local_ceiling, output_level=gate.output_level, profile=pipeline.profile.name,
+            detector=pipeline.detector.name, threshold_dbfs=pipeline.detector.threshold.dbfs,
             noise_floor_dbfs=round(self._floor_dbfs, 0),
-        )
+        )  # fmt: skip
 
 
 def _noise_floor(floor_dbfs: float, prediction: Prediction) -> float:

@@ -26,13 +26,13 @@ class LocalPeer:
     """The robot's run, watched from the operator's process, where both are on one machine; else ``name`` is empty."""
 
     def __init__(self, name: str) -> None:
-        self._name = name
+        self.name = name
         self.watcher: Watcher | None = None
 
     def refresh(self) -> None:
         """Find the run, or its successor if it has ended."""
-        if self._name and self.watcher is None:
-            self.watcher = Watcher.find(self._name)
+        if self.name and self.watcher is None:
+            self.watcher = Watcher.find(self.name)
         elif self.watcher is not None:
             self.watcher.follow(drain=False)
 

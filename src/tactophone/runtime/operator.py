@@ -13,6 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from tactophone.hand import each_finger, names_of
 from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.stream import DecodedAudio
 from tactophone.link.udp import UdpSocket
-from tactophone.link.way import Way, WaySocket
+from tactophone.link.way import Keeper
 from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.runtime.latency import LocalPeer, operator_stages
 from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
@@ -31,6 +32,7 @@ from tactophone.runtime.wiring import (
     open_endpoint,
     open_renderer,
     open_session,
+    open_way,
     rehearse_statistics,
     send_outgoing,
     tip_warning,
@@ -70,6 +72,9 @@ SENT_AWAY_SHOWN = 10.0
 START_ROBOT = "start `tactophone send` there; or a router blocks the port: use `tactophone call`"
 """Advice where no robot ever calls."""
 
+SAME_MACHINE = "the robot's process, which this command started, is still starting; a busy machine takes longer"
+"""The same where both sides began together: there is nothing to start."""
+
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 
 
@@ -81,15 +86,15 @@ class Operator(Side):
     robot
         Name of the robot's run, where that is on this machine: source of the true touch and of the robot's part of
         the latency budget.
-    way
-        That was found to the robot, instead of the port of the settings; it hangs up for good.
+    keeper
+        To the process that finds the way to the robot of a call, instead of the port of the settings.
     """
 
     interval = HOUSEKEEPING_INTERVAL
 
-    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", way: Way | None = None) -> None:
+    def __init__(self, settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
         super().__init__(settings, info, role="operator")
-        self._way = way
+        self._keeper = keeper
         fingers = each_finger(settings)
         renderers = [open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
         self._actuator = open_actuator(
@@ -98,7 +103,7 @@ class Operator(Side):
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
-        self._session = ReceiveSession(open_session(settings))
+        self._session = ReceiveSession(open_session(settings, way=keeper is not None))
         info.progress("opening the models")
         self._endpoint = open_endpoint(settings, self._session)
         # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
@@ -127,8 +132,7 @@ class Operator(Side):
 
     def __enter__(self) -> Self:
         with self._resources:
-            link, way = self._settings.link, self._way
-            self._socket = self._resources.enter_context(WaySocket(way) if way else UdpSocket(link.host, link.port))
+            self._socket = self._resources.enter_context(self._open_socket())
             self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
@@ -146,6 +150,11 @@ class Operator(Side):
         self._session.session.hang_up()
         send_outgoing(self._session.session, self._socket)
         self._resources.close()
+
+    def _open_socket(self) -> UdpSocket:
+        if self._keeper:
+            return open_way(self._keeper, self._session.session, restarts=self._info.restarts)
+        return UdpSocket(self._settings.link.host, self._settings.link.port)
 
     def stop(self) -> None:
         """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
@@ -173,7 +182,7 @@ class Operator(Side):
     @property
     def _hung_up(self) -> str:
         """Name of the robot that has ended the call; empty otherwise."""
-        return self._session.session.hung_up if self._way else ""
+        return self._session.session.hung_up if self._keeper else ""
 
     def _revive(self) -> bool:
         """Reconnect a lost device; what it rendered last is not taken up again. Returns whether it was lost anew."""
@@ -195,16 +204,11 @@ class Operator(Side):
             faults.update(finger.renderer.faults)
             invalid.update(finger.pipeline.detector.faults)
         counts = {
-            **self._counters,
-            "xruns": device.xruns,
-            "callback_faults": device.process_faults,
-            "device_losses": device.losses,
-            "command_faults": faults["command"],
-            "stale_fades": faults["stale"],
-            "emergency_stops": max(finger.gate.stops for finger in self._fingers),
-            "sound_faults": invalid["sound"],
+            **self._counters, "xruns": device.xruns, "callback_faults": device.process_faults,
+            "device_losses": device.losses, "command_faults": faults["command"], "stale_fades": faults["stale"],
+            "emergency_stops": max(finger.gate.stops for finger in self._fingers), "sound_faults": invalid["sound"],
             "model_faults": invalid["model"],
-        }
+        }  # fmt: skip
         self._count(counts)
         for name, value in {**self._gauges, "device_latency": device.latency}.items():
             self._telemetry.gauge(name, value)
@@ -221,20 +225,17 @@ class Operator(Side):
 
     def _state(self, now: float) -> State:
         return State(
-            role="operator",
-            profiles=self._fingers[0].profiles,
-            link=self._link(),
-            output=self._settings.output.actuator,
-            faults=tuple(self._faults(now)),
+            role="operator", profiles=self._fingers[0].profiles, link=self._link(),
+            output=self._settings.output.actuator, faults=tuple(self._faults(now)),
             fingers=tuple(finger.state() for finger in self._fingers),
-        )
+        )  # fmt: skip
 
     def _link(self) -> str:
         if self._hung_up:
             return f"{self._hung_up} hung up"
         if peer := self._session.peer:
             return f"connected to {peer}"
-        return "waiting for the robot" if self._way else f"listening at port {self._socket.address[1]}"
+        return "waiting for the robot" if self._keeper else f"listening at port {self._socket.address[1]}"
 
     def _faults(self, now: float) -> Iterator[Fault]:
         yield from self._warnings
@@ -247,7 +248,8 @@ class Operator(Side):
             yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
         if self._session.peer is None and silent > LONGEST_CALL and not self._hung_up:
             failure = self._session.session.failure
-            yield Fault("link", f"no robot is connected: {failure or (NO_ANSWER if self._way else START_ROBOT)}")
+            advice = NO_ANSWER if self._keeper else SAME_MACHINE if self._local_robot.name else START_ROBOT
+            yield Fault("link", f"no robot is connected: {failure or advice}")
         elif self._session.peer and silent > SILENT_LINK and (reason := self._why_silent()):
             yield Fault("silence", reason)
         if conflict := self._session.session.version_conflict:
@@ -351,11 +353,14 @@ class Operator(Side):
             telemetry.mark(_RENDERED, submitted, now=time.monotonic())
 
 
-def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", way: Way | None = None) -> None:
+def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:
     """Run the operator's side in this process until SIGTERM; SIGUSR1 is the emergency stop."""
     terminated = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
-    with Operator(settings, info, robot=robot, way=way) as operator:
+    note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
+    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+        note()
+    with Operator(settings, info, robot=robot, keeper=keeper) as operator:
+        note()
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         operator.run(terminated)
 

@@ -33,21 +33,6 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     )
 
 
-def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
-    """Return the robot's settings with one more operator on this machine, and that operator's, like another one's.
-
-    ``robot`` and ``operator`` are of `pair_on_one_machine` with the same folder, or of this function.
-    """
-    identity, port = Identity.create(name), _free_port()
-    identity.save(folder / name)
-    Peers.load(folder / "operator").save(folder / name)
-    Peers.load(folder / "robot").trusting(name, identity.fingerprint).save(folder / "robot")
-    link = replace(operator.link, identity=str(folder / name), port=port)
-    called = ",".join(each if ":" in each else f"{each}:{robot.link.port}" for each in robot.link.peer.split(","))
-    calling = replace(robot.link, peer=f"{called},127.0.0.1:{port}")
-    return replace(robot, link=calling), _side(operator, link, name)
-
-
 @contextmanager
 def temporary_keys() -> Iterator[Path]:
     """Yield a private folder for the keys of one run; it removes those that killed runs of this user left."""

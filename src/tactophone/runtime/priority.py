@@ -1,6 +1,6 @@
 """Real-time priority and other measures against late sound; where the system refuses one, a warning says so once.
 
-Measured (docs/guide/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO
+Measured (docs/research/latency.md): under load an unprioritised network thread waits up to 93 ms, one with SCHED_FIFO
 0.15 ms. A full garbage collection takes 42 ms after the imports and 2 us once they are frozen. Locking memory made no
 difference.
 """

@@ -20,7 +20,7 @@ from tactophone.errors import ConfigError
 from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link.events import Event
 from tactophone.link.udp import UdpSocket
-from tactophone.link.way import Way, WaySocket
+from tactophone.link.way import Keeper
 from tactophone.runtime.latency import robot_stages
 from tactophone.runtime.priority import name_thread, prioritize_thread
 from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
@@ -31,6 +31,7 @@ from tactophone.runtime.wiring import (
     open_microphone_check,
     open_rehearsed_pipeline,
     open_send_group,
+    open_way,
     operators_of,
     rehearse_encoder,
     rehearse_statistics,
@@ -78,17 +79,18 @@ class Robot(Side):
     ----------
     open_source
         Opens the microphones, or what replaces them.
-    way
-        That was found to the only operator, instead of a socket of its own; it hangs up for good.
+    keeper
+        To the process that finds the way to the operator of a call, instead of the addresses of the settings.
     """
 
     interval = HOUSEKEEPING_INTERVAL
 
     def __init__(
-        self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, way: Way | None = None
-    ) -> None:
+        self, settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device,
+        keeper: Keeper | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(settings, info, role="robot")
-        self._way = way
+        self._keeper = keeper
         info.progress("opening the source")
         self._source = open_source(settings)
         # Asked once: whether an object fits a protocol takes 25 us.
@@ -98,7 +100,7 @@ class Robot(Side):
             info.progress("compiling the simulation")
             self._source.rehearse()
         info.progress("rehearsing")
-        self._group = open_send_group(settings, self._source.channels)
+        self._group = open_send_group(settings, self._source.channels, way=keeper is not None)
         self._operators = operators_of(settings.link)
         fingers, found = each_finger(settings), self._source.channels
         if settings.is_hand and found != 2 * len(fingers):
@@ -121,8 +123,12 @@ class Robot(Side):
         with self._resources:
             self._resources.enter_context(self._source)
             self._sockets = [
-                self._resources.enter_context(WaySocket(self._way) if self._way else UdpSocket())
-                for _ in self._operators
+                self._resources.enter_context(
+                    open_way(self._keeper, member.session, restarts=self._info.restarts)
+                    if self._keeper
+                    else UdpSocket()
+                )
+                for member in self._group.members
             ]
             self._open_telemetry()
             self._group.tap = self._log
@@ -150,7 +156,7 @@ class Robot(Side):
             group = self._group
             counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
             peers, link_faults = group.peers, list(self._link_faults())
-            hung_up = group.members[0].session.hung_up if self._way else ""
+            hung_up = group.members[0].session.hung_up if self._keeper else ""
         self._count(counters)
         self._telemetry.gauge("loss_ratio", loss)
         self._telemetry.gauge("operators", len(peers))
@@ -182,9 +188,10 @@ class Robot(Side):
         """Yield which operators are not connected, and why, and which run another version."""
         for number, (member, (host, port)) in enumerate(zip(self._group.members, self._operators, strict=True), 1):
             which = "" if len(self._operators) == 1 else f"-{number}"
-            if member.session.peer is None and not (self._way and member.session.hung_up):
-                reason = member.session.failure or (NO_ANSWER if self._way else START_OPERATOR)
-                yield Fault(f"link{which}", f"no operator at {host}:{port} yet: {reason}")
+            if member.session.peer is None and not (self._keeper and member.session.hung_up):
+                reason = member.session.failure or (NO_ANSWER if self._keeper else START_OPERATOR)
+                where = "" if self._keeper else f" at {host}:{port}"
+                yield Fault(f"link{which}", f"no operator{where} yet: {reason}")
             elif conflict := member.session.version_conflict:
                 yield Fault(f"version{which}", conflict)
 
@@ -263,13 +270,16 @@ class Robot(Side):
 
 
 def run_robot(
-    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, way: Way | None = None
-) -> None:
+    settings: Settings, info: ProcessInfo, *, open_source: OpenSource = open_device, keeper: Keeper | None = None,
+) -> None:  # fmt: skip
     """Run the robot's side in this process until SIGTERM or the end of the sound, or over a way of either side."""
     terminated = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    note = partial(signal.signal, signal.SIGTERM, lambda *_: terminated.set())
+    if keeper is None:  # while a way is waited for, SIGTERM ends the process at once
+        note()
     signal.signal(signal.SIGUSR1, signal.SIG_IGN)  # the emergency stop is the operator's; here nothing vibrates
-    with Robot(settings, info, open_source=open_source, way=way) as robot:
+    with Robot(settings, info, open_source=open_source, keeper=keeper) as robot:
+        note()
         robot.run(terminated)
 
 
@@ -302,12 +312,9 @@ class MicrophoneCheck:
 
 
 def paced(
-    source: Source,
-    *,
-    skip: bool = False,
-    clock: Callable[[], float] = time.monotonic,
+    source: Source, *, skip: bool = False, clock: Callable[[], float] = time.monotonic,
     sleep: Callable[[float], None] = time.sleep,
-) -> Iterator[AudioBlock]:
+) -> Iterator[AudioBlock]:  # fmt: skip
     """Yield each block at the time of its last sample.
 
     After a stall of more than `LONGEST_DELAY` the times of the blocks (``start``) jump, as a microphone's do: time

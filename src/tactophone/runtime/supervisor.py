@@ -34,12 +34,12 @@ from tactophone.telemetry.memory import remove_leftovers, remove_memory
 from tactophone.telemetry.watcher import Watcher
 from tactophone.telemetry.writer import Telemetry
 
-RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 30.0
+RESTART_DELAY, LONGEST_RESTART_DELAY = 0.5, 4.0
 """Seconds between the end of a process and the next, which double with every process that lived less than
 `SHORT_LIFE`."""
 
-SHORT_LIFE = 10.0
-"""Seconds under which the next process will most likely end for the same reason."""
+SHORT_LIFE = 2.0
+"""Seconds after its start within which a process most likely ends for a reason that ends the next one too."""
 
 START_TIMEOUT = 20.0
 """Seconds that a process may spend at its start without any progress: neither a message nor processor time."""
@@ -95,7 +95,7 @@ class Supervisor:
         self.restarts = 0
         self._main, self._settings, self._report = main, settings, report
         self._child: Child | None = None
-        self._began = 0.0
+        self._started = math.inf
         self._restart_delay = RESTART_DELAY
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
@@ -120,7 +120,7 @@ class Supervisor:
             remove_leftovers()
         # A bare function, as `self` holds a thread and cannot be sent to another process.
         self._child = Child(_run, self._main, self._settings, self.name, self.restarts, name=self.name)
-        self._began = time.monotonic()
+        self._started = math.inf
 
     def await_start(self) -> None:
         """Wait until the process runs, and supervise it from then on.
@@ -172,6 +172,7 @@ class Supervisor:
                     return  # its sound was so short that it has ended already
                 break
             if (watcher := self._watcher()) and watcher.pulse().beat > 0:
+                self._started = now
                 return
             if (ticks := _processor_time(child.pid)) != used:
                 used, progressed = ticks, now
@@ -198,7 +199,7 @@ class Supervisor:
             if self._ended.is_set():
                 return
             # What ends soon after each start will most likely do so again: it is tried less and less often.
-            short = self.restarts and time.monotonic() - self._began < SHORT_LIFE
+            short = self.restarts and time.monotonic() - self._started < SHORT_LIFE
             self._restart_delay = min(2 * self._restart_delay, LONGEST_RESTART_DELAY) if short else RESTART_DELAY
             self._report(f"! {self.name} ended ({reason}) and starts again in {self._restart_delay:g} s")
             if self._ended.wait(self._restart_delay):
@@ -220,7 +221,8 @@ class Supervisor:
                 how = child.how_ended()
                 return failures[-1] if how and failures else how
             if watcher is None:
-                watcher = self._watcher()
+                if watcher := self._watcher():
+                    self._started = time.monotonic()
             elif self._settings.process.watchdog and not self._tolerates(watchdog, watcher):
                 # It may be stopped in the middle of a period, where it could take no note of any gentler word.
                 child.kill()
@@ -246,6 +248,8 @@ class Supervisor:
 
     def _end(self) -> None:
         if self._child:
+            if math.isinf(self._started) and not self._watcher():
+                self._child.kill()  # while it starts it heeds nothing, and has nothing to lose
             self._child.terminate()
             self._child.end(END_TIMEOUT)
             remove_memory(self.name)
@@ -253,14 +257,25 @@ class Supervisor:
 
 @contextlib.contextmanager
 def supervised(*sides: Supervisor) -> Iterator[tuple[Supervisor, ...]]:
-    """Start several sides at once, which takes as long as one does, and wait for all; ends them, the last first."""
+    """Start several sides at once, which takes as long as one does, and wait for all; ends them, the last first.
+
+    In the main thread, SIGTERM meanwhile leaves the block, as Ctrl-C does.
+    """
     with contextlib.ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():
+            stack.callback(signal.signal, signal.SIGTERM, signal.signal(signal.SIGTERM, _leave))
         for side in sides:
             stack.push(side)
             side.begin()
         for side in sides:
             side.await_start()
         yield sides
+
+
+def _leave(*_: object) -> None:
+    # Once: what is left to do takes a few seconds, and a second signal would cut it short.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise SystemExit(0)
 
 
 def _run(parent: Parent, main: Main, settings: Settings, name: str, restarts: int) -> None:

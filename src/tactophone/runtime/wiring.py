@@ -39,6 +39,7 @@ from tactophone.link.send import MOST_OPERATORS, SendGroup
 from tactophone.link.session import Session
 from tactophone.link.stream import RedundancyRule
 from tactophone.link.udp import UdpSocket, resolve
+from tactophone.link.way import Keeper, WaySocket
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.detector import TouchDetector
 from tactophone.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
@@ -97,12 +98,9 @@ def _channel(text: str) -> int:
 
 
 def open_actuator(
-    settings: Settings,
-    render: RenderHand,
-    *,
-    roughness: Callable[[], float] = lambda: 0.0,
+    settings: Settings, render: RenderHand, *, roughness: Callable[[], float] = lambda: 0.0,
     ceiling: Callable[[], float] = lambda: 0.0,
-) -> Actuator:
+) -> Actuator:  # fmt: skip
     """Make the actuator of all fingers, not yet entered; a gamepad needs roughness and ceiling as they are, 0 to 1."""
     output, fingers = settings.output, each_finger(settings)
     match output.actuator:
@@ -219,16 +217,23 @@ def finger_fault(finger: str, code: str, text: str) -> Fault:
     return Fault(f"{finger}-{code}", f"{finger}: {text}") if finger else Fault(code, text)
 
 
-def open_session(settings: Settings, *, call: Sequence[Address] = ()) -> Session:
+def open_session(settings: Settings, *, call: Sequence[Address] = (), way: bool = False) -> Session:
     """Open one end of an encrypted session: the robot calls an operator's addresses, the operator answers.
 
-    Raises `ConfigError` if no peer is trusted yet.
+    With ``way`` nobody is trusted before `open_way`. Raises `ConfigError` if no peer is trusted yet otherwise.
     """
     folder = Path(settings.link.identity or IDENTITY_FOLDER).expanduser()
-    peers = Peers.load(folder)
-    if not peers.items():
+    peers = Peers() if way else Peers.load(folder)
+    if not (way or peers.items()):
         raise ConfigError(f"{folder} holds no trusted peer: pair the two machines first with `tactophone pair`")
     return Session(Identity.load(folder), peers, call=list(call) or None, version=__version__)
+
+
+def open_way(keeper: Keeper, session: Session, *, restarts: int) -> WaySocket:
+    """Wait for the way of a call, and trust the other end that was found there, and nobody else."""
+    found = WaySocket(keeper, ask=restarts > 0)
+    session.trust(Peers({found.way.fingerprint: found.way.name}))
+    return found
 
 
 def operators_of(link: Link) -> list[Address]:
@@ -261,7 +266,7 @@ def _endpoint(name: str, port: int) -> Address:
     return host.strip("[]"), int(number)
 
 
-def open_send_group(settings: Settings, channels: int) -> SendGroup:
+def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> SendGroup:
     """Open the robot's sessions, with the codec and the redundancy that the settings ask for.
 
     Raises `ConfigError` as `operators_of` and `open_session`, and where two names lead to one address.
@@ -280,7 +285,7 @@ def open_send_group(settings: Settings, channels: int) -> SendGroup:
     )
     fixed = link.redundancy >= 0
     rule = RedundancyRule(least=link.redundancy, most=link.redundancy) if fixed else RedundancyRule()
-    sessions = [open_session(settings, call=found) for found in operators]
+    sessions = [open_session(settings, call=found, way=way) for found in operators]
     return SendGroup(sessions, codec, rule=rule, follow=not link.bandwidth, prompt=True)
 
 

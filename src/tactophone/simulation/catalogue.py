@@ -1,8 +1,6 @@
 """The catalogue of named objects: surface, material, mounting, and true roughness.
 
-New stones for the simulated operator: each a blend of two of the catalogue's.
-
-Objects whose heights were measured, not drawn: extra surfaces from the optional package ``tdw``.
+Further objects are new stones for the simulated operator, each a blend of two of the catalogue's.
 """
 
 import functools
@@ -17,7 +15,7 @@ import numpy as np
 from tactophone.dataset.heights import COARSE_CUTOFF, Roughness, measure_profile
 from tactophone.errors import DatasetError, did_you_mean
 from tactophone.simulation.modes import Body, Mounting
-from tactophone.simulation.surface import FILES, SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
+from tactophone.simulation.surface import SPACING, Grains, Material, Pits, Ridges, Surface, height_profile
 from tactophone.types import Touch
 
 PAPER = range(23)
@@ -107,17 +105,10 @@ def _read() -> Mapping[str, Any]:
 def _object(entry: Mapping[str, Any], surfaces: Mapping[str, Any]) -> SimulatedObject:
     shape, material = _surface(entry["surface"], surfaces[entry["surface"]])
     return SimulatedObject(
-        number=entry["number"],
-        name=entry["name"],
-        surface=shape,
-        material=material,
-        substance=entry["material"],
-        label=Touch[entry["label"].upper()],
-        body=Body(entry["body"]),
-        mounting=Mounting(entry["mounting"]),
-        length=entry["length_mm"] * 1e-3,
-        mass=entry["mass"],
-    )
+        number=entry["number"], name=entry["name"], surface=shape, material=material, substance=entry["material"],
+        label=Touch[entry["label"].upper()], body=Body(entry["body"]), mounting=Mounting(entry["mounting"]),
+        length=entry["length_mm"] * 1e-3, mass=entry["mass"],
+    )  # fmt: skip
 
 
 def _surface(name: str, table: Mapping[str, Any]) -> tuple[Surface, Material]:
@@ -153,16 +144,12 @@ def synthetic_object(label: Touch, rng: np.random.Generator) -> SimulatedObject:
     first, second = (parents[k] for k in rng.choice(len(parents), 2, replace=False))
     share = float(rng.uniform(0.2, 0.8))
     return replace(
-        first,
-        number=-2,
-        name=f"synthetic {label.name.lower()} stone",
+        first, number=-2, name=f"synthetic {label.name.lower()} stone",
         surface=_blended_surface(first.surface, second.surface, share, rng),
         material=_blend(first.material, second.material, share),
         substance=f"between {first.substance} and {second.substance}",
-        body=Body.SHELL if rng.random() < 0.5 else Body.BLOCK,
-        mounting=Mounting.MAT,
-        mass=float(rng.uniform(*MASS)),
-    )
+        body=Body.SHELL if rng.random() < 0.5 else Body.BLOCK, mounting=Mounting.MAT, mass=float(rng.uniform(*MASS)),
+    )  # fmt: skip
 
 
 def _blended_surface(first: Surface, second: Surface, share: float, rng: np.random.Generator) -> Surface:
@@ -184,39 +171,3 @@ def _blend(first: Blended, second: Blended, share: float) -> Blended:
         if isinstance(a, float) and a > 0 and b > 0:
             blended[field.name] = float(a**share * b ** (1 - share))
     return replace(first, **blended)  # type: ignore[type-var]
-
-
-FIRST_NUMBER = 100
-
-_WOOD, _PLASTIC, _FLOORING, _CERAMIC = 0.8e9, 3.0e9, 0.3e9, 70e9
-"""Plane-strain moduli in Pa: wood across the grain, rigid plastics, vinyl flooring, glaze (Ashby, appendix A)."""
-
-_MODULI = {
-    "acrylic": 3.6e9, "bass wood": _WOOD, "ceramic": _CERAMIC, "plywood": _WOOD, "polycarbonate": 2.6e9,
-    "polyethylene": 1.0e9, "poplar": _WOOD, "pvc": _PLASTIC, "rough wood": _WOOD, "vinyl": _FLOORING,
-}  # fmt: skip
-
-
-@functools.cache
-def measured_objects() -> tuple[SimulatedObject, ...]:
-    """Return the measured surfaces as plates on a table, without a label of roughness.
-
-    >>> [obj.name for obj in measured_objects()][:3]
-    ['measured acrylic', 'measured bass wood', 'measured ceramic']
-    """
-    return tuple(_plate(FIRST_NUMBER + k, name) for k, name in enumerate(FILES))
-
-
-def _plate(number: int, name: str) -> SimulatedObject:
-    return SimulatedObject(
-        number=number,
-        name=f"measured {name}",
-        surface=Surface(f"measured {name}", seed=1000 + number, rms_height=0.0, rolloff=1e-3, measured=name),
-        material=Material(modulus=_MODULI[name]),
-        substance=name,
-        label=Touch.NONE,
-        body=Body.PANE,
-        mounting=Mounting.TABLE,
-        length=0.1,
-        mass=0.2,
-    )

@@ -82,30 +82,25 @@ def write_run(folder: Path, run: CompetitionRun, *, bits: int = 16) -> None:
         samples, truth = render_run(run)
         metadata = RenderMetadata(run.fingerprint, *touch_segments(truth.object_index, run.scene))
         write_sound(path, samples, metadata, bits=bits)
-    _write_truth(folder / f"{run.name}.csv", metadata)
+    with atomic_write(folder / f"{run.name}.csv") as unfinished, unfinished.open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["start", "end", "stone", "touch"])
+        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
+            writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])
 
 
 def run_recording(folder: Path, run: CompetitionRun) -> Recording:
     """Return the manifest's entry of a run that has been written."""
     metadata = read_render_metadata(folder / f"{run.name}.flac")
     properties = {
-        "stones": " ".join(label.name.lower() for label in run.order),
-        "truth": f"{run.name}.csv",
-        "split": "competition",
-        "tip": run.tip,
-        "source": "simulated",
-    }
+        "stones": " ".join(label.name.lower() for label in run.order), "truth": f"{run.name}.csv",
+        "split": "competition", "tip": run.tip, "source": "simulated",
+    }  # fmt: skip
     return Recording(
-        folder / f"{run.name}.flac",
-        "competition stones",
-        None,
-        ("contact", "air"),
-        take=f"run_{run.number}",
-        scenario="competition",
-        session=f"day {run.day}",
-        segments=metadata.segments if metadata else (),
+        folder / f"{run.name}.flac", "competition stones", None, ("contact", "air"), take=f"run_{run.number}",
+        scenario="competition", session=f"day {run.day}", segments=metadata.segments if metadata else (),
         properties=properties,
-    )
+    )  # fmt: skip
 
 
 def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16) -> list[Path]:
@@ -119,11 +114,3 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
             write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)
             written.append(path)
     return written
-
-
-def _write_truth(path: Path, metadata: RenderMetadata) -> None:
-    with atomic_write(path) as unfinished, unfinished.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["start", "end", "stone", "touch"])
-        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
-            writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])

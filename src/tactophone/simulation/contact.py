@@ -1,12 +1,10 @@
-"""Inputs, state and outputs of the contact kernel, as tuples and records that numba can compile.
+"""The contact between finger and surface, sample by sample: from motion to force, and from force to sound.
 
-The contact between finger and surface, sample by sample: from motion to force, and from force to sound.
-
-A chain of masses and springs is stepped at twice the sample rate, semi-implicitly (each speed before its position, so
-that springs do not gain energy): arm -> silicone -> pad -> contact -> body, and sideways joint -> silicone -> pad. The
-contact is Hunt-Crossley along the normal and LuGre along the surface. The track's height excites it: where the tip
-leaves one asperity and meets the next, the track has a cusp, and the surface's normal speed jumps. Its slope and
-friction patches drag on it.
+Inputs, state and outputs are tuples and records that numba can compile. A chain of masses and springs is stepped at
+twice the sample rate, semi-implicitly (each speed before its position, so that springs do not gain energy): arm ->
+silicone -> pad -> contact -> body, and sideways joint -> silicone -> pad. The contact is Hunt-Crossley along the
+normal and LuGre along the surface. The track's height excites it: where the tip leaves one asperity and meets the
+next, the track has a cusp, and the surface's normal speed jumps. Its slope and friction patches drag on it.
 """
 
 from typing import Any, NamedTuple
@@ -109,15 +107,9 @@ _CLEAN_INTERVAL = 256
 
 @compiled
 def slide(
-    motion: Motion,
-    noise: Array,
-    ground: Ground,
-    finger: Finger,
-    state: NDArray[np.void],
-    ringing: Ringing,
-    signals: ContactSignals,
-    rate: float,
-) -> None:
+    motion: Motion, noise: Array, ground: Ground, finger: Finger, state: NDArray[np.void], ringing: Ringing,
+    signals: ContactSignals, rate: float,
+) -> None:  # fmt: skip
     """Move the finger through one block; ``noise`` is unit normal, of shape ``(samples, OVERSAMPLING)``."""
     step = 1.0 / (OVERSAMPLING * rate)
     s = state[0]

@@ -150,14 +150,9 @@ class StrokingHand(AlwaysOpen):
     sample_rate = LIVE_SAMPLE_RATE
 
     def __init__(
-        self,
-        fingers: int,
-        block_size: int,
-        *,
-        seed: int = 0,
-        tip: str = DEFAULT_TIP,
+        self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP,
         structure_db: float = STRUCTURE_DB,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._rng = np.random.default_rng([0x4A4D, seed])
         self._scene = five_stones(shuffled(seed))
         place = self._scene.placed[0].centre

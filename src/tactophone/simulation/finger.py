@@ -1,20 +1,18 @@
-"""The finger: masses, springs and dampers, and the sensitivity of its two microphones.
+"""The finger: masses, springs and dampers, the sensitivity of its two microphones, and the tips that touch.
 
 Defaults are those of a 3D-printed fingertip with a silicone pad, in the size of the paper's (section III); the other
-tips are in `TIPS`. They were chosen within the cited ranges so that levels come out
-as the paper reports them: noise floor of the contact microphone a little under -26 dBFS, air microphone well under it,
-more so on smooth surfaces.
+tips are in `TIPS`. They were chosen within the cited ranges so that levels come out as the paper reports them: noise
+floor of the contact microphone a little under -26 dBFS, air microphone well under it, more so on smooth surfaces.
 
-The tip that touches: soft rubber, a hard skin on silicone (the default), a plastic rod, a steel stylus.
-
-The tip decides how sound shows roughness, and even the sign of some features: under a hard tip a rough surface clicks,
-under a soft one a smooth surface sticks and slips while a rough one is averaged away. So it has to be stated; it cannot
-be derived from the sound. Values are from handbooks and geometry, none from recordings.
+A tip is soft rubber, a hard skin on silicone (the default), a plastic rod or a steel stylus. It decides how sound
+shows roughness, and even the sign of some features: under a hard tip a rough surface clicks, under a soft one a
+smooth surface sticks and slips while a rough one is averaged away. So it has to be stated; it cannot be derived from
+the sound. Values are from handbooks and geometry, none from recordings.
 
 A rod is a cantilever of length L, held at its end: ``f = (3.516, 22.03, 61.70) / 2 pi * c d / 4 L^2`` with ``c`` the
-speed of longitudinal waves and ``d`` the diameter (Blevins 1979, table 8-1), a modal mass of a quarter of its own. Its
-microphone is mounted on it, so the rod's motion shakes it: 0.3 to 6 mPa per m/s^2, 43 to 69 dB SPL at 1 g, the range of
-electret capsules.
+speed of longitudinal waves and ``d`` the diameter (Blevins 1979, table 8-1), a modal mass of a quarter of its own.
+Its microphone is mounted on it, so the rod's motion shakes it: 0.3 to 6 mPa per m/s^2, 43 to 69 dB SPL at 1 g, the
+range of electret capsules.
 """
 
 from dataclasses import dataclass
@@ -206,52 +204,43 @@ _ROD = Finger(
 )
 """A rod in a hand."""
 
-_ROD_ELECTRONICS = Electronics(room_dbfs=-67.0, motor_air_dbfs=-95.0)
-"""A quiet room of 25 dB SPL (0 dBFS is 92 dB SPL), and a hand in place of motors."""
 
-TIPS = MappingProxyType(
-    {
-        tip.name: tip
-        for tip in (
-            Tip("rubber", "soft rubber of 4 MPa, 6 mm radius", Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
-            Tip("pad", "hard skin of 3.3 GPa on a silicone pad, 3 mm radius", Finger(tip_modulus=SKIN)),
-            Tip(
-                "plastic",
-                "plastic rod of 8 mm, 0.5 to 2 mm tip radius, the air microphone on it",
-                _ROD._replace(tip_modulus=_PLASTIC),
-                # 8 x 100 mm, c = 1.6 km/s, 6 g
-                (
-                    Mode(177.0, 1.5e-3, 0.10, 2e-5, strain=0.20),
-                    Mode(1110.0, 1.5e-3, 0.05, 1e-4, strain=0.18),
-                    Mode(3110.0, 1.5e-3, 0.04, 2.6e-4, strain=0.07),
-                ),
-                radius=(0.5e-3, 2e-3),
-                mass=(1.5e-3, 4e-3),  # from the free rod's quarter to one with a microphone
-                air_distance=(0.03, 0.15),
-                shaken=(3e-4, 6e-3),
-                electronics=_ROD_ELECTRONICS,
-                air_gain_db=(-10.0, 10.0),
-            ),
-            Tip(
-                "stylus",
-                "steel stylus of 5 mm, 0.5 to 2 mm tip radius, the air microphone on it",
-                _ROD._replace(tip_modulus=_STEEL),
-                # 5 x 100 mm, c = 5.05 km/s, 15.4 g
-                (
-                    Mode(355.0, 3.8e-3, 0.10, 2e-5, strain=0.20),
-                    Mode(2220.0, 3.8e-3, 0.04, 1e-4, strain=0.18),
-                    Mode(6220.0, 3.8e-3, 0.03, 2.6e-4, strain=0.07),
-                ),
-                radius=(0.5e-3, 2e-3),
-                mass=(3e-3, 8e-3),
-                air_distance=(0.03, 0.15),
-                shaken=(3e-4, 6e-3),
-                electronics=_ROD_ELECTRONICS,
-                air_gain_db=(-10.0, 10.0),
-            ),
-        )
-    }
-)
+def _rod(name: str, what: str, modulus: float, flexure: tuple[Mode, ...], mass: _Bounds) -> Tip:
+    """Return a rod with the air microphone on it; ``mass``: from the free rod's quarter to one with a microphone."""
+    return Tip(
+        name, f"{what}, 0.5 to 2 mm tip radius, the air microphone on it", _ROD._replace(tip_modulus=modulus), flexure,
+        radius=(0.5e-3, 2e-3), mass=mass, air_distance=(0.03, 0.15), shaken=(3e-4, 6e-3),
+        # a quiet room of 25 dB SPL (0 dBFS is 92 dB SPL), and a hand in place of motors
+        electronics=Electronics(room_dbfs=-67.0, motor_air_dbfs=-95.0), air_gain_db=(-10.0, 10.0),
+    )  # fmt: skip
+
+
+_TIPS = (
+    Tip("rubber", "soft rubber of 4 MPa, 6 mm radius", Finger(tip_radius=6e-3, tip_modulus=_RUBBER)),
+    Tip("pad", "hard skin of 3.3 GPa on a silicone pad, 3 mm radius", Finger(tip_modulus=SKIN)),
+    _rod(
+        "plastic", "plastic rod of 8 mm", _PLASTIC,
+        # 8 x 100 mm, c = 1.6 km/s, 6 g
+        (
+            Mode(177.0, 1.5e-3, 0.10, 2e-5, strain=0.20),
+            Mode(1110.0, 1.5e-3, 0.05, 1e-4, strain=0.18),
+            Mode(3110.0, 1.5e-3, 0.04, 2.6e-4, strain=0.07),
+        ),
+        mass=(1.5e-3, 4e-3),
+    ),
+    _rod(
+        "stylus", "steel stylus of 5 mm", _STEEL,
+        # 5 x 100 mm, c = 5.05 km/s, 15.4 g
+        (
+            Mode(355.0, 3.8e-3, 0.10, 2e-5, strain=0.20),
+            Mode(2220.0, 3.8e-3, 0.04, 1e-4, strain=0.18),
+            Mode(6220.0, 3.8e-3, 0.03, 2.6e-4, strain=0.07),
+        ),
+        mass=(3e-3, 8e-3),
+    ),
+)  # fmt: skip
+
+TIPS = MappingProxyType({tip.name: tip for tip in _TIPS})
 """The tips by name, as `tactophone.types.TIP_NAMES` lists them."""
 
 

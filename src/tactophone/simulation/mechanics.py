@@ -1,10 +1,4 @@
-"""Compiles the sample loops with numba, once, and caches the machine code on disk.
-
-The cache lies beside the source, or in the user's cache folder where the installation is read-only. Beware: numba
-detects changes only in the file that defines a kernel. Everything that a kernel calls is therefore defined in the same
-file; after changing a tuple or a constant that it imports, save the kernel's file too.
-
-How a round tip meets a rough body: patch, stiffness, contact time and corner, from radius, moduli and hardness.
+"""How a round tip meets a rough body: patch, stiffness, contact time and corner, from radius, moduli and hardness.
 
 A tip under load touches a patch of Hertz' radius ``a = (3 F R / 4 E*)^(1/3)``, with ``1 / E*`` the sum of the
 compliances of *both* bodies (Johnson, *Contact Mechanics*, 1985, section 4.2). On a rough surface fewer summits carry
@@ -14,6 +8,10 @@ sinks over many summits and the patch is Hertz'; far over 1 it stands on one sum
 
 The patch shapes the sound: it averages heights (`track`), it is the spring on which the tip's mass rings, and it is
 the area in which friction adheres.
+
+`compiled` compiles the sample loops with numba, once, and caches the machine code beside the source, or in the user's
+cache folder where the installation is read-only. Beware: numba detects changes only in the file that defines a kernel.
+So all that a kernel calls is defined in its file; after changing a tuple or a constant that it imports, save that too.
 """
 
 from collections.abc import Callable
@@ -122,19 +120,12 @@ def tip_on_body(radius: float, tip: float, body: float, *, rq: float) -> Contact
     """
     modulus = reduced_modulus(tip, body)
     whole = hertz_patch(radius, modulus)
-    hardness = _softer_hardness(tip, body)
+    # Of the softer body that yields; 0 if none does.
+    yielding = [modulus for modulus in (tip, body) if modulus > YIELDING]
+    hardness = min((each / next(ratio for least, ratio in _TABOR if each > least) for each in yielding), default=0.0)
     crushed = min(whole, np.sqrt(1 / (np.pi * hardness))) if hardness and tip > YIELDING else whole
     alpha = rq * radius / whole**2
     patch = whole ** (1 / (1 + alpha)) * crushed ** (alpha / (1 + alpha))
     skin = reduced_modulus(SKIN, body)
     adhesion = float(np.clip((skin / modulus) ** (2 / 3), *_ADHESION))
     return ContactMechanics(modulus, float(patch**3 * modulus / 0.75), alpha, adhesion)
-
-
-def _softer_hardness(*moduli: float) -> float:
-    """Hardness in Pa of the softer body that yields; 0 if none does."""
-    return min((_hardness(modulus) for modulus in moduli if modulus > YIELDING), default=0.0)
-
-
-def _hardness(modulus: float) -> float:
-    return modulus / next(ratio for least, ratio in _TABOR if modulus > least)

@@ -3,8 +3,7 @@
 The piezo is a capacitance into the preamplifier's input resistance, a second-order high-pass here; the MEMS has its
 vent. In a box, the box's resonances filter a body's sound on its way to the air microphone. Noise is made from the
 normals of each sample, so that it does not depend on block size.
-
-The set-up of one recording session: finger, microphones and room vary a little from session to session.
+Finger, microphones and room vary a little from one recording session to the next.
 """
 
 import functools
@@ -104,16 +103,11 @@ def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, 
     motors = _amplitude(e.motor_contact_dbfs), _amplitude(e.motor_air_dbfs)
     return Electrics(
         contact=_filter(signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")),
-        air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")),
-        rumble=_filter(rumble),
-        room=_filter(room),
-        cavity=_filter(cavity_sections(cavity, rng, rate)),
-        hum=_hum(e, rng, rate),
-        whine=_whine(rng),
-        phase=np.zeros(1),
-        whine_frequency=float(rng.uniform(240, 420)),
+        air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")), rumble=_filter(rumble),
+        room=_filter(room), cavity=_filter(cavity_sections(cavity, rng, rate)), hum=_hum(e, rng, rate),
+        whine=_whine(rng), phase=np.zeros(1), whine_frequency=float(rng.uniform(240, 420)),
         gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
-    )
+    )  # fmt: skip
 
 
 @functools.cache
@@ -176,14 +170,9 @@ def _motor(electrics: Electrics, activity: float, normal: float, rate: float) ->
 
 @compiled
 def _convert(
-    signals: ContactSignals,
-    motor: Array,
-    normals: NDArray[np.float64],
-    e: Electrics,
-    position: int,
-    rate: float,
+    signals: ContactSignals, motor: Array, normals: NDArray[np.float64], e: Electrics, position: int, rate: float,
     out: FloatArray,
-) -> None:
+) -> None:  # fmt: skip
     g = e.gains
     for i in range(signals.strain.size):
         whine = _motor(e, motor[i], normals[i, 4], rate)

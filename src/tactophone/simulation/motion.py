@@ -3,8 +3,7 @@
 A *move* is a target: at this time, be at this place and press with this force. Pointers report about a hundred a
 second; an arm moves more smoothly, so a three-pole low-pass leads from target to path. Below the finger is the object
 whose footprint contains it, or the ground between footprints; edges are rounded.
-
-Scenes: objects and their places, the ground and the room.
+A scene holds the objects and their places, the ground and the room.
 """
 
 from collections import deque
@@ -90,18 +89,17 @@ class Hand:
 
     def follow(self, size: int) -> Path:
         """Return the path of the next ``size`` samples."""
-        moves = self._due(size)
-        x, y, along, speed, press, height = (np.empty(size) for _ in range(6))
-        motion = Motion(along, speed, press, np.empty(size, np.int64), height)
-        _follow(moves, self._position, self._field, self._state, x, y, motion, float(self._rate))
-        self._position += size
-        return Path(x, y, motion)
-
-    def _due(self, size: int) -> NDArray[np.float64]:
         due = []
         while self._moves and self._moves[0][0] < self._position + size:
             due.append(self._moves.popleft())
-        return np.array(due, dtype=np.float64).reshape(-1, 4)
+        x, y, along, speed, press, height = (np.empty(size) for _ in range(6))
+        motion = Motion(along, speed, press, np.empty(size, np.int64), height)
+        _follow(
+            np.array(due, float).reshape(-1, 4), self._position, self._field, self._state, x, y, motion,
+            float(self._rate),
+        )  # fmt: skip
+        self._position += size
+        return Path(x, y, motion)
 
 
 @compiled
@@ -253,14 +251,6 @@ def five_stones(order: Sequence[Touch]) -> Scene:
 def _ground(name: str, mounting: Mounting) -> SimulatedObject:
     shape, material = surface(name)
     return SimulatedObject(
-        number=-1,
-        name=name,
-        surface=shape,
-        material=material,
-        substance=name,
-        label=Touch.NONE,
-        body=Body.BLOCK,
-        mounting=mounting,
-        length=1.0,
-        mass=1.5,
-    )
+        number=-1, name=name, surface=shape, material=material, substance=name, label=Touch.NONE, body=Body.BLOCK,
+        mounting=mounting, length=1.0, mass=1.5,
+    )  # fmt: skip

@@ -94,15 +94,8 @@ def network_profile(text: str) -> NetworkProfile:
         ) from error
 
 
-@dataclass(frozen=True, slots=True)
-class Delivery:
-    """The delays (s) of a datagram's copies: none when it is lost, two when it is duplicated."""
-
-    delays: tuple[float, ...]
-
-
-def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[Delivery]:
-    """Yield the delivery of each datagram in turn, without end."""
+def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[tuple[float, ...]]:
+    """Yield the delays (s) of the copies of each datagram, without end: none when it is lost, two when duplicated."""
     random = np.random.default_rng(seed)
     bad = False
     recover = 1 / profile.burst
@@ -113,7 +106,7 @@ def deliveries(profile: NetworkProfile, *, seed: int) -> Iterator[Delivery]:
         # A burst of 1 draws each packet independently; otherwise the state persists.
         bad = turn < profile.loss if profile.burst == 1 else (turn >= recover if bad else turn < decay)
         delay = profile.delay - profile.jitter * math.log1p(-queue) + profile.spread * spread
-        yield Delivery(() if bad else (delay, delay) if double < profile.duplicates else (delay,))
+        yield () if bad else (delay, delay) if double < profile.duplicates else (delay,)
 
 
 class ImpairedLink:
@@ -139,11 +132,10 @@ class ImpairedLink:
         return self._queue[0][0] if self._queue else math.inf
 
     def push(self, datagram: bytes, *, now: float) -> None:
-        delivery = next(self._fates)
-        delays = delivery.delays or (self._profile.delay,)
-        if next(self._lost) if self._lost else not delivery.delays:
+        delays = next(self._fates)
+        if next(self._lost) if self._lost else not delays:
             return
-        for delay in delays:
+        for delay in delays or (self._profile.delay,):
             due = self._after_stall(now + delay)
             if not self._profile.overtaking:
                 due = self._last = max(due, self._last)
@@ -191,15 +183,9 @@ class ImpairmentProxy:
     """
 
     def __init__(
-        self,
-        operator: Address,
-        profile: NetworkProfile,
-        *,
-        seed: int = 0,
-        host: str = "127.0.0.1",
-        port: int = 0,
+        self, operator: Address, profile: NetworkProfile, *, seed: int = 0, host: str = "127.0.0.1", port: int = 0,
         prepare: Callable[[], object] = lambda: None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._operator, self._prepare = operator, prepare
         self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)

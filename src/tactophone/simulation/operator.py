@@ -1,13 +1,10 @@
-"""What a person perceives of a vibration with a fingertip: level above threshold and pitch, every 30 ms.
+"""A simulated operator: explores five stones through the vibration alone, and picks the two rough ones.
 
-Sensation level is the vibration's level over the detection threshold at its frequency (Verrillo, J. Acoust. Soc. Am.
-35, 1962, 1963: flat to 40 Hz, falling by 12 dB an octave from there to 250 Hz, rising again beyond). Internal noise
-masks smaller differences than the just-noticeable ones: 18 % of frequency (Pongrac, Multimedia Systems 13, 297,
-2008), 1.5 dB of level (a Weber fraction of 0.2, the finest of the published 0.2 to 0.58).
-
-Microphone sound to vibration in one call, by the same pipeline and oscillator as everywhere.
-
-A simulated operator: explores five stones through the vibration alone, and picks the two rough ones.
+It perceives the vibration as a fingertip does, as level above threshold and pitch, every 30 ms. Sensation level is the
+vibration's level over the detection threshold at its frequency (Verrillo, J. Acoust. Soc. Am. 35, 1962, 1963: flat to
+40 Hz, falling by 12 dB an octave from there to 250 Hz, rising again beyond). Internal noise masks smaller differences
+than the just-noticeable ones: 18 % of frequency (Pongrac, Multimedia Systems 13, 297, 2008), 1.5 dB of level (a Weber
+fraction of 0.2, the finest of the published 0.2 to 0.58).
 
 In practice it learns the vibration of rough and smooth from *other* stones with known labels. In a round it strokes
 stone after stone, accumulates evidence every third of a second, and leaves a stone when it is sure enough: the
@@ -20,12 +17,11 @@ Visits are rendered and perceived once; rounds draw from them, so that a thousan
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.haptics.psychophysics import FULL_DRIVE_DB, LEVEL_JND_DB, PITCH_JND, threshold_db
 from tactophone.simulation.catalogue import TEST, SimulatedObject, catalogue, synthetic_object
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
@@ -33,7 +29,7 @@ from tactophone.simulation.modes import Mounting
 from tactophone.simulation.motion import row
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.strokes import Script, Visit, explore, log_uniform
-from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, Touch
+from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, FloatArray, Touch
 
 INTEGRATION = 0.03
 """Seconds; the shortest burst that people perceive as a vibration."""
@@ -106,24 +102,6 @@ def _noise(size: int, rng: np.random.Generator) -> NDArray[np.float64]:
     return np.repeat(glances, GLANCE)[:size] + rng.standard_normal()
 
 
-if TYPE_CHECKING:
-    from tactophone.pipeline import Pipeline
-
-
-class OfflinePipeline:
-    """Renders recordings of two channels at 48 kHz through a pipeline; each call starts from its initial state."""
-
-    def __init__(self, pipeline: "Pipeline") -> None:
-        self._pipeline = pipeline
-
-    def __call__(self, samples: FloatArray) -> FloatArray:
-        """Return the vibration, shape ``(samples,)``, of a sound of shape ``(samples, 2)``, both at 48 kHz."""
-        self._pipeline.reset()
-        step = self._pipeline.push(AudioBlock(samples, LIVE_SAMPLE_RATE))
-        oscillator = Oscillator(self._pipeline.limits, sample_rate=LIVE_SAMPLE_RATE)
-        return Playback(oscillator).push(step.commands, until=len(samples) / LIVE_SAMPLE_RATE)
-
-
 Representation = TypeVar("Representation")
 
 SoundToVibration = Callable[[FloatArray], FloatArray]
@@ -143,9 +121,6 @@ TRAVEL = (1.6, 3.0)
 
 _OBSERVATION = GLANCE * INTEGRATION
 """Seconds of an observation."""
-
-
-_LABELS = SURFACE_LABELS
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,26 +143,16 @@ class OperatorRound:
     """Seconds from the first touch to the decision, travel between stones included."""
 
 
-@dataclass(frozen=True, slots=True)
-class RoundSummary:
-    """Shares of rounds won, and the median and quartiles of their duration in s."""
-
-    success: float
-    found: float
-    duration: float
-    quartiles: tuple[float, float]
-
-
 def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
     """Render ``visits`` per label and purpose to stones in the competition's box; the same for every method."""
-    return Visits(
-        practice={
-            label: tuple(_visit(_practice_object(label, k), [seed, 0, k]) for k in range(visits)) for label in _LABELS
-        },
-        rounds={
-            label: tuple(_visit(_new_object(label, seed, k), [seed, 1, k]) for k in range(visits)) for label in _LABELS
-        },
-    )
+    practice, rounds = {}, {}
+    for label in SURFACE_LABELS:
+        known = [obj for obj in catalogue() if obj.label is label and obj.movable and obj.number not in TEST]
+        known = [replace(known[k % len(known)], mounting=Mounting.MAT) for k in range(visits)]
+        new = (synthetic_object(label, np.random.default_rng([0x1273, seed, k, int(label)])) for k in range(visits))
+        practice[label] = tuple(_visit(obj, [seed, 0, k]) for k, obj in enumerate(known))
+        rounds[label] = tuple(_visit(obj, [seed, 1, k]) for k, obj in enumerate(new))
+    return Visits(practice, rounds)
 
 
 def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) -> Visits[Percepts]:
@@ -204,9 +169,9 @@ class Operator:
             label: [observations(add_internal_noise(visit, rng)) for visit in visits for _ in range(4)]
             for label, visits in practice.items()
         }
-        features = np.concatenate([row for label in _LABELS for row in rows[label]])
-        sizes = [sum(map(len, rows[label])) for label in _LABELS]
-        rough = np.repeat([label is Touch.ROUGH for label in _LABELS], sizes)
+        features = np.concatenate([row for label in SURFACE_LABELS for row in rows[label]])
+        sizes = [sum(map(len, rows[label])) for label in SURFACE_LABELS]
+        rough = np.repeat([label is Touch.ROUGH for label in SURFACE_LABELS], sizes)
         self._mean, self._scale = np.zeros(features.shape[1]), np.ones(features.shape[1])
         self._weights = np.zeros(features.shape[1] + 1)
         if 0 < rough.sum() < rough.size:  # otherwise a label was never perceived, and there is nothing to learn
@@ -236,17 +201,6 @@ def play_rounds(visits: Visits[Percepts], *, rounds: int = 1000, seed: int = 0) 
     return [_round(operator, visits, np.random.default_rng([0x5EED, seed, number])) for number in range(rounds)]
 
 
-def summarize_rounds(rounds: Sequence[OperatorRound]) -> RoundSummary:
-    """Compute shares and quartiles of rounds."""
-    low, middle, high = np.quantile([each.duration for each in rounds], [0.25, 0.5, 0.75])
-    return RoundSummary(
-        success=float(np.mean([each.success for each in rounds])),
-        found=float(np.mean([each.found for each in rounds])),
-        duration=float(middle),
-        quartiles=(float(low), float(high)),
-    )
-
-
 def observations(percepts: Percepts) -> NDArray[np.float64]:
     """Return features of each third of a second with touch, shape ``(observations, 4)``.
 
@@ -261,15 +215,6 @@ def observations(percepts: Percepts) -> NDArray[np.float64]:
         [level.sum(axis=1) / count, level.std(axis=1), pitch.sum(axis=1) / count, perceived.mean(axis=1)], axis=1
     )
     return np.asarray(rows[perceived.any(axis=1)])
-
-
-def _practice_object(label: Touch, number: int) -> SimulatedObject:
-    objects = [obj for obj in catalogue() if obj.label is label and obj.movable and obj.number not in TEST]
-    return replace(objects[number % len(objects)], mounting=Mounting.MAT)
-
-
-def _new_object(label: Touch, seed: int, number: int) -> SimulatedObject:
-    return synthetic_object(label, np.random.default_rng([0x1273, seed, number, int(label)]))
 
 
 def _visit(obj: SimulatedObject, seed: Sequence[int]) -> FloatArray:

@@ -44,15 +44,9 @@ class SimulatedParticipant(AlwaysOpen):
     channels = 2
 
     def __init__(
-        self,
-        obj: SimulatedObject,
-        mounting: Mounting | None = None,
-        *,
-        gain_db: float = 0.0,
-        air_gain_db: float = 0.0,
-        seed: int = 0,
-        tip: str = DEFAULT_TIP,
-    ) -> None:
+        self, obj: SimulatedObject, mounting: Mounting | None = None, *, gain_db: float = 0.0, air_gain_db: float = 0.0,
+        seed: int = 0, tip: str = DEFAULT_TIP,
+    ) -> None:  # fmt: skip
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])

@@ -1,9 +1,8 @@
-"""Simulated sound on disk: complete files or none, each with its ground truth.
+"""Simulated sound on disk, and the paper's data set of it: complete files or none, each with its ground truth.
 
 A file is written under a temporary name and renamed, so that a kill leaves no half-written file. Its comment tag holds
 a fingerprint of its parameters and the touched objects over time: finished files need no side file.
-
-The paper's data set: every object, mounting and take, rendered by several processes; resumes after a kill.
+Several processes render every object, mounting and take; after a kill they resume.
 """
 
 import hashlib
@@ -85,11 +84,6 @@ def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[tuple
         for a, b, index in runs
     )
     return segments, tuple(index for *_, index in runs)
-
-
-def through_opus(samples: FloatArray) -> FloatArray:
-    """Encode and decode by the link's codec and remove its look-ahead, as the paper did with its training sound."""
-    return encode_and_decode(samples, Codec("opus", channels=samples.shape[1], packet_size=480, bandwidth=20_000))
 
 
 def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
@@ -176,12 +170,9 @@ class RenderJob:
 
 
 def plan_dataset(
-    objects: Sequence[SimulatedObject],
-    options: RenderOptions,
-    *,
-    scenarios: bool = False,
+    objects: Sequence[SimulatedObject], options: RenderOptions, *, scenarios: bool = False,
     takes: Sequence[Take] = TAKES,
-) -> tuple[RenderJob, ...]:
+) -> tuple[RenderJob, ...]:  # fmt: skip
     """List the recordings: each object as the catalogue mounts it, movable ones with ``scenarios`` in all three."""
     return tuple(
         RenderJob(obj, mounting, take, options)
@@ -232,7 +223,11 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     session = replace(session, electronics=amplified(session.electronics, job.options.gain_db))
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
-    return (through_opus(block.samples) if job.options.opus else block.samples), finger.truth
+    if not job.options.opus:
+        return block.samples, finger.truth
+    # By the link's codec, without its look-ahead, as the paper did with its training sound.
+    codec = Codec("opus", channels=2, packet_size=480, bandwidth=20_000)
+    return encode_and_decode(block.samples, codec), finger.truth
 
 
 def _metadata(folder: Path, job: RenderJob) -> RenderMetadata | None:
@@ -272,6 +267,7 @@ def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Record
         "seed": str(job.options.seed),
         "tip": job.options.tip,
         "source": "simulated",
+        **({"gain_db": f"{job.options.gain_db:g}"} if job.options.gain_db else {}),
     }
     return Recording(
         folder / job.name,

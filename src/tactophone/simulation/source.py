@@ -1,9 +1,8 @@
 """The simulated finger: moves in, the sound of two microphones out; the same contract as a sound device.
 
-A simulated hand: fingers with contacts of their own, and what of each contact reaches its neighbours.
-
-No published figure for a robot's hand was found, so the levels here are reasoned; docs/guide/hand.md has
-false touches over a range of them.
+In a simulated hand each finger has a contact of its own, and some of each contact reaches its neighbours. No published
+figure for a robot's hand was found, so the levels here are reasoned; docs/guide/hand.md has false touches over a range
+of them.
 
 *Through the structure.* A finger's force shakes the palm through its last joint, and the palm shakes the next finger's.
 Both joints are suspensions of 48 Hz, above which each transmits 12 dB less an octave, and the palm has some six times
@@ -102,16 +101,10 @@ class SimulatedFinger(AlwaysOpen):
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        moves: Iterable[Move] = (),
-        *,
-        session: SessionVariation | None = None,
-        seed: int | Sequence[int] = 0,
-        duration: float | None = None,
-        block_size: int = 480,
+        self, scene: Scene, moves: Iterable[Move] = (), *, session: SessionVariation | None = None,
+        seed: int | Sequence[int] = 0, duration: float | None = None, block_size: int = 480,
         place: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
+    ) -> None:  # fmt: skip
         session = session or SessionVariation()
         self.scene = scene
         self._finger = session.finger
@@ -198,14 +191,10 @@ def _ground(scene: Scene, session: SessionVariation) -> Ground:
         body["modes"] = len(ringing)
     size = max(len(flexure), *map(len, modes))
     return Ground(
-        light=np.stack([each.light for each in tracks]),
-        heavy=np.stack([each.heavy for each in tracks]),
-        friction=np.stack([each.friction for each in tracks]),
-        spacing=SPACING,
-        bodies=bodies,
-        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]),
-        flexure=len(flexure),
-    )
+        light=np.stack([each.light for each in tracks]), heavy=np.stack([each.heavy for each in tracks]),
+        friction=np.stack([each.friction for each in tracks]), spacing=SPACING, bodies=bodies,
+        modes=np.stack([mode_table(ringing, size) for ringing in (*modes, flexure)]), flexure=len(flexure),
+    )  # fmt: skip
 
 
 def _fill(body: np.void, obj: SimulatedObject, traced: Track, finger: Finger) -> None:
@@ -237,12 +226,9 @@ def _nothing() -> Truth:
 
 @compiled
 def _touched(
-    force: NDArray[np.float64],
-    body: NDArray[np.int64],
-    object_index: NDArray[np.int16],
-    since: NDArray[np.int64],
+    force: NDArray[np.float64], body: NDArray[np.int64], object_index: NDArray[np.int16], since: NDArray[np.int64],
     hold: int,
-) -> None:
+) -> None:  # fmt: skip
     """Write the touched object's index per sample; ``since`` holds the samples since the last force, and its object."""
     for i in range(force.size):
         since[0] += 1

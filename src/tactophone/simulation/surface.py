@@ -1,41 +1,27 @@
-"""Surfaces as statistics of their height.
+"""Surfaces as statistics of their height, and the track of a fingertip over them.
 
-A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst exponent),
-grains, pits, periodic ridges, waviness, and a fine texture down to some micrometres. From these
-a periodic profile of 0.655 m is drawn, the same at every call for the same surface. All lengths
-in metres.
+A surface is a sum: a self-affine profile (rms height, roll-off wavelength, Hurst exponent), grains, pits, periodic
+ridges, waviness, and a fine texture down to some micrometres. From these a periodic profile of 0.655 m is drawn, the
+same at every call for the same surface. All lengths in metres.
 
-Measured height profiles as surfaces: those of the package ``tdw``, if it is installed.
+A fingertip of given radius and softness has a track over a surface: height, and friction along the way. A round tip
+never reaches the floor of a groove narrower than itself: its centre follows the envelope of the profile, the grey
+dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth arcs
+joined by downward cusps, where the tip leaves one asperity and meets the next: its normal speed jumps by ``v l / R``
+(``v`` slip, ``l`` distance of the two summits, ``R`` the tip's radius). So the rate and strength of the impacts
+follow from the heights; nothing is drawn for an impact.
 
-ThreeDWorld's ``tdw`` 1.13 (BSD-2-Clause) holds twelve height profiles in metres, 1.394068 um apart. Ten are used: the
-heights of *sanded acrylic* are nanometres, so its scale is wrong, and those of *sandpaper* are implausibly smooth. How
-they were measured is not documented there. All are finer than the border between rough and smooth stones, so they have
-no label of roughness; they serve for Ra, and as texture of which nothing is drawn.
-
-The track of a fingertip of given radius and softness over a surface: height, and friction along the way.
-
-A round tip never reaches the floor of a groove narrower than itself: its centre follows the envelope of the profile,
-the grey dilation by a parabola (Meli, "Surface metrology of spherical tips", 2002). The envelope consists of smooth
-arcs joined by downward cusps, where the tip leaves one asperity and meets the next: its normal speed jumps by
-``v l / R`` (``v`` slip, ``l`` distance of the two summits, ``R`` the tip's radius). So the rate and strength of the
-impacts follow from the heights; nothing is drawn for an impact.
-
-The contact patch then averages over its own width, which grows with load: Remington's filter,
-``|H|^2 = 1 / (1 + (pi/4) (k a)^3)`` with the patch radius ``a`` (Remington, "Wheel/rail rolling noise", J. Acoust. Soc.
-Am. 81, 1805, 1987), of :mod:`~tactophone.simulation.mechanics`.
+The contact patch then averages over its own width, which grows with load: Remington's filter, ``|H|^2 = 1 / (1 +
+(pi/4) (k a)^3)`` with the patch radius ``a`` (Remington, "Wheel/rail rolling noise", J. Acoust. Soc. Am. 81, 1805,
+1987), of :mod:`~tactophone.simulation.mechanics`.
 """
 
 import functools
-import importlib.metadata
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.errors import ConfigError
 from tactophone.simulation.mechanics import ContactMechanics, compiled, hertz_patch, reduced_modulus, tip_on_body
 
 Profile = NDArray[np.float64]
@@ -105,8 +91,6 @@ class Surface:
         Rms height in m of the fine texture, a self-affine part down to `FINEST_TEXTURE`.
     grains, pits, ridges
         Features added to the profile.
-    measured
-        Name of a measured profile, used in place of a drawn one.
     """
 
     name: str
@@ -119,13 +103,10 @@ class Surface:
     grains: Grains | None = None
     pits: Pits | None = None
     ridges: Ridges | None = None
-    measured: str = ""
 
 
 def height_profile(surface: Surface) -> Profile:
     """Draw the surface's height along a line, in m, of mean 0; periodic, and the same at every call."""
-    if surface.measured:
-        return measured_profile(surface.measured, step=SPACING, size=SIZE)
     rng = np.random.default_rng(np.random.SeedSequence([0x5EED, surface.seed]))
     height = np.zeros(SIZE)
     if surface.grains:
@@ -203,78 +184,6 @@ def _raise_caps(out: Profile, place: Profile, height: Profile, radius: Profile) 
             if offset * offset < 1.0:
                 cap = height[i] * np.sqrt(1.0 - offset * offset)
                 out[k % out.size] = max(out[k % out.size], cap)
-
-
-STEP = 1.394068e-6
-"""Metres between two heights (``SCRAPE_M_PER_PIXEL`` in the package)."""
-
-FILES = MappingProxyType(
-    {
-        "acrylic": "acrylic",
-        "bass wood": "bass_wood",
-        "ceramic": "ceramic",
-        "plywood": "plywood",
-        "polycarbonate": "polycarbonate",
-        "polyethylene": "polyethylene",
-        "poplar": "poplar_wood",
-        "pvc": "pvc",
-        "rough wood": "rough_wood",
-        "vinyl": "vinyl",
-    }
-)
-"""File of each surface, without its suffix."""
-
-INSTALL = "pip install --no-deps 'tdw==1.13.0.0'"
-"""Without its dependencies, a game engine's: only its files are read."""
-
-_LAG = 4
-_JUMP = 3.0
-"""Two scans were joined where heights `_LAG` samples apart differ by more than so many times the 99.9th percentile."""
-
-
-def measured_profile(name: str, *, step: float, size: int) -> Profile:
-    """Return a measured profile in m, periodic, of mean 0.
-
-    Its longest scan is followed forth and back, as often as it fits in whole.
-
-    Parameters
-    ----------
-    name
-        One of `FILES`.
-    step, size
-        Metres between two heights, and their number.
-
-    Raises `ConfigError` if the package is not installed.
-    """
-    scan = max(_scans(np.load(_path(FILES[name]))), key=len)
-    turns = int(np.ceil(size * step / (2 * len(scan) * STEP)))
-    # A place's distance from the last turn: it rises to half a period and falls again, without a jump at the seam.
-    place = np.arange(size) * step % (size * step / turns)
-    place = np.minimum(place, size * step / turns - place)
-    height = np.interp(place, np.arange(len(scan)) * STEP, scan)
-    return np.asarray(height - height.mean())
-
-
-def _scans(heights: Profile) -> Iterator[Profile]:
-    """Cut where scans were joined; remove each one's tilt."""
-    moved = np.abs(heights[_LAG:] - heights[:-_LAG])
-    joints = np.flatnonzero(moved > _JUMP * np.quantile(moved, 0.999))
-    bounds = [0, *joints, *(joints + _LAG), len(heights)]
-    for begin, end in zip(sorted(bounds), sorted(bounds)[1:], strict=False):
-        if end - begin > 2 * _LAG:
-            part = heights[begin:end].astype(np.float64)
-            yield part - np.polyval(np.polyfit(np.arange(len(part)), part, 1), np.arange(len(part)))
-
-
-def _path(stem: str) -> Path:
-    try:
-        files = importlib.metadata.files("tdw") or []
-    except importlib.metadata.PackageNotFoundError:
-        raise ConfigError(f"measured surfaces need the package tdw: {INSTALL}") from None
-    for file in files:
-        if file.parent.name == "scrape_surfaces" and file.name == f"{stem}.npy":
-            return Path(str(file.locate()))
-    raise ConfigError(f"the installed tdw has no height profile {stem!r}: {INSTALL}")
 
 
 LIGHT, HEAVY = 0.25, 4.0

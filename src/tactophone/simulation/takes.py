@@ -1,6 +1,6 @@
 """The paper's seven takes by name, and the order of the competition's stones.
 
-Separate from strokes and scenes, so that neither numba nor scipy is needed.
+Separate from strokes and scenes, so that neither numba nor scipy is needed: `tactophone record` asks a person for them.
 """
 
 from typing import NamedTuple
@@ -22,6 +22,14 @@ class Take(NamedTuple):
         if self.stroke == "wiggle":
             return "wiggle"
         return f"{self.stroke}_{'loud' if self.pressure == 'strong' else self.pressure}"
+
+    @property
+    def instruction(self) -> str:
+        """What a person is asked to do; wiggles may have any pressure."""
+        if self.stroke == "wiggle":
+            return "wiggle to and fro without a pause, at any pressure"
+        length = "long strokes, from end to end" if self.stroke == "long" else "short strokes, a centimetre or two"
+        return f"{length}, {self.pressure} pressure; lift off now and then"
 
 
 TAKES = (

@@ -177,7 +177,7 @@ def _own_file(path: Path, mode: int) -> BinaryIO:
         if file:
             file.close()
         raise TactophoneError(
-            f"cannot reach {_run(path)}: {path} belongs to another user or program: remove it, or choose another --name"
+            f"cannot reach {_run(path)}: {path} belongs to another user or program: remove it, or name another run"
         )
     return file
 

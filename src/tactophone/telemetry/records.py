@@ -198,6 +198,7 @@ class TimelineWriter:
         self._separator = "[\n"
 
     def __enter__(self) -> Self:
+        self._path.touch(0o600)  # of this user alone, as a log
         self._file = self._resources.enter_context(self._path.open("w", newline=""))
         self._csv = csv.DictWriter(self._file, (FINGER, *COLUMNS) if self.fingers else COLUMNS)
         self._csv.writeheader()

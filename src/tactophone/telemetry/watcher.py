@@ -142,20 +142,10 @@ class Watcher:
         vibration, vibration_end = self._ring("vibration", since.vibration_end if since else 0, finger)
         state, (counters, gauges) = self.state(), self.totals()
         return Snapshot(
-            state=state,
-            finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
-            counters=counters,
-            gauges=gauges,
-            steps=steps,
-            sound=sound,
-            vibration=vibration,
-            step_end=step_end,
-            sound_end=sound_end,
-            vibration_end=vibration_end,
-            restarts=self.restarts,
-            age=self._age,
-            alive=self.alive,
-        )
+            state=state, finger=state.fingers[finger] if finger < len(state.fingers) else FingerState(),
+            counters=counters, gauges=gauges, steps=steps, sound=sound, vibration=vibration, step_end=step_end,
+            sound_end=sound_end, vibration_end=vibration_end, restarts=self.restarts, age=self._age, alive=self.alive,
+        )  # fmt: skip
 
     @property
     def pid(self) -> int:

@@ -1,7 +1,7 @@
 """The classifiers of the recipes on features by name, and the baselines: hand-made rules and standard classifiers.
 
 The only place where level and median frequency are turned into detectors; their values come from
-:mod:`tactophone.perception.features`.
+:mod:`tactophone.training.features`.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from onnx import NodeProto, helper
 
 from tactophone.errors import DatasetError
-from tactophone.perception.features import CUES
 from tactophone.training.export import Floats, build_known, build_linear, fill_missing
 from tactophone.training.linear import build_texture
+from tactophone.training.recipes import CUES
 from tactophone.training.sets import TrainingSet
 
 RULES = ("level_db", "crest_db", "transients_db", "centroid_octaves", "air_to_contact_db")
@@ -144,13 +144,6 @@ def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
     return build_linear(np.zeros(len(CUES)), weights, float(model.intercept_[0]))
 
 
-def build_scalogram(training_set: TrainingSet) -> onnx.ModelProto:
-    """Train a small convolutional network on log spectrograms; needs torch."""
-    from tactophone.training import scalogram
-
-    return scalogram.build_scalogram(training_set)
-
-
 BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyType(
     {
         "texture": build_texture,
@@ -158,7 +151,6 @@ BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyT
         "rules": build_rules,
         # It drives the stimulus in Svensson et al. 2021.
         "median-frequency": partial(_single_cue, cue="median_octaves"),
-        "scalogram-cnn": build_scalogram,
         "surface": build_surface,
         "logistic": build_logistic,
         "boosting": build_boosting,

@@ -1,7 +1,8 @@
-"""Writes model files: ONNX graphs of the classifiers and of the paper's network, with their cards. Needs no torch.
+"""Writes model files: ONNX graphs of the classifiers and the paper's network, with their cards. `convert` needs torch.
 
-A classifier's graph takes features and returns log-probabilities of none, smooth and rough. A channel whose features
-are NaN is missing; the regression of the remaining channels is used. *None* stands for sound unlike the training data.
+A model's graph is two joined: one from sound to features (`tactophone.training.features`; the paper's is here), and a
+classifier's, which takes features and returns log-probabilities of none, smooth and rough. A channel whose features are
+NaN is missing; the regression of the remaining channels is used. *None* stands for sound unlike the training data.
 
 The paper's network is written node by node: an exporter's graph is longer and harder to quantise. Its weights may be
 stored in 8 bits, a scale for each output: ``W = int8 * scale``. ONNX Runtime's operator ``MatMulNBits`` multiplies them
@@ -11,22 +12,42 @@ bits too, block by block, each by the block's own maximum. Blocks of the spectru
 mains hum (under 125 Hz) does not round all other bins to zero.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
 
 import numpy as np
 import onnx
+from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from onnx import NodeProto, TensorProto, helper, numpy_helper
 
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule
-from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, ModelCard, read_model
+from tactophone.perception.model_file import (
+    CARD_KEY,
+    FEATURES,
+    FORMAT_VERSION,
+    LOG_PROBABILITIES,
+    SOUND,
+    STATE,
+    STATE_OUT,
+    Gate,
+    ModelCard,
+    read_model,
+)
 from tactophone.processes import atomic_write
-from tactophone.training.recipes import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
+from tactophone.training.recipes import (
+    BAND_VALUES,
+    MEMORY,
+    NETWORK_HOP,
+    NETWORK_RATE,
+    NETWORK_WINDOW_SIZE,
+    FeatureKind,
+)
 from tactophone.types import FloatArray, Touch
 
 if TYPE_CHECKING:
@@ -75,6 +96,87 @@ def write_graph(path: Path, model: onnx.ModelProto, card: ModelCard) -> None:
         onnx.save(model, str(unfinished))
 
 
+def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto:
+    """Return the graph of a model file: from sound to features, then the classifier."""
+    model = onnx.ModelProto()
+    model.CopyFrom(classifier)
+    graph, before, (features,) = model.graph, front.graph, classifier.graph.input
+    nodes = [*before.node, *graph.node]
+    del graph.node[:], graph.input[:]
+    graph.node.extend(nodes)
+    graph.initializer.extend(before.initializer)
+    graph.input.extend(before.input)
+    graph.output.append(features)
+    # The first axis is the number of fingers, by the name that the front gives it, or 1.
+    fingers = before.input[0].type.tensor_type.shape.dim[0]
+    for state in (each for each in before.input if each.name == STATE):
+        graph.output.append(state)
+        graph.output[-1].name = STATE_OUT
+    for each in graph.output:
+        each.type.tensor_type.shape.dim[0].CopyFrom(fingers)
+    model.opset_import.extend(each for each in front.opset_import if each.domain not in _domains(model))
+    onnx.checker.check_model(model)
+    return model
+
+
+def _domains(model: onnx.ModelProto) -> set[str]:
+    return {each.domain for each in model.opset_import}
+
+
+def magnitudes(channels: int) -> onnx.ModelProto:
+    """Return the graph of the paper's features: the magnitude of each channel's real FFT, one after another."""
+    tensors = {
+        "rows": np.array([channels, NETWORK_WINDOW_SIZE, 1]),
+        "length": np.array(NETWORK_WINDOW_SIZE),
+        "flat": np.array([1, channels * BINS]),
+    }
+    nodes = [
+        helper.make_node("Reshape", [SOUND, "rows"], ["signals"]),
+        helper.make_node("STFT", ["signals", "length", "", "length"], ["spectrum"]),
+        helper.make_node("ReduceL2", ["spectrum"], ["magnitudes"], axes=[3], keepdims=0),
+        helper.make_node("Reshape", ["magnitudes", "flat"], [FEATURES]),
+    ]
+    stored = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
+    return _checked(nodes, stored, (SOUND, (1, channels, NETWORK_WINDOW_SIZE)), (FEATURES, (1, channels * BINS)))
+
+
+def convert(source: Path, target: Path) -> None:
+    """Write a model file of format 1, a classifier alone, with the features that its card names joined to it.
+
+    Raises `ModelError` if it is no such file.
+    """
+    from tactophone.training.features import front  # here, as it needs torch
+    from tactophone.training.tracks import FeatureSpec
+
+    try:
+        classifier = onnx.load(str(source))
+        text = next(entry.value for entry in classifier.metadata_props if entry.key == CARD_KEY)
+        entries = json.loads(text)
+        if entries["format"] != 1:
+            raise ValueError(f"format {entries['format']}")
+        settings = entries["settings"]
+        constants = {name: np.array(settings.pop(name)) for name in ("prior", "change_metric") if name in settings}
+        card = ModelCard.from_json(json.dumps(entries | {"format": FORMAT_VERSION}))
+        spec = FeatureSpec(
+            cast(FeatureKind, card.kind), card.channels, memory=settings.get("memory", MEMORY),
+            unevenness=constants["prior"].shape[-1] > BAND_VALUES if constants else False,
+        )  # fmt: skip
+        if constants:
+            constants["fading"] = np.array(spec.fading)
+        joined = join(magnitudes(card.channels) if card.kind == "paper" else front(spec, constants), classifier)
+    except (
+        OSError,
+        StopIteration,
+        ValueError,
+        KeyError,
+        TypeError,
+        DecodeError,
+        onnx.checker.ValidationError,
+    ) as error:
+        raise ModelError(f"{source}: not a Tactophone model of format 1 ({error}); train again") from None
+    write_graph(target, joined, card)
+
+
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
     """Write scores into a model file's card under a name; scores of the same name are replaced."""
     card = read_model(path).card
@@ -95,7 +197,7 @@ def make_card(weights: Weights, *, name: str, gate: Gate, licence: str = "") -> 
 
 def write_model(path: Path, card: ModelCard, weights: Weights, *, storage: Storage = "int8") -> None:
     """Write a network and its card; after a kill the file is the old one or the new one, never half."""
-    write_graph(path, build_graph(weights, storage=storage), card)
+    write_graph(path, join(magnitudes(channels_of(weights)), build_graph(weights, storage=storage)), card)
 
 
 def read_weights(path: Path) -> dict[str, FloatArray]:
@@ -238,25 +340,25 @@ def build(nodes: Sequence[NodeProto], tensors: Mapping[str, NDArray[np.generic]]
         for name, value in tensors.items()
         if name in used
     ]
-    return _checked("head", nodes, stored, shape=("windows", features), opset=("ai.onnx.ml", 3))
+    ends = (FEATURES, ("windows", features)), (LOG_PROBABILITIES, ("windows", len(Touch)))
+    return _checked(nodes, stored, *ends, opset=("ai.onnx.ml", 3))
+
+
+_End: TypeAlias = tuple[str, Sequence[int | str]]
 
 
 def _checked(
-    name: str,
     nodes: Iterable[NodeProto],
     tensors: Iterable[TensorProto],
+    first: _End,
+    last: _End,
     *,
-    shape: tuple[int | str, int],
-    opset: tuple[str, int],
+    opset: tuple[str, int] | None = None,
 ) -> onnx.ModelProto:
-    graph = helper.make_graph(
-        list(nodes),
-        name,
-        [helper.make_tensor_value_info(FEATURES, TensorProto.FLOAT, shape)],
-        [helper.make_tensor_value_info(LOG_PROBABILITIES, TensorProto.FLOAT, [shape[0], len(Touch)])],
-        list(tensors),
-    )
-    imports = [helper.make_opsetid("", OPSET), helper.make_opsetid(*opset)]
+    """Build a checked model between an input and an output, each with its shape."""
+    ends = [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in (first, last)]
+    graph = helper.make_graph(list(nodes), "model", ends[:1], ends[1:], list(tensors))
+    imports = [helper.make_opsetid(*each) for each in (("", OPSET), opset) if each]
     model = helper.make_model(graph, opset_imports=imports, ir_version=IR_VERSION)
     onnx.checker.check_model(model)
     return model
@@ -265,8 +367,8 @@ def _checked(
 def build_graph(weights: Weights, *, storage: Storage = "int8") -> onnx.ModelProto:
     """Build the paper's network, from ``(1, 257 * channels)`` magnitudes to ``(1, 3)`` log-probabilities."""
     tensors = (tensor for name, array in weights.items() for tensor in _tensors(name, array, storage))
-    shape = 1, BINS * channels_of(weights)
-    return _checked("paper", _layers(weights, storage), tensors, shape=shape, opset=(_MICROSOFT, 1))
+    ends = (FEATURES, (1, BINS * channels_of(weights))), (LOG_PROBABILITIES, (1, len(Touch)))
+    return _checked(_layers(weights, storage), tensors, *ends, opset=(_MICROSOFT, 1))
 
 
 def channels_of(weights: Weights) -> int:

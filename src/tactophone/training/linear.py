@@ -13,12 +13,12 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from tactophone.perception.features import CREST_INDEX
 from tactophone.training.export import Floats, build_classifier_graph
+from tactophone.training.recipes import CREST_INDEX
 from tactophone.training.sets import HARD_TIPS, Examples, TrainingSet, inner_folds
 from tactophone.types import FloatArray
 
-STRENGTH = 0.05
+STRENGTH = 0.005
 """Inverse of the L2 penalty, per unit of mean loss times windows; docs/research/detector.md has others' scores."""
 
 KNOWN_SHARE = 0.995

@@ -84,6 +84,15 @@ def with_weights(weights: Weights) -> PaperNetwork:
     return network
 
 
+def magnitudes(windows: torch.Tensor) -> torch.Tensor:
+    """Return the magnitude of each channel's real FFT, ``(windows, 257 * channels)``; unnormalised.
+
+    Windows have the shape ``(windows, samples, channels)``.
+    """
+    magnitudes: torch.Tensor = torch.fft.rfft(windows.mT).abs().flatten(1)
+    return magnitudes
+
+
 @dataclass(frozen=True, slots=True)
 class Windows:
     """The training windows, as starts in the signal."""

@@ -16,30 +16,27 @@ from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import Gate, ModelCard
-from tactophone.perception.texture import MIN_VARIANCE, ChangeMetric, Moments
-from tactophone.training.export import Floats, caveats_of, is_simulation, licence_of, tip_of, write_graph
-from tactophone.training.recipes import RECIPES, Augmentation, FeatureKind, Recipe, Report, TrainingOptions, silent
+from tactophone.training.augmentation import Augmentation
+from tactophone.training.export import Floats, caveats_of, is_simulation, join, licence_of, tip_of, write_graph
+from tactophone.training.recipes import RECIPES, FeatureKind, Recipe, Report, TrainingOptions, silent
 from tactophone.training.tracks import (
     FEATURE_RATE,
+    MIN_VARIANCE,
     WINDOWS,
+    ChangeMetric,
     FeatureSpec,
     FeatureTrack,
-    RunningMoments,
+    Moments,
     accumulate,
     extract_features,
     mean_shifts,
+    noise_level,
 )
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 HARD_TIPS = ("plastic", "stylus")
 """Tips under which impulses grow with roughness by geometry, whatever the gain and the room: a rough surface strikes a
 small hard tip in single clicks (docs/reference/simulator.md). A pad averages most of them away."""
-
-FALSE_CONTACTS = 0.01
-"""Share of windows without contact that pass the gate's threshold."""
-
-ALWAYS_DBFS = -120.0
-"""Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
 
 FALSE_CHANGES = 0.01
 """Share of windows on one surface where the change detection would fire: once a second. At a tenth of that, simulated
@@ -136,7 +133,7 @@ class TrainingSet:
     prior: Moments
     change_metric: ChangeMetric
     """`prior` and `change_metric`: of the running statistics, for kind ``texture``: see
-    :mod:`tactophone.perception.texture`."""
+    :class:`tactophone.training.features.Statistics`."""
     examples: Examples
     """Windows in contact."""
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
@@ -144,41 +141,32 @@ class TrainingSet:
     tip: str = ""
     """That touches; empty where it is unknown."""
 
-    def features(self, track: FeatureTrack) -> FloatArray:
-        """Return the features that the live extractor returns, shape ``(windows, features)``."""
+    def features(self, tracks: Sequence[FeatureTrack]) -> list[FloatArray]:
+        """Return the features that the model's graph computes, shape ``(windows, features)`` for each track."""
         if self.spec.kind != "texture":
-            return track.description
-        return self._moments(track).features(self.prior, track.present)
+            return [track.description for track in tracks]
+        moments = accumulate(tracks, self.threshold_dbfs, self.change_metric, fading=self.spec.fading)
+        return [each.features(self.prior, track.present) for each, track in zip(moments, tracks, strict=True)]
 
-    def varied(
-        self, track: FeatureTrack, mask: NDArray[np.bool_], augmentation: Augmentation | None, rng: np.random.Generator
-    ) -> FloatArray:
-        """Return the features of some windows of a track, of each of its copies; just of itself without augmentation.
+    def whole(self, classifier: onnx.ModelProto) -> onnx.ModelProto:
+        """Return the graph of a model file: the features, then the classifier."""
+        from tactophone.training.features import front  # here, as it needs torch
 
-        Copies have the windows' order, one after another.
-        """
-        if augmentation is None or self.spec.kind != "texture":
-            return self.features(track)[mask]
-        moments = self._moments(track)
-        draw = augmentation.draw
-        offsets = [draw(rng, channels=self.spec.channels, values=self.spec.values) for _ in range(augmentation.copies)]
-        return np.concatenate([moments.offset(offset).features(self.prior, track.present)[mask] for offset in offsets])
-
-    def _moments(self, track: FeatureTrack) -> RunningMoments:
-        threshold_dbfs = _threshold_for(track, self.threshold_dbfs)
-        return accumulate(track, threshold_dbfs, self.change_metric, memory=self.spec.memory)
+        constants: dict[str, NDArray[np.float64]] = {}
+        if self.spec.kind == "texture":
+            constants = {
+                "prior": self.prior,
+                "change_metric": self.change_metric,
+                "fading": np.array(self.spec.fading),
+            }
+        return join(front(self.spec, constants), classifier)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
         """Return the card of a model trained with it."""
         size, hop = WINDOWS[self.spec.kind]
         settings: dict[str, Any] = {}
         if self.spec.kind == "texture":
-            settings = {
-                "microphone": self.spec.microphone,
-                "prior": self.prior.tolist(),
-                "change_metric": self.change_metric.tolist(),
-                "memory": self.spec.memory,
-            }
+            settings = {"microphone": self.spec.microphone, "memory": self.spec.memory}
         gate = Gate(self.threshold_dbfs, "banded")
         return ModelCard(
             name, self.spec.kind, FEATURE_RATE, size, hop, self.spec.channels, gate, rule, settings=settings,
@@ -215,15 +203,18 @@ def build_training_set(
 
     Raises `DatasetError` if there is no contact in all rough or all smooth recordings.
     """
-    tracks = extract_features(recordings, spec)
+    plain = tracks = extract_features(recordings, spec)
     # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
     at_rate = (
         [each for each in recordings if soundfile.info(each.path).samplerate == LIVE_SAMPLE_RATE] if codecs else []
     )
     for codec in codecs:
-        tracks += extract_features(at_rate or recordings, replace(spec, codec=codec))
-    threshold_dbfs = contact_threshold(tracks)
-    masks = [track.touching() & (track.level_dbfs >= _threshold_for(track, threshold_dbfs)) for track in tracks]
+        tracks = tracks + extract_features(at_rate or recordings, replace(spec, codec=codec))
+    for number in range(1, augmentation.copies + 1 if augmentation else 1):
+        copy = replace(spec, augmentation=augmentation, copy=(seed, number))
+        tracks = tracks + extract_features(recordings, copy)
+    threshold_dbfs = noise_level(plain)
+    masks = [track.touching() & track.loud(threshold_dbfs) for track in tracks]
     sizes = [int(mask.sum()) for mask in masks]
     rough = np.repeat([track.recording.rough for track in tracks], sizes)
     if not 0 < rough.sum() < len(rough):
@@ -234,18 +225,12 @@ def build_training_set(
         )
     every = np.concatenate([track.description[mask] for track, mask in zip(tracks, masks, strict=True)], dtype=float)
     prior = np.stack((every.mean(axis=0), np.square(every).mean(axis=0))).round(6)
+    change_metric = np.zeros((spec.channels, spec.values, spec.values))
     if spec.change_detection and spec.kind == "texture":
-        change_metric = fit_change_metric(
-            [mean_shifts(track, _threshold_for(track, threshold_dbfs), spec.memory) for track in tracks]
-        )
-    else:
-        change_metric = np.zeros((spec.channels, spec.values, spec.values))
+        change_metric = fit_change_metric(mean_shifts(tracks, threshold_dbfs, fading=spec.fading))
     # The features of the examples follow from the prior and the metric, so these come first.
     unfilled = TrainingSet(spec, threshold_dbfs, prior, change_metric, NO_EXAMPLES, tip=tip)
-    rng = np.random.default_rng(seed)
-    features = [unfilled.varied(track, mask, augmentation, rng) for track, mask in zip(tracks, masks, strict=True)]
-    sizes = [len(rows) for rows in features]
-    rough = np.repeat([track.recording.rough for track in tracks], sizes)
+    features = [rows[mask] for rows, mask in zip(unfilled.features(tracks), masks, strict=True)]
     names = sorted({kin_of(track.recording) for track in tracks})
     surface = np.repeat([names.index(kin_of(track.recording)) for track in tracks], sizes)
     simulated = np.array([is_simulation(track.recording) for track in tracks])
@@ -254,17 +239,6 @@ def build_training_set(
     importance = np.repeat(weights, sizes)
     height = np.repeat([np.log10(float(track.recording.known("ra_um") or "nan")) for track in tracks], sizes)
     return replace(unfilled, examples=Examples(np.concatenate(features), rough, surface, importance), height=height)
-
-
-def _threshold_for(track: FeatureTrack, threshold_dbfs: float) -> float:
-    """A recording without segments is contact throughout; another set's noise says nothing about its level."""
-    return threshold_dbfs if track.recording.segments else ALWAYS_DBFS
-
-
-def contact_threshold(tracks: Sequence[FeatureTrack]) -> float:
-    """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
-    quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
-    return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
 
 
 def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
@@ -330,10 +304,12 @@ class FeatureRecipe:
         """Return what the recipe is trained with: for a cross-validation by default, for a model file with codecs."""
         spec = self.evaluated_spec if codecs is None else self.spec
         tip = self.tip or tip_of(recordings)
+        response = self.recipe.response_for(tip)
         return build_training_set(
             replace(
                 spec,
-                memory=self.recipe.response_for(tip).memory,
+                memory=response.memory,
+                change_detection=response.change_detection,
                 unevenness=spec.kind == "texture" and tip in HARD_TIPS,
             ),
             recordings,
@@ -372,13 +348,13 @@ class FeatureRecipe:
         card = training_set.card(path.stem, rule=self.recipe.response_for(training_set.tip).decision, training=facts)
         settings = {**card.settings, "tip": training_set.tip}
         card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
-        write_graph(path, self.build(training_set), card)
+        write_graph(path, training_set.whole(self.build(training_set)), card)
 
 
 def feature_recipe(recipe: Recipe, options: TrainingOptions) -> FeatureRecipe:
     """Return a recipe on features with its options: channels, microphone, tip, Opus bitrate and seed."""
     kind = cast(FeatureKind, recipe.features)
-    spec = FeatureSpec(kind, options.channels, change_detection=recipe.change_detection)
+    spec = FeatureSpec(kind, options.channels)
     if recipe.microphone or options.channels == 1:
         spec = replace(spec, channels=1, microphone=recipe.microphone or options.microphone)
     # As the link sends it to the paper's network (4 kHz of bandwidth), and to these features (8 kHz).

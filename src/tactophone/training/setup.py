@@ -1,10 +1,12 @@
 """Fits a shipped model to one set-up from a minute of its own sound: `tactophone setup`.
 
-On a new finger the boundary is what is wrong, so little is fitted: which score to use, and its boundary. There are
-three scores: the shipped model's own logit; the *impulses*, crest and clicks, which under a hard tip grow with
-roughness by geometry (docs/reference/simulator.md), whatever the room and the gain; and their mean. The tip says which
-to use; another is taken only if it is clearly better on objects left out one at a time, as two objects of a kind say
-little. Weights on all features, from two smooth and two rough objects, learn those objects (docs/research/set-up.md).
+The shipped boundary stays unless the objects just recorded prove it wrong (`proves_wrong`): objects differ more than
+set-ups do, and a boundary fitted to a pair of them is often the worse one for others. Otherwise little is fitted, which
+score to use and its boundary. There are three scores: the shipped model's own logit; the *impulses*, crest and clicks,
+which under a hard tip grow with roughness by geometry (docs/reference/simulator.md), whatever the room and the gain;
+and their mean. The tip says which to use; another is taken only if it is clearly better on objects left out one at a
+time, as two objects of a kind say little. Weights on all features, from two smooth and two rough objects, learn those
+objects (docs/research/set-up.md).
 """
 
 import math
@@ -20,9 +22,9 @@ from onnx import ModelProto, helper, numpy_helper
 from tactophone.errors import ModelError
 from tactophone.perception.decision import NEVER_ABSTAIN
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.features import BAND_VALUES, CREST_INDEX
 from tactophone.perception.model_file import Gate, Model
 from tactophone.training.export import Floats, write_graph
+from tactophone.training.recipes import BAND_VALUES, CREST_INDEX
 from tactophone.training.sets import HARD_TIPS
 from tactophone.types import AudioBlock, FloatArray, Prediction
 
@@ -43,6 +45,15 @@ MOST_UNKNOWN = 0.05
 
 MARGIN = 0.1
 """By which the share that is right on objects left out must be larger for another score than the tip's own."""
+
+ERROR = 0.02
+"""Probability, at most, that a set-up changes a boundary that is right for half of each object's pieces or more."""
+
+PIECE = 50
+"""Windows that are one piece of evidence: half a second, twice the memory of the running statistics."""
+
+SHIPPED = "shipped"
+"""Score of a set-up that keeps the shipped boundary."""
 
 TAIL = 0.1
 """Share of an object's windows that lies beyond the quantile that faces the other class."""
@@ -84,7 +95,10 @@ class Correction:
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """Share of an object's windows that are right: by the shipped model, and fitted without this object (or NaN)."""
+    """Share of an object's windows that are right: by the shipped model, and fitted without this object (or NaN).
+
+    Where the shipped boundary stays, nothing was fitted: both are that of the shipped model.
+    """
 
     name: str
     rough: bool
@@ -105,6 +119,11 @@ class SetUpFit:
     def abstains(self) -> bool:
         """Whether the model may still call sound unknown: not where this finger's own sound mostly is."""
         return self.unknown <= MOST_UNKNOWN
+
+    @property
+    def keeps(self) -> bool:
+        """Whether the shipped boundary stays."""
+        return self.score == SHIPPED
 
     @property
     def balanced_accuracy(self) -> float:
@@ -151,18 +170,37 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
     """Fit the boundary to the objects of a set-up, by the tip's own score unless another is clearly better.
 
     That of a hard tip is impulses, that of a soft one the model's logit. With one object of a class there is nothing to
-    choose by. Raises `ValueError` if there is no smooth or no rough object.
+    choose by. The shipped boundary stays if most objects of either class do not prove it wrong. Raises `ValueError` if
+    there is no smooth or no rough object.
     """
     if {sound.rough for sound in sounds} != {False, True}:
         raise ValueError("a set-up needs a smooth and a rough object at least")
+    unknown = float(np.mean([sound.unknown for sound in sounds]))
+    wrong = {sound.name: proves_wrong(sound, error=ERROR / len(sounds)) for sound in sounds}
+    by_class = [np.mean([wrong[sound.name] for sound in sounds if sound.rough is rough]) for rough in (False, True)]
+    if max(by_class) <= 0.5:
+        shares = [(sound, _share(sound.logit, sound.rough)) for sound in sounds]
+        kept = tuple(LeftOut(sound.name, sound.rough, share, share) for sound, share in shares)
+        count = sounds[0].features.shape[1]
+        unchanged = Correction(np.zeros(count), np.ones(count), np.zeros(count), 1.0, 0.0)
+        return SetUpFit(unchanged, SHIPPED, kept, unknown)
     own = "impulses" if tip in HARD_TIPS else "model"
     names = [own] if tip == SOFT_TIP else [own, *(name for name in SCORES if name != own)]
     left_out = {name: tuple(_leave_out(sounds, sound, name, channels) for sound in sounds) for name in names}
     right = {name: [entry.after for entry in left_out[name] if not math.isnan(entry.after)] for name in names}
     # The first of those that are equal: with nothing to choose by, the tip's own.
     score = max(names, key=lambda name: (np.mean(right[name]) if right[name] else 0.0) + MARGIN * (name == own))
-    unknown = float(np.mean([sound.unknown for sound in sounds]))
     return SetUpFit(fit_boundary(sounds, score, channels=channels), score, left_out[score], unknown)
+
+
+def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
+    """Whether so many pieces of an object's sound are on the wrong side that chance alone has at most this error.
+
+    A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
+    """
+    pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // PIECE))
+    wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
+    return bool(sum(math.comb(count, more) for more in range(wrong, count + 1)) <= error * 2.0**count)
 
 
 def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) -> Correction:
@@ -278,4 +316,5 @@ def write_set_up(path: Path, start: Path, model: Model, fit: SetUpFit, *, thresh
         scores={"objects left out": estimates},
         licence="; ".join(filter(None, (card.licence, "fitted to recordings of the user's own"))),
     )
-    write_graph(path, corrected(onnx.load(str(start)), fit.correction), card)
+    graph = onnx.load(str(start))
+    write_graph(path, graph if fit.keeps else corrected(graph, fit.correction), card)

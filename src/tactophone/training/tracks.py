@@ -5,8 +5,9 @@ training recordings are chosen. Their weight at each window is known in advance,
 """
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -16,20 +17,10 @@ from numpy.typing import NDArray
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec, encode_and_decode
-from tactophone.perception.features import BAND_VALUES, EXTRACTORS, BandFeatures
-from tactophone.perception.levels import banded_dbfs
-from tactophone.perception.model_file import Gate, ModelCard
+from tactophone.perception.levels import SILENCE_DBFS
 from tactophone.perception.resample import Resampler
-from tactophone.perception.texture import (
-    MEMORY,
-    SILENT_POWER,
-    ChangeMetric,
-    Moments,
-    RunningStatistics,
-    fading_of,
-    texture_features,
-)
-from tactophone.training.recipes import NETWORK_RATE, FeatureKind, Microphone, Offset, silent
+from tactophone.training.augmentation import Augmentation
+from tactophone.training.recipes import BAND_VALUES, MEMORY, NETWORK_RATE, FeatureKind, Microphone, silent
 from tactophone.types import CONTACT, LIVE_SAMPLE_RATE, FloatArray
 
 FEATURE_RATE = 16_000
@@ -38,11 +29,23 @@ FEATURE_RATE = 16_000
 WINDOWS: dict[FeatureKind, tuple[int, Fraction]] = {
     "texture": (512, Fraction(160)),
     "cues": (4096, Fraction(512, 3)),
-    "scalogram": (4096, Fraction(512, 3)),
 }
 """Window and hop in samples: 32 ms a hundred times a second, or the paper's 256 ms at every sound buffer."""
 
 _TEXTURE_HOP = float(WINDOWS["texture"][1] / FEATURE_RATE)
+
+MIN_VARIANCE = 1e-4
+"""Keeps the root of a variance from being NaN after rounding; negligible beside any real variance."""
+
+SILENT_POWER = 1e-14
+"""Mean square, -140 dBFS, under which a channel carries no signal: even a good microphone's noise is far over it."""
+
+Moments = NDArray[np.float64]
+"""Mean and mean square of descriptions, shape ``(2, channels, values)``."""
+
+ChangeMetric = NDArray[np.float64]
+"""A matrix for each channel, shape ``(channels, values, values)``. It maps the shift of the mean to a vector longer
+than 1 for one window in a hundred on one and the same surface; zeros never detect a change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +64,18 @@ class FeatureSpec:
     """Of the running statistics, in s."""
     unevenness: bool = False
     """Whether texture features hold the unevenness of the treble: for hard tips."""
+    augmentation: Augmentation | None = None
+    copy: tuple[int, int] = (0, 0)
+    """`augmentation` and `copy`: how takes are varied; seed and number of the copy. Number 0 is the take itself."""
+
+    @property
+    def fading(self) -> float:
+        """The memory in windows.
+
+        >>> FeatureSpec(memory=0.25).fading
+        25.0
+        """
+        return self.memory / _TEXTURE_HOP
 
     @property
     def values(self) -> int:
@@ -84,6 +99,20 @@ class FeatureTrack:
     """`start` and `end`: of each window, in s."""
     present: NDArray[np.bool_]
     """Whether each channel carries a signal, shape ``(windows, channels)``."""
+    varied: bool = False
+    """Whether it is a copy."""
+
+    def loud(self, threshold_dbfs: float) -> NDArray[np.bool_]:
+        """Whether each window is contact by a threshold.
+
+        A recording without segments is contact throughout; another set's noise says nothing about its level. A copy has
+        another gain and other noise, which the live threshold would follow.
+        """
+        if not self.recording.segments:
+            threshold_dbfs = ALWAYS_DBFS
+        elif self.varied:
+            threshold_dbfs = noise_level([self])
+        return self.level_dbfs >= threshold_dbfs
 
     def touching(self) -> NDArray[np.bool_]:
         """Whether the segments label each window's end as contact; true throughout where there are no segments."""
@@ -114,23 +143,15 @@ class RunningMoments:
     prior_weight: NDArray[np.float64]
     """Weight of the average touch, shape ``(windows,)``."""
 
-    def offset(self, offset: Offset) -> "RunningMoments":
-        """Return the moments as they are with an offset added to every description.
-
-        With weights that sum to w, one less that of the prior: m becomes m + w a, and s becomes s + 2 a m + w a^2.
-        """
-        mean, square = self.moments
-        weight = 1 - self.prior_weight[:, None, None]
-        moved = np.stack((mean + weight * offset, square + 2 * offset * mean + weight * offset * offset))
-        return RunningMoments(moved, self.prior_weight)
-
     def features(self, prior: Moments, present: NDArray[np.bool_]) -> FloatArray:
-        """Return what the live extractor returns with this prior, shape ``(windows, features)``.
+        """Return what the model's graph computes with this prior, shape ``(windows, features)``.
 
         ``prior`` has shape ``(2, channels, values)``; ``present`` is :attr:`FeatureTrack.present`.
         """
         # (windows, 1, 1) * (2, 1, channels, values): each window's share of the prior, for both moments.
-        features = texture_features(self.moments + self.prior_weight[:, None, None] * prior[:, None])
+        mean, square = self.moments + self.prior_weight[:, None, None] * prior[:, None]
+        deviation = np.sqrt(np.maximum(square - mean * mean, MIN_VARIANCE))
+        features = np.concatenate((mean, deviation), axis=-1).astype(np.float32)
         features[~present] = np.nan
         return features.reshape(len(features), -1)
 
@@ -181,6 +202,12 @@ def read_signals(
 def _read(
     recording: Recording, changed_ns: int, channels: int, rate: int, codec: Codec | None, microphone: str
 ) -> FloatArray:
+    return _read_at(recording, channels, rate, codec, microphone)
+
+
+def _read_at(
+    recording: Recording, channels: int, rate: int, codec: Codec | None, microphone: str, speed: float = 1.0
+) -> FloatArray:
     blocks = list(recording.blocks(channels=channels, single=microphone))
     if not blocks:
         return np.zeros((0, channels), np.float32)
@@ -192,8 +219,15 @@ def _read(
             )
         # The codec's state runs through the whole recording, so it gets it in one piece.
         pieces = [encode_and_decode(np.concatenate(pieces), codec)]
-    resampler = Resampler(sample_rate, rate, channels=channels)
-    return np.concatenate([*map(resampler.push, pieces), resampler.flush()])
+    # As if recorded at another rate; in whole kHz, as kernels of two rates without a common divisor are huge.
+    played = sample_rate if speed == 1 else round(speed * sample_rate / 1000) * 1000
+    resampler = Resampler(played, rate, channels=channels)
+    signal = np.concatenate([*map(resampler.push, pieces), resampler.flush()])
+    gain_db = float(recording.known("gain_db") or 0)
+    if gain_db and (channels > 1 or microphone == "contact"):
+        # Rendered more quietly so that it does not clip; models expect the preamplifier's usual gain.
+        signal[:, CONTACT] *= 10 ** (-gain_db / 20)
+    return signal
 
 
 def extract_features(
@@ -210,59 +244,90 @@ def extract_features(
 
 @functools.lru_cache(maxsize=1 << 13)
 def _extract_track(recording: Recording, changed_ns: int, spec: FeatureSpec) -> FeatureTrack:
-    (signal,) = read_signals(
-        [recording], channels=spec.channels, rate=FEATURE_RATE, codec=spec.codec, microphone=spec.microphone
-    )
+    number = spec.copy[1]
+    if number and spec.augmentation:
+        rng = np.random.default_rng([*spec.copy, zlib.crc32(f"{recording.surface} {recording.path.name}".encode())])
+        speed = spec.augmentation.draw_speed(rng)
+        # Not kept: a copy is described once.
+        signal = _read_at(recording, spec.channels, FEATURE_RATE, spec.codec, spec.microphone, speed)
+        signal = spec.augmentation.vary(signal, FEATURE_RATE, rng)
+        segments = (replace(each, start=each.start / speed, end=each.end / speed) for each in recording.segments)
+        recording = replace(recording, segments=tuple(segments))
+    else:
+        (signal,) = read_signals(
+            [recording], channels=spec.channels, rate=FEATURE_RATE, codec=spec.codec, microphone=spec.microphone
+        )
     size, hop = WINDOWS[spec.kind]
     count = max(0, int((len(signal) - size) / hop) + 1)
     # The hop may be a fraction of a sample; each start is rounded down, as in the live stage.
-    starts = np.array([int(k * hop) for k in range(count)], np.intp)
+    starts = np.arange(count) * hop.numerator // hop.denominator
     windows = sliding_window_view(np.pad(signal, ((0, max(0, size - len(signal))), (0, 0))), size, axis=0)
     windows = windows[starts].swapaxes(1, 2)
-    level_dbfs = np.array([banded_dbfs(window[:, CONTACT]) for window in windows])
+    level_dbfs = banded_levels(windows[:, :, CONTACT])
     present = np.square(windows).sum(axis=1) >= SILENT_POWER * size
     start, end = starts / FEATURE_RATE, (starts + size) / FEATURE_RATE
-    return FeatureTrack(recording, _describe(windows, spec), level_dbfs, start, end, present)
+    from tactophone.training import features  # here, as it needs torch
+
+    return FeatureTrack(recording, features.describe(windows, spec), level_dbfs, start, end, present, number > 0)
 
 
-def _describe(windows: FloatArray, spec: FeatureSpec) -> NDArray[np.float32]:
-    size, hop = WINDOWS[spec.kind]
-    if spec.kind == "texture":
-        bands = BandFeatures(size, FEATURE_RATE, unevenness=spec.unevenness)
-        return bands.describe(bands.spectrum(windows)).reshape(-1, spec.channels, spec.values)
-    extractor = EXTRACTORS[spec.kind](ModelCard("", spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(0.0)))
-    descriptions = extractor.describe(windows)
-    return np.array([extractor.push(description, contact=True) for description in descriptions], np.float32)
+def banded_levels(windows: FloatArray) -> NDArray[np.float64]:
+    """Return :func:`tactophone.perception.levels.banded_dbfs` of many windows ``(windows, samples)``, at once."""
+    size = windows.shape[1]
+    taper = np.hanning(size + 1)[:-1].astype(np.float32)
+    spectra = (np.fft.rfft(part * taper)[:, size // 64 : size // 4] for part in _pieces(windows))
+    powers = np.concatenate([np.square(np.abs(each)).sum(axis=1, dtype=np.float64) for each in spectra])
+    levels = 10 * np.log10(2 * powers / (3 / 8 * size * size) + 1e-30)
+    return np.asarray(np.maximum(levels, SILENCE_DBFS))
+
+
+def _pieces(windows: FloatArray) -> Iterator[FloatArray]:
+    return (windows[at : at + 256] for at in range(0, max(1, len(windows)), 256))
+
+
+FALSE_CONTACTS = 0.01
+"""Share of windows without contact that pass the gate's threshold."""
+
+ALWAYS_DBFS = -120.0
+"""Threshold where the recordings hold no silence to learn one from: every window counts as contact."""
+
+
+def noise_level(tracks: Sequence[FeatureTrack]) -> float:
+    """Return the banded level, in whole dBFS, that one quiet window in a hundred exceeds."""
+    quiet = np.concatenate([track.level_dbfs[track.quiet()] for track in tracks])
+    return float(np.ceil(np.quantile(quiet, 1 - FALSE_CONTACTS))) if len(quiet) else ALWAYS_DBFS
 
 
 def accumulate(
-    track: FeatureTrack, threshold_dbfs: float, change_metric: ChangeMetric, *, memory: float = MEMORY
-) -> RunningMoments:
-    """Return the running statistics of a track; contact begins at a threshold."""
-    statistics = RunningStatistics(change_metric, fading=fading_of(memory, _TEXTURE_HOP))
-    moments = np.empty((len(track.description), 2, *track.description.shape[1:]))
-    prior_weight = np.empty(len(moments))
-    for number, (description, contact) in enumerate(_windows(track, threshold_dbfs)):
-        statistics.push(description, contact=contact)
-        moments[number], prior_weight[number] = statistics.moments, statistics.prior_weight
-    # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
-    return RunningMoments(np.moveaxis(moments, 1, 0), prior_weight)
+    tracks: Sequence[FeatureTrack], threshold_dbfs: float, change_metric: ChangeMetric, *, fading: float
+) -> list[RunningMoments]:
+    """Return the running statistics of tracks; contact begins at the threshold."""
+    found = []
+    for track, (_, states) in zip(tracks, _run(tracks, threshold_dbfs, change_metric, fading), strict=True):
+        # The moments come first, as everywhere else: (windows, 2, ...) to (2, windows, ...).
+        moments = states["running"].reshape(-1, 2, *track.description.shape[1:])
+        found.append(RunningMoments(np.moveaxis(moments, 1, 0).copy(), 1 - states["evidence"][:, 0]))
+    return found
 
 
-# A cross-validation asks in every fold; thresholds are whole decibels, so that most answers are in the cache.
-@functools.lru_cache(maxsize=1 << 13)
-def mean_shifts(track: FeatureTrack, threshold_dbfs: float, memory: float = MEMORY) -> NDArray[np.float32]:
+def mean_shifts(tracks: Sequence[FeatureTrack], threshold_dbfs: float, *, fading: float) -> list[NDArray[np.float32]]:
     """Return how far the newest mean lies from the running one on one surface, ``(windows, channels, values)``."""
-    channels, values = track.description.shape[1:]
-    nothing = np.zeros((channels, values, values))
-    statistics = RunningStatistics(nothing, fading=fading_of(memory, _TEXTURE_HOP))
+    from tactophone.training.features import BEFORE, SETTLED, shift_of
+
+    channels, values = tracks[0].description.shape[1:]
     shifts = []
-    for description, contact in _windows(track, threshold_dbfs):
-        statistics.push(description, contact=contact)
-        if contact and (shift := statistics.shift()) is not None:
-            shifts.append(shift)
-    return np.array(shifts, np.float32).reshape(-1, *track.description.shape[1:])
+    for loud, states in _run(tracks, threshold_dbfs, np.zeros((channels, values, values)), fading):
+        settled = loud & (states["count"][:, 0] >= BEFORE + SETTLED)
+        shift = shift_of({name: each[settled] for name, each in states.items()})
+        shifts.append(shift.reshape(-1, channels, values).astype(np.float32))
+    return shifts
 
 
-def _windows(track: FeatureTrack, threshold_dbfs: float) -> Iterator[tuple[FloatArray, bool]]:
-    return zip(track.description, (track.level_dbfs >= threshold_dbfs).tolist(), strict=True)
+def _run(
+    tracks: Sequence[FeatureTrack], threshold_dbfs: float, change_metric: ChangeMetric, fading: float
+) -> Iterator[tuple[NDArray[np.bool_], Mapping[str, NDArray[np.float64]]]]:
+    from tactophone.training.features import run_statistics
+
+    loud = [track.loud(threshold_dbfs) for track in tracks]
+    descriptions = [track.description for track in tracks]
+    return zip(loud, run_statistics(descriptions, loud, change_metric, fading=fading), strict=True)

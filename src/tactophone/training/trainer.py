@@ -21,7 +21,6 @@ from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import ConfigError, DatasetError, ModelError
 from tactophone.link.codec import Codec
 from tactophone.perception.calibration import Calibration
-from tactophone.perception.features import magnitudes
 from tactophone.perception.model_file import Gate
 from tactophone.processes import atomic_write
 from tactophone.training.export import (
@@ -39,6 +38,7 @@ from tactophone.training.network import (
     batches,
     find_windows,
     grid,
+    magnitudes,
     weights_of,
     window_loudness,
     with_weights,
@@ -152,7 +152,7 @@ class Run:
         labels = torch.from_numpy(self._windows.labels[which].astype(np.int64))
         self._optimiser.zero_grad(set_to_none=True)
         with torch.autocast("cpu", torch.bfloat16, enabled=self._settings.precision == "bfloat16"):
-            log_probabilities = self.network(torch.from_numpy(magnitudes(samples)))
+            log_probabilities = self.network(magnitudes(torch.from_numpy(samples)))
         weight = torch.tensor(self._settings.class_weights)
         loss = nn.functional.nll_loss(log_probabilities.float(), labels, weight=weight, reduction="sum")
         loss = loss / weight[labels].sum()
@@ -377,7 +377,7 @@ def predictor(
         starts = np.round(hop * np.arange(count)).astype(np.int32)
         windows = Windows(signal, starts, np.zeros(count, np.int8), size).take(np.arange(count))
         with torch.no_grad():
-            probabilities = network(torch.from_numpy(magnitudes(windows))).exp().numpy()
+            probabilities = network(magnitudes(torch.from_numpy(windows))).exp().numpy()
         loud = window_loudness(signal[:, 0], "rms", size)[starts] >= 10 ** (threshold / 20)
         return (starts + size) / rate, probabilities, loud
 

@@ -19,8 +19,8 @@ from tactophone.simulation.demonstration import demonstration
 from tactophone.simulation.network import ImpairedLink, NetworkProfile
 from tactophone.types import AudioBlock
 
-START, END = 1.5, 6.5
-"""The part of the demonstration that is sent, in s: its smooth stone, and most of its rough one."""
+START, END = 3.0, 8.0
+"""The part of the demonstration that is sent, in s: most of its smooth stone, and of its rough one."""
 CONTROLS = [
     {"time": 2.0, "ceiling": 0.2},
     {"time": 3.0, "ceiling": 0.5},

@@ -2,7 +2,7 @@
 
 import { Chart, line } from "./charts.js";
 import { Controls } from "./controls.js";
-import { FULL_SCALE, formatNumber, put, showFaults, showHealth, showLatency, showLink } from "./figures.js";
+import { FULL_SCALE, formatNumber, put, showFaults, showHealth, showLatency, showLink } from "./gauges.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";

@@ -1,6 +1,6 @@
 // A level meter: bar, threshold, slowly falling peak, and a lamp that stays lit after clipping.
 
-import { FULL_SCALE, dbfs, put } from "./figures.js";
+import { FULL_SCALE, dbfs, put } from "./gauges.js";
 
 const LOWEST = -100; // dBFS
 const LAMP = 3000; // ms

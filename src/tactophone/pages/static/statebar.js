@@ -2,7 +2,7 @@
 //
 // Stop works at one press, or by the space bar or Esc; a stopped run is released only by holding the button.
 
-import { formatNumber, put } from "./figures.js";
+import { formatNumber, put } from "./gauges.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
 const SILENT = 500; // ms, after which the bar says so
@@ -35,10 +35,11 @@ export class StateBar {
   #refused = "";
   #holding = 0;
 
-  /** `send(request)`; `ready`: the word for a run that vibrates. */
-  constructor(send, { ready = "live" } = {}) {
+  /** `send(request)`; `ready`: the word for a run that vibrates; `waiting`: what brings the first sound. */
+  constructor(send, { ready = "live", waiting = "Waiting for sound from the robot's side." } = {}) {
     this.send = send;
     this.ready = ready;
+    this.waiting = waiting;
     const words = element("p", { role: "status" });
     words.append(this.#life, this.#cause);
     this.#node.append(words, this.#mute, this.#stop);
@@ -121,14 +122,16 @@ export class StateBar {
     if (this.#waiting) return ["waiting", "waiting", `Waiting for the run “${this.#waiting}”: it appears here as soon as it starts.`];
     if (alive === undefined) return ["waiting", "connecting", ""];
     if (!alive && age >= GONE) return ["ended", "ended", "The run has ended."];
-    if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", "Waiting for sound from the robot's side."];
+    if (this.#dataAt === -Infinity) return ["waiting", alive ? "waiting" : "starting", this.waiting];
+    // Before silence: a stopped run is released by holding alone, whether sound arrives or not.
+    const halted = STOPPED.test(why ?? "") && `${sentence(why.replace(/, then arm$/, ""))} Then hold the button to release.`;
+    if (halted && alive && role !== "replay" && role !== "robot") return ["stopped", "stopped", halted];
     if (this.silence * 1000 > SILENT && role !== "replay") {
       const cause = alive ? "No sound arrives: the robot's side is stopped, or the link is broken." : "The run gives no sign of life.";
       return ["silent", `no data ${formatNumber(this.silence, 1)} s`, cause];
     }
     if (role === "replay") return ["waiting", this.ready, "This is a replay: there is no output to control."];
     if (role === "robot") return ["live", this.ready, "This is the robot's side: nothing vibrates here."];
-    if (STOPPED.test(why ?? "")) return ["stopped", "stopped", `${sentence(why.replace(/, then arm$/, ""))} Then hold the button to release.`];
     return armed ? ["live", this.ready, "Armed: vibration is on."] : ["muted", "muted", sentence(why || "not armed")];
   }
 

@@ -1,7 +1,7 @@
 // The touch timeline: sound, contact, roughness in the colours of the classes, the truth where it is known, and events.
 
 import { Chart, line } from "./charts.js";
-import { dbfs, formatNumber, percent, put } from "./figures.js";
+import { dbfs, formatNumber, percent, put } from "./gauges.js";
 
 /** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
 export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();
@@ -40,7 +40,7 @@ export class Timeline {
     this.#node = node;
     this.hint = hint;
     this.threshold = null;
-    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound level</b><b class=ground>contact</b><b class=smooth>smooth</b><b class=rough>rough</b></p></div>"
+    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b></p></div>"
       + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
     this.#readout = node.querySelector(".readout");
     if (!fixed) this.#addTools(node.querySelector(".tools"));

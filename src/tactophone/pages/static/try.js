@@ -1,6 +1,6 @@
 // Try it: the microphone of this device, what the run detects, and a task: something smooth, then something rough.
 
-import { dbfs, put, showFaults } from "./figures.js";
+import { dbfs, put, showFaults } from "./gauges.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";
@@ -63,6 +63,7 @@ function show({ header, tables }) {
   if (header.state) {
     showFaults($("faults"), state.faults);
     put($("run"), simulated() ? "A simulated finger strokes; feel it here" : "Slide one device over something, feel it on the other");
+    if (simulated()) bar.waiting = "Waiting for the simulated finger.";
     $("listen-panel").hidden = !["browser", "microphone", ""].includes(state.source);
     const held = document.activeElement === $("threshold");
     if (!held && Number.isFinite(state.threshold_dbfs)) $("threshold").value = state.threshold_dbfs;
@@ -94,5 +95,5 @@ const feed = new Feed("live", {
   },
   onLost: (why) => bar.lost(why),
 });
-const bar = new StateBar((request) => feed.send(request));
+const bar = new StateBar((request) => feed.send(request), { waiting: "Press “Use this microphone” below, on the device that listens." });
 requestAnimationFrame(frame);

@@ -1,19 +1,21 @@
 import numpy as np
 import pytest
+import torch
 
-from tactophone.perception.features import BAND_COUNT, BAND_VALUES, BandFeatures, design_bands
+from tactophone.training.features import Texture, design_bands
+from tactophone.training.recipes import BAND_COUNT, BAND_VALUES
 from tests.sounds import tone
 
 RATE, SIZE = 16_000, 512
 
 
-def described(window: np.ndarray) -> np.ndarray:
-    bands = BandFeatures(SIZE, RATE)
-    return bands.describe(bands.spectrum(window))
+def described(windows: np.ndarray, *, unevenness: bool = False) -> np.ndarray:
+    sound = torch.from_numpy(windows.swapaxes(1, 2)).float()
+    return Texture(SIZE, RATE, unevenness=unevenness)(sound).numpy()
 
 
 def describe(window: np.ndarray) -> np.ndarray:
-    return described(window[:SIZE])
+    return described(window[None, :SIZE])[0]
 
 
 def test_a_tone_stands_in_its_own_band() -> None:
@@ -52,10 +54,9 @@ def test_every_band_has_a_bin_whatever_the_window() -> None:
 
 
 def unevenness(window: np.ndarray) -> float:
-    bands = BandFeatures(SIZE, RATE, unevenness=True)
-    values = bands.describe(bands.spectrum(window.astype(np.float32)))
+    (values,) = described(window[None], unevenness=True)
     assert values.shape == (1, BAND_VALUES + 1)
-    assert values[:, :BAND_VALUES] == pytest.approx(described(window.astype(np.float32)))
+    assert values[:, :BAND_VALUES] == pytest.approx(describe(window))
     return float(values[0, -1])
 
 

@@ -1,4 +1,4 @@
-// Numbers and texts of the page: link, latency, faults. Every function takes values of the run and fills a node.
+// Numbers and texts of the page: link, jitter, latency, faults. Every function takes values of the run and fills a node.
 
 const STAGES = {
   capture: "capture", encode: "encode", network: "network", playout: "playout",

@@ -15,8 +15,8 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
-from tactophone.telemetry import follower, layout, memory
-from tactophone.telemetry.follower import PredictionLog
+from tactophone.telemetry import layout, memory, prediction_log
+from tactophone.telemetry.prediction_log import PredictionLog
 from tactophone.telemetry.records import COLUMNS, TimelineWriter, read_timeline, row
 from tactophone.telemetry.watcher import Watcher
 from tactophone.telemetry.writer import Telemetry
@@ -139,7 +139,7 @@ def test_predictions_without_a_command_have_no_amplitude(tmp_path: Path, name: s
 
 
 def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.telemetry.follower.READ_INTERVAL", 1e3)
+    monkeypatch.setattr("tactophone.telemetry.prediction_log.READ_INTERVAL", 1e3)
     messages: list[str] = []
     total = layout.PREDICTION_CAPACITY + 100
     with Telemetry(name) as telemetry, PredictionLog(name, tmp_path / "a.csv", report=messages.append) as log:
@@ -150,9 +150,9 @@ def test_an_overflow_is_reported(tmp_path: Path, name: str, monkeypatch: pytest.
 
 
 def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(follower, "READ_INTERVAL", 1e3)  # only this test's thread reads
+    monkeypatch.setattr(prediction_log, "READ_INTERVAL", 1e3)  # only this test's thread reads
     code = (
-        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_follower import *\n"
+        "import os, sys; sys.path.insert(0, os.getcwd()); from tests.telemetry.test_prediction_log import *\n"
         "telemetry = Telemetry(sys.argv[1])\n"
         "telemetry.publish(step(2), now=1.0); print(flush=True); sys.stdin.read(1)\n"
         "telemetry.publish(step(2, first=2), now=1.0); os.kill(os.getpid(), signal.SIGKILL)"
@@ -171,7 +171,7 @@ def test_a_replaced_process_is_followed_on(tmp_path: Path, name: str, monkeypatc
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
 def test_a_full_disk_ends_the_log_with_one_line_and_not_the_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tactophone.telemetry.follower.READ_INTERVAL", 1e3)
+    monkeypatch.setattr("tactophone.telemetry.prediction_log.READ_INTERVAL", 1e3)
     messages: list[str] = []
     with Telemetry(name) as telemetry, PredictionLog(name, Path("/dev/full"), report=messages.append) as log:
         for _ in range(3):

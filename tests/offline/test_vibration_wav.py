@@ -7,7 +7,7 @@ import soundfile
 
 from tactophone.capture.files import FileSource
 from tactophone.haptics.limits import Limits
-from tactophone.offline.recording import TAIL, OutputFiles, RunSummary, process_recording
+from tactophone.offline.vibration_wav import TAIL, OutputFiles, RunSummary, process_recording
 from tactophone.pipeline import open_pipeline
 from tests.models import write_tiny_model
 from tests.sounds import noise, tone

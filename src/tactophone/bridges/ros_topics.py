@@ -1,4 +1,4 @@
-"""ROS 2's messages as DDS types, so that no ROS installation is needed; and how predictions become messages.
+"""The topics and messages of ROS 2 as DDS types, without a ROS installation; and how predictions become messages.
 
 A type ``std_msgs/msg/Float32`` is ``std_msgs::msg::dds_::Float32_`` on the wire, and a topic ``/name`` is ``rt/name``
 (ROS 2 design, "Topic and Service name mapping to DDS"). Fields and their order are those of ROS 2 Humble to Kilted.

@@ -1,6 +1,6 @@
-"""A recording, or any source that ends, through the pipeline to a vibration and a timeline on disk; a run's scores.
+"""The files that `tactophone feel` writes: the vibration as WAV, and a timeline; and the scores of a run.
 
-The sound is processed block by block, so that memory does not grow with its length.
+A recording, or any source that ends, goes through the pipeline block by block: memory does not grow with its length.
 """
 
 import contextlib
@@ -20,10 +20,11 @@ from tactophone.dataset.values import Segment
 from tactophone.errors import ConfigError
 from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.haptics.passthrough import Passthrough
+from tactophone.perception.decision import count_dips
 from tactophone.perception.resample import Resampler
 from tactophone.pipeline import Pipeline
-from tactophone.telemetry.follower import RunFollower
 from tactophone.telemetry.layout import STEP
+from tactophone.telemetry.prediction_log import RunFollower
 from tactophone.telemetry.records import TimelineWriter
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, PipelineStep, Source, Touch
@@ -132,14 +133,9 @@ class OfflineRenderer:
     """
 
     def __init__(
-        self,
-        outputs: OutputFiles,
-        pipeline: Pipeline,
-        *,
-        channels: int,
-        sample_rate: int,
+        self, outputs: OutputFiles, pipeline: Pipeline, *, channels: int, sample_rate: int,
         passthrough: Passthrough | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.microphones = PeakEnvelope(channels, sample_rate=sample_rate)
         self.vibration = PeakEnvelope(1, sample_rate=LIVE_SAMPLE_RATE)
         self._outputs, self._pipeline, self._sample_rate = outputs, pipeline, sample_rate
@@ -189,14 +185,10 @@ class OfflineRenderer:
         updates = sum(self._counts.values())
         contact = updates - self._counts[Touch.NONE]
         return RunSummary(
-            duration=duration,
-            updates=updates,
-            contact=contact / updates if updates else float("nan"),
+            duration=duration, updates=updates, contact=contact / updates if updates else float("nan"),
             rough=self._counts[Touch.ROUGH] / contact if contact else float("nan"),
-            loudest_dbfs=float(self._loudest_dbfs),
-            elapsed=time.perf_counter() - self._began,
-            faults=faults,
-        )
+            loudest_dbfs=float(self._loudest_dbfs), elapsed=time.perf_counter() - self._began, faults=faults,
+        )  # fmt: skip
 
     def _write(self, step: PipelineStep, *, until: float) -> None:
         if self._passthrough is None:
@@ -212,13 +204,9 @@ class OfflineRenderer:
 
 
 def process_recording(
-    source: Source,
-    pipeline: Pipeline,
-    outputs: OutputFiles,
-    *,
-    passthrough: Passthrough | None = None,
+    source: Source, pipeline: Pipeline, outputs: OutputFiles, *, passthrough: Passthrough | None = None,
     on_step: Callable[[PipelineStep], None] = lambda step: None,
-) -> tuple[RunSummary, OfflineRenderer]:
+) -> tuple[RunSummary, OfflineRenderer]:  # fmt: skip
     """Process a source to its end.
 
     The source is not entered yet; the pipeline is for its rate and channels, and is reset first. ``passthrough``
@@ -244,7 +232,7 @@ def process_recording(
 class RunRecorder(RunFollower):
     """Records an operator's run (of a hand: one finger's vibration); a context manager around the run.
 
-    Its predictions are written by `tactophone.telemetry.follower.PredictionLog`.
+    Its predictions are written by `tactophone.telemetry.prediction_log.PredictionLog`.
     """
 
     def __init__(self, name: str, *, finger: int = 0) -> None:
@@ -280,7 +268,8 @@ class RunScores:
     rough_right: float
     """`smooth_right` and `rough_right`: share of correct predictions while a smooth, or rough, stone was touched."""
     false_bumps: int
-    """Number of times that smooth was rendered as rough."""
+    dips: int
+    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough interrupted within one touch."""
     touch_to_vibration: float
     """Median time in s from the start of a contact to a vibration that can be felt."""
     lift_to_silence: float
@@ -299,6 +288,7 @@ def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> 
         smooth_right=_share(touch[smooth] == Touch.SMOOTH),
         rough_right=_share(touch[rough] == Touch.ROUGH),
         false_bumps=int((np.diff(bumps.astype(int)) > 0).sum()),
+        dips=count_dips(touch == Touch.ROUGH, rough),
         touch_to_vibration=_delay(time, amplitude >= PERCEPTIBLE, touched),
         lift_to_silence=_delay(time, amplitude == 0, lifted),
     )

@@ -1,4 +1,4 @@
-"""Following a live run from outside its process: in a thread, and as a log of its predictions."""
+"""The log of a live run's predictions as CSV (`--record RUN.csv`), written from outside the process of the run."""
 
 import threading
 from collections.abc import Callable

@@ -1,0 +1,224 @@
+// A model file in a browser: docs/reference/model-files.md, in JavaScript. Sound in; a prediction for each window out.
+
+const KERNEL_REACH = 6, ROLL_OFF = 0.99;
+const FORGET_AFTER = 25; // windows without contact after which the next touch is a new one
+const JUST_UNDER_HALF = 0.5 - 2 ** -54;
+
+/** The card of a model file: the entry of its metadata, which the runtime for browsers does not read. */
+export function readCard(bytes) {
+  const text = new TextDecoder();
+  for (const [field, entry] of fields(bytes)) {
+    if (field !== 14) continue; // metadata_props of ModelProto: pairs of a key and a value
+    const { 1: key, 2: value } = Object.fromEntries(fields(entry));
+    if (text.decode(key) === "tactophone.card") return JSON.parse(text.decode(value));
+  }
+  throw new Error("this is no model file of Tactophone: it has no card");
+}
+
+function* fields(bytes) {
+  let at = 0;
+  const varint = () => {
+    let value = 0;
+    for (let scale = 1; ; scale *= 128) {
+      const byte = bytes[at++];
+      value += (byte & 127) * scale;
+      if (byte < 128) return value;
+    }
+  };
+  while (at < bytes.length) {
+    const key = varint(), kind = key & 7;
+    const size = kind === 2 ? varint() : kind === 1 ? 8 : kind === 5 ? 4 : 0;
+    if (kind === 0) varint();
+    yield [Math.floor(key / 8), bytes.subarray(at, at + size)];
+    at += size;
+  }
+}
+
+const gcd = (a, b) => (b ? gcd(b, a % b) : a);
+const sinc = (x) => (x === 0 ? 1 : Math.sin(Math.PI * x) / (Math.PI * x));
+
+/** Sound of one channel at another rate, piece by piece; silence lies before it. */
+export class Resampler {
+  #kept;
+  #first; // input sample at which `#kept` begins
+  #returned = 0;
+
+  constructor(rate, wanted) {
+    const common = gcd(rate, wanted);
+    [this.up, this.down] = [wanted / common, rate / common];
+    const cutoff = (Math.min(rate, wanted) * ROLL_OFF) / rate;
+    this.reach = rate === wanted ? 0 : Math.ceil(KERNEL_REACH / cutoff);
+    this.kernels = Array.from({ length: this.up }, (_, phase) => {
+      const weights = Float64Array.from({ length: 2 * this.reach + 1 }, (_, tap) => {
+        const place = (tap - this.reach - phase / this.up) * cutoff;
+        return Math.abs(place) < KERNEL_REACH ? sinc(place) * Math.cos((place * Math.PI) / 2 / KERNEL_REACH) ** 2 : 0;
+      });
+      const sum = weights.reduce((total, weight) => total + weight);
+      return Float32Array.from(weights, (weight) => weight / sum);
+    });
+    this.#kept = new Float32Array(this.reach);
+    this.#first = -this.reach;
+  }
+
+  /** Return the output samples that this sound completes. */
+  push(samples) {
+    this.#kept = joined(this.#kept, samples);
+    const end = this.#first + this.#kept.length - this.reach; // input samples with all around them
+    const ready = Math.max(this.#returned, Math.ceil((end * this.up) / this.down));
+    const output = new Float32Array(ready - this.#returned);
+    for (let n = this.#returned; n < ready; n++) {
+      const kernel = this.kernels[(n * this.down) % this.up];
+      const start = Math.floor((n * this.down) / this.up) - this.reach - this.#first;
+      let sum = 0;
+      for (let tap = 0; tap < kernel.length; tap++) sum += kernel[tap] * this.#kept[start + tap];
+      output[n - this.#returned] = sum;
+    }
+    this.#returned = ready;
+    const unneeded = Math.max(0, Math.floor((ready * this.down) / this.up) - this.reach - this.#first);
+    this.#kept = this.#kept.slice(unneeded);
+    this.#first += unneeded;
+    return output;
+  }
+}
+
+export function joined(first, second) {
+  const both = new Float32Array(first.length + second.length);
+  both.set(first);
+  both.set(second, first.length);
+  return both;
+}
+
+const LEVELS = {
+  rms: () => (window) => Math.sqrt(mean(window, (x) => x * x)),
+  mean_absolute: () => (window) => mean(window, Math.abs),
+  banded,
+};
+
+const mean = (window, of) => window.reduce((sum, x) => sum + of(x), 0) / window.length;
+
+/**
+ * Level between 1/32 and 1/2 of the Nyquist frequency: a DFT of those bins alone, with a periodic Hann window. Its real
+ * part depends on x[n] + x[size - n] alone, the imaginary one on their difference; x[0] is 0 after the taper.
+ */
+function banded(size) {
+  const half = Math.floor(size / 2), lowest = Math.floor(size / 64), highest = Math.floor(size / 4);
+  const turn = (2 * Math.PI) / size, weights = size % 2 ? 1 : 0.5; // the middle sample is its own partner
+  const [cosines, sines] = [Math.cos, Math.sin].map((of) =>
+    Float64Array.from({ length: (highest - lowest) * half }, (_, k) => {
+      const bin = lowest + Math.floor(k / half), n = (k % half) + 1;
+      return of(turn * ((bin * n) % size)) * (n === half ? weights : 1) * (0.5 - 0.5 * Math.cos(turn * n));
+    }));
+  const [sums, differences] = [new Float64Array(half), new Float64Array(half)];
+  return (window) => {
+    for (let n = 1; n <= half; n++) {
+      sums[n - 1] = window[n] + window[size - n];
+      differences[n - 1] = window[n] - window[size - n];
+    }
+    let power = 0;
+    for (let row = 0; row < cosines.length; row += half) {
+      let real = 0, imaginary = 0;
+      for (let n = 0; n < half; n++) {
+        real += sums[n] * cosines[row + n];
+        imaginary += differences[n] * sines[row + n];
+      }
+      power += real * real + imaginary * imaginary;
+    }
+    return Math.sqrt((16 * power) / (3 * size * size));
+  };
+}
+
+const dbfs = (amplitude) => (amplitude > 0 ? Math.max(-200, Math.round(20e6 * Math.log10(amplitude)) / 1e6) : -200);
+
+/** From the probabilities of a window to a touch and a roughness, whose 0.5 is the threshold in force. */
+export class Decision {
+  #rough = false;
+  #streak = 0;
+  #quiet = 0;
+
+  constructor(rule) {
+    this.rule = rule;
+  }
+
+  decide([none, smooth, rough], contact) {
+    const { rough_on: on, rough_off: off, confirm, abstain_from: abstain } = this.rule;
+    if (!contact || none >= abstain) {
+      this.#streak = 0;
+      this.#quiet += 1;
+      this.#rough &&= this.#quiet < FORGET_AFTER;
+      return [contact ? "smooth" : "none", 0];
+    }
+    this.#quiet = 0;
+    const share = smooth + rough > 0 ? rough / (smooth + rough) : 0.5;
+    const threshold = this.#rough ? off : on;
+    this.#streak = share >= on ? this.#streak + 1 : 0;
+    this.#rough = share >= threshold && (this.#rough || this.#streak >= confirm);
+    if (share < threshold) return ["smooth", (0.5 * share) / threshold];
+    return this.#rough ? ["rough", 0.5 + (0.5 * (share - threshold)) / (1 - threshold)] : ["smooth", JUST_UNDER_HALF];
+  }
+}
+
+/** A model that listens to one microphone. */
+export class Detector {
+  /** `ort`: the runtime; `bytes`: a model file; `rate`: of the sound to come, in Hz. */
+  static async open(ort, bytes, rate) {
+    const card = readCard(bytes);
+    if (card.channels !== 1) throw new Error(`the model ${card.name} needs ${card.channels} microphones; choose one for one`);
+    return new Detector(ort, card, await ort.InferenceSession.create(bytes), rate);
+  }
+
+  constructor(ort, card, session, rate) {
+    Object.assign(this, { ort, card, session, rate });
+    this.thresholdDbfs = card.gate.threshold_dbfs;
+    [this.hopUp, this.hopDown] = String(card.hop).split("/").map(Number).concat(1);
+    this.levelOf = LEVELS[card.gate.rule](card.window_size);
+    this.reset();
+  }
+
+  /** Seconds between two predictions. */
+  get hop() { return this.hopUp / this.hopDown / this.card.sample_rate; }
+
+  /** Forget everything: the sound to come, from that time in s on, has nothing to do with what came. */
+  reset(start = 0) {
+    this.start = start;
+    this.resampler = new Resampler(this.rate, this.card.sample_rate);
+    this.decision = new Decision(this.card.decision);
+    this.state = null;
+    this.kept = new Float32Array(0);
+    this.first = this.count = 0;
+  }
+
+  /** Take sound; return a prediction for each window that it completes. Await it before the next call. */
+  async push(samples) {
+    this.kept = joined(this.kept, this.resampler.push(samples));
+    const size = this.card.window_size, predictions = [];
+    for (;;) {
+      const end = size + Math.floor((this.count * this.hopUp) / this.hopDown);
+      if (end > this.first + this.kept.length) break;
+      const start = end - size - this.first;
+      predictions.push(await this.#predict(this.kept.slice(start, start + size), end));
+      this.count += 1;
+      this.kept = this.kept.slice(start);
+      this.first += start;
+    }
+    return predictions;
+  }
+
+  async #predict(window, end) {
+    const level = dbfs(this.levelOf(window)), contact = level >= this.thresholdDbfs;
+    const { Tensor } = this.ort, feeds = { sound: new Tensor("float32", window, [1, 1, window.length]) };
+    if (this.session.inputNames.includes("state")) {
+      feeds.contact = new Tensor("float32", [contact ? 1 : 0], [1]);
+      feeds.state = this.state ?? this.#noState();
+    }
+    const found = await this.session.run(feeds, this.session.outputNames.filter((name) => name !== "features"));
+    this.state = found.state_out;
+    const probabilities = Array.from(found.log_probabilities.data, Math.exp);
+    const [touch, roughness] = this.decision.decide(probabilities, contact);
+    return { end: this.start + end / this.card.sample_rate, probabilities, level, contact, touch, roughness };
+  }
+
+  #noState() {
+    const { shape } = this.session.inputMetadata.find(({ name }) => name === "state");
+    return new this.ort.Tensor("float64", new Float64Array(shape[1]), [1, shape[1]]);
+  }
+}
