@@ -1,6 +1,6 @@
 """The page as the fingertip, in headless Chromium on loopback: delays to motor and sound, and to silence.
 
-``python benchmarks/page.py [delays] [deadman] [microphone] [viewers] [game]`` runs the named parts, or all.
+``python benchmarks/page.py [delays] [deadman] [microphone] [viewers] [game] [alone]`` runs the named parts, or all.
 
 - ``delays``: a run alternates between no contact and rough. From the moment at which the command is published to the
   call of ``navigator.vibrate`` or ``playEffect``, and to the first sample of sound in the audio thread.
@@ -8,18 +8,23 @@
 - ``microphone``: clicks in the microphone of a page (``tactophone try``), to the motor of another page.
 - ``viewers``: latency of a loopback with no viewer and with ten that render the vibration.
 - ``game``: from a press on a rough stone to the first sample of sound, over the live system (``tactophone play``).
+- ``alone``: processor time of the page that needs no server (examples/browser), all of Chromium's processes together.
 
 Needs Debian's chromium and chromium-driver. A motor is replaced by a function that notes the time.
 """
 
 import asyncio
 import contextlib
+import functools
+import http.server
 import os
+import runpy
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from multiprocessing import get_context
@@ -27,6 +32,7 @@ from pathlib import Path
 
 import aiohttp
 import numpy as np
+import psutil
 import soundfile
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -336,7 +342,50 @@ def game() -> None:
     row("press to sound in the stone box", found, "p50 90")
 
 
-PARTS = {"delays": delays, "deadman": deadman, "microphone": microphone, "viewers": viewers, "game": game}
+def alone() -> None:
+    """Bursts of noise through the browser's own false microphone, 10 s at a time after 6 s of warming."""
+    build = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "browser" / "build.py"))["build"]
+    with tempfile.TemporaryDirectory() as folder:
+        build(Path(folder))
+        at = np.arange(60 * RATE) / RATE
+        hiss = np.random.default_rng(1).standard_normal(len(at))
+        soundfile.write(Path(folder) / "bursts.wav", np.where(at % 1 < 0.6, 0.05, 1e-3) * hiss, RATE)
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Silent, directory=folder))
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        flags = ("use-fake-ui-for-media-stream", "use-fake-device-for-media-stream")
+        with chromium(*flags, f"use-file-for-fake-audio-capture={folder}/bursts.wav") as browser:
+            browser.get(f"http://127.0.0.1:{server.server_port}/index.html?threshold=-45")
+            browser.find_element(By.ID, "start").click()
+            time.sleep(6)
+            shares = []
+            for _ in range(3):
+                used, begun = _processor_time(browser), time.monotonic()
+                time.sleep(10)
+                shares.append((_processor_time(browser) - used) / (time.monotonic() - begun))
+        server.shutdown()
+    print(
+        f"| page without a server, share of a core | 3 | {np.median(shares):.3f} (median) | {max(shares):.3f} | 0.25 |"
+    )
+
+
+class _Silent(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def _processor_time(browser: webdriver.Chrome) -> float:
+    driver = psutil.Process(browser.service.process.pid)
+    return sum(sum(each.cpu_times()[:2]) for each in driver.children(recursive=True))
+
+
+PARTS = {
+    "delays": delays,
+    "deadman": deadman,
+    "microphone": microphone,
+    "viewers": viewers,
+    "game": game,
+    "alone": alone,
+}
 
 
 def main() -> None:
