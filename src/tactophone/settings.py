@@ -258,7 +258,7 @@ class Process:
         "",
         "name of this run for `status`, `stop`, `mute` and `arm`; empty: the verb",
         flag="--name",
-        verbs="answer call feel latency loopback play receive replay send try",
+        verbs="answer call demo feel latency loopback play receive replay send try",
     )
     jack_server: str = _setting("", "JACK server; empty: the default one")
     priority: int = _setting(58, "SCHED_FIFO priority of the network thread; 0: none", span=(0, 95))
@@ -280,7 +280,7 @@ class Page:
         False,
         "serve the page to the local network too, and print a QR code for a phone",
         flag="--lan",
-        verbs="demo feel play receive replay send try",
+        verbs="feel play receive replay send try",
     )
     open: bool = _setting(
         False, "open the page in this machine's browser, besides printing its address", flag="--open",
