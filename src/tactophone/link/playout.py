@@ -302,7 +302,7 @@ class Playout:
         self._packet_size = size
         self.controller.push(start, size, now=now)
         if self._position is not None:
-            self.reception.stats.packets_late += start < self._position
+            self.reception.came_late(start, self._position)
         for payload in packet.earlier:
             self._keep(self._timestamps.position(payload.timestamp), payload, primary=False)
 

@@ -112,6 +112,11 @@ class Reception:
         stats.most_lost = max(stats.most_lost, stats.packets_lost)
         return True
 
+    def came_late(self, position: int, due: int) -> bool:
+        """Whether sound at a position comes after its place was filled, which counts its packet as late."""
+        self.stats.packets_late += position < due
+        return position < due
+
     def note_sender_report(self, report: SenderReport, *, now: float) -> None:
         """Keep the peer's report, whose stamp and age the next receiver report returns."""
         self._last_report = (report.stamp, now)

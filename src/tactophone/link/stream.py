@@ -328,11 +328,8 @@ class Depacketizer:
         transit = now - position / CLOCK_RATE
         self._delay.push(transit, now=now)
         self.skew.push(transit, now=now)
-        if position < self._next:
-            # Its place has been filled, from a copy or by concealment: `_next` never moves back.
-            self.reception.stats.packets_late += 1
-            return None
-        return position
+        # The place of a late one has been filled, from a copy or by concealment: `_next` never moves back.
+        return None if self.reception.came_late(position, self._next) else position
 
     def _accept(self, packet: Packet, position: int, now: float) -> None:
         """Keep a packet's payloads until their turn."""

@@ -1,12 +1,10 @@
 // The state bar of every page that can vibrate: live, muted, stopped, no data or ended; why; and the buttons Mute and Stop.
-//
-// Stop works at one press, or by the space bar or Esc; a stopped run is released only by holding the button.
 
 import { formatNumber, put } from "./gauges.js";
+import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed
 const SILENT = 500; // ms, after which the bar says so
-const HOLD = 900; // ms to hold the button that releases a stop
 const GONE = 3600; // s: the age of a run that ended in order
 const STOPPED = /^emergency stop/;
 const LOCAL = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
@@ -33,7 +31,6 @@ export class StateBar {
   #waiting = "";
   #lost = "";
   #refused = "";
-  #holding = 0;
 
   /** `send(request)`; `ready`: the word for a run that vibrates; `waiting`: what brings the first sound. */
   constructor(send, { ready = "live", waiting = "Waiting for sound from the robot's side." } = {}) {
@@ -44,15 +41,10 @@ export class StateBar {
     words.append(this.#life, this.#cause);
     this.#node.append(words, this.#mute, this.#stop);
     this.#mute.setAttribute("aria-keyshortcuts", "m");
-    this.#stop.setAttribute("aria-keyshortcuts", "Space Escape");
     document.querySelector("main").before(this.#cover);
     this.command = "tactophone";
     this.#mute.addEventListener("click", () => this.#ask(this.#run.armed ? "mute" : "arm"));
-    this.#stop.addEventListener("pointerdown", () => this.#press());
-    for (const end of ["pointerup", "pointerleave", "pointercancel", "keyup", "blur"]) this.#stop.addEventListener(end, () => this.#letGo());
-    addEventListener("keydown", (event) => this.#key(event));
-    // A button that was clicked gives the space bar back to Stop; one reached by keys keeps it.
-    addEventListener("click", ({ detail, target }) => { if (detail) target.closest?.("button")?.blur(); });
+    listenForStop(this.#stop, (action) => this.#ask(action), () => ({ stopped: this.state === "stopped", armed: this.#run.armed }));
     setInterval(() => this.#show(), 100);
   }
 
@@ -88,30 +80,6 @@ export class StateBar {
   #ask(action) {
     this.#refused = "";
     this.send({ action });
-  }
-
-  #press() {
-    if (this.state !== "stopped") return this.#ask("stop");
-    this.#stop.dataset.held = true;
-    this.#holding = setTimeout(() => { this.#letGo(); this.#ask("arm"); }, HOLD);
-  }
-
-  #letGo() {
-    clearTimeout(this.#holding);
-    delete this.#stop.dataset.held;
-  }
-
-  #key(event) {
-    if (event.ctrlKey || event.metaKey || event.altKey || this.#stop.hidden || this.#stop.disabled) return;
-    const busy = event.target.closest?.("input, select, textarea, button, a, summary, [role=application]");
-    if (event.target === this.#stop && [" ", "Enter"].includes(event.key)) {
-      if (!event.repeat) this.#press();
-    } else if ((event.key === " " && !busy) || event.key === "Escape") {
-      if (this.state !== "stopped") this.#ask("stop");
-    } else if (event.key.toLowerCase() === "m" && !event.target.closest?.("input, select, textarea") && this.#run.armed) {
-      return this.#ask("mute"); // M only mutes: a slip of the finger must not start a vibration
-    } else return;
-    event.preventDefault();
   }
 
   /** The state, its words, and why. */
