@@ -39,7 +39,7 @@ from tactophone.link.identity import Identity, Peers
 from tactophone.offline.vibration_wav import score_run
 from tactophone.runtime.latency import operator_stages
 from tactophone.simulation.demonstration import write_demonstration
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.telemetry.watcher import Watcher
 
 STAGES = ("mailbox", "exchange", "way", "link", "prediction", "vibration")

@@ -13,7 +13,7 @@ from tactophone.capture.files import FileSource
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.settings import Settings, change
 from tactophone.telemetry.layout import PREDICTION
-from tactophone.telemetry.records import TimelineWriter
+from tactophone.telemetry.timeline import TimelineWriter
 from tactophone.types import (
     DEFAULT_TIP,
     PREDICTION_FIELDS,

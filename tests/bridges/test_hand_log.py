@@ -23,7 +23,8 @@ from tactophone.offline.replay import (
 )
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
-from tactophone.telemetry.records import RunStart, read_timeline
+from tactophone.telemetry.records import RunStart
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.types import FloatArray
 from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model

@@ -8,7 +8,7 @@ import soundfile
 
 from tactophone.cli import main
 from tactophone.dataset.read import ground_truth
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.types import Touch
 from tests.dataset.folders import write_sound
 

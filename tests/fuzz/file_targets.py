@@ -24,7 +24,7 @@ from tactophone.perception.models import default_model, model_path
 from tactophone.recording.safe_writer import _read_entry
 from tactophone.settings import Settings, change, read_settings
 from tactophone.telemetry.layout import FingerState, State
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 
 from .target import Run, Target
 

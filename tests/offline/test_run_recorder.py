@@ -6,7 +6,7 @@ import pytest
 
 from tactophone.offline.vibration_wav import RunRecorder
 from tactophone.telemetry.prediction_log import PredictionLog
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 

@@ -17,7 +17,7 @@ import soundfile
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.telemetry import layout, memory, prediction_log
 from tactophone.telemetry.prediction_log import PredictionLog
-from tactophone.telemetry.records import COLUMNS, TimelineWriter, read_timeline, row
+from tactophone.telemetry.timeline import COLUMNS, TimelineWriter, read_timeline, row
 from tactophone.telemetry.watcher import Watcher
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import (

@@ -92,7 +92,7 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     from tactophone.cli.send_receive import both_sides
     from tactophone.dataset.read import ground_truth
     from tactophone.offline.vibration_wav import RunRecorder, score_run
-    from tactophone.telemetry.records import read_timeline
+    from tactophone.telemetry.timeline import read_timeline
 
     sources = [FileSource(own.capture.device) for own in each_finger(settings)]
     duration = max(source.duration for source in sources)

@@ -27,7 +27,7 @@ from tactophone.perception.models import default_model, model_path, tip_mismatch
 from tactophone.perception.noise_floor import SILENT_DBFS, RecordingFloor, measure_floor
 from tactophone.pipeline import Pipeline, open_pipeline
 from tactophone.settings import Settings
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.types import DEFAULT_TIP, PipelineStep, TouchEvent
 
 EXAMPLES = (

@@ -195,7 +195,7 @@ def write_haptic_files(formats: Iterable[str], stem: Path, timeline: Path, *, du
     if not formats:
         return {}
     from tactophone.bridges.haptic_files import write_haptic_file
-    from tactophone.telemetry.records import read_timeline
+    from tactophone.telemetry.timeline import read_timeline
     from tactophone.types import HapticCommand
 
     columns = read_timeline(timeline)

@@ -9,7 +9,7 @@ import numpy as np
 from tactophone.dataset.plots import CONTACT_COLOUR, GREY, ORANGE, TOUCH_COLOURS, VIBRATION_COLOUR, load_pyplot
 from tactophone.dataset.values import Segment
 from tactophone.offline.vibration_wav import PeakEnvelope
-from tactophone.telemetry.records import read_timeline
+from tactophone.telemetry.timeline import read_timeline
 from tactophone.types import Touch
 
 _WIDTH, _DPI = 11.0, 130

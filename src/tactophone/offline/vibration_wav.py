@@ -25,7 +25,7 @@ from tactophone.perception.resample import Resampler
 from tactophone.pipeline import Pipeline
 from tactophone.telemetry.layout import STEP
 from tactophone.telemetry.prediction_log import RunFollower
-from tactophone.telemetry.records import TimelineWriter
+from tactophone.telemetry.timeline import TimelineWriter
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import LIVE_SAMPLE_RATE, SURFACE_LABELS, AudioBlock, FloatArray, PipelineStep, Source, Touch
 

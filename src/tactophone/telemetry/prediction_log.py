@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactophone.errors import ConfigError
-from tactophone.telemetry.records import TimelineWriter
+from tactophone.telemetry.timeline import TimelineWriter
 from tactophone.telemetry.watcher import Watcher
 from tactophone.types import prediction_of
 
@@ -21,7 +21,7 @@ class RunFollower:
     def __init__(self, name: str) -> None:
         self.watcher = Watcher(name)
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="telemetry-follower", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="run-follower", daemon=True)
 
     def __enter__(self) -> Self:
         self._thread.start()
