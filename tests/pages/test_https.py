@@ -19,7 +19,7 @@ def test_https_gives_a_phone_its_sound(run: Run, tmp_path: Path) -> None:
     browser = start_chromium("--ignore-certificate-errors")
     try:
         with watch(run.telemetry.name, certificate=files, names=("phone.test",)) as page:
-            assert page.secure
+            assert page.access.scheme == "https"
             browser.get(page.url.replace("127.0.0.1", "phone.test"))
             assert browser.execute_script("return isSecureContext") is True
             wait(browser, lambda: text(browser, "life") == "live", 20)

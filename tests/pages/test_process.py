@@ -35,7 +35,7 @@ def test_a_port_that_is_taken_is_refused() -> None:
 @pytest.mark.realtime
 def test_it_serves_before_there_is_a_run_and_not_after_its_end() -> None:
     with watch("none") as page:
-        assert page.private
+        assert page.access.private
         with urllib.request.urlopen(page.url) as answer:
             assert answer.status == 200
     with pytest.raises(urllib.error.URLError):

@@ -56,7 +56,7 @@ def _first_answer(page: Page) -> float:
     begin, address = time.monotonic(), urlsplit(page.url)
     while True:
         with suppress(OSError, http.client.HTTPException):
-            if page.secure:
+            if page.access.scheme == "https":
                 context = ssl._create_unverified_context()
                 connection: http.client.HTTPConnection = http.client.HTTPSConnection(
                     "127.0.0.1", address.port, timeout=3, context=context

@@ -82,7 +82,7 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
     output.note(f"page: {address}")
     if browser and not webbrowser.open(address):
         output.note("no browser could be opened here: open the address in one")
-    if page.private:
+    if page.access.private:
         return
     # Black on white in any terminal: not every camera reads an inverted code.
     output.log().print(qr_code(address), style="black on white", end="", soft_wrap=True)
@@ -90,7 +90,7 @@ def announce(page: "Page", path: str = "", *, browser: bool = False) -> None:
         "A phone in the same network scans the code, or opens the address above. Whoever has the address sees this "
         "run, feels it, and can stop, mute and weaken it; only a page on this machine arms it."
     )
-    if not page.secure:
+    if page.access.scheme == "http":
         output.note(
             "The page's traffic, its token too, can be read on the network: use a trusted one, or --https. "
             "Without --https a phone has neither sound nor microphone there, only vibration."

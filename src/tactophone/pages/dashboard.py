@@ -8,6 +8,7 @@ import asyncio
 import json
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -100,71 +101,41 @@ def _number(action: Any, value: Any, own: FingerState) -> Request | str:
     return Request(action, float(value))
 
 
-class Recorder(Answers):
-    """The page's button *Record*, passed on to the command that keeps logs; this process writes no file.
-
-    One end of a pipe: true begins a log, false ends it; answers are shown by all pages.
-
-    Attributes
-    ----------
-    status
-        For a page that is opened now: ``recording`` is the file, empty while there is none.
-    """
-
-    def __init__(self, orders: Connection, views: set[web.WebSocketResponse]) -> None:
-        super().__init__(orders, views)
-        self.status: dict[str, Any] = {"recording": ""}
-
-    def ask(self, begin: bool) -> None:
-        """Begin or end a log; the answer comes later."""
-        self.send(begin)
-
-    def keep(self, answer: dict[str, Any]) -> None:
-        """Keep which file is recorded."""
-        if "recording" in answer:
-            self.status = {"recording": answer["recording"]}
-
-
-RUN = web.AppKey("run", WatchedRun)
-VIEWS: web.AppKey[set[web.WebSocketResponse]] = web.AppKey("views", set)
-RECORDER = web.AppKey("recorder", Recorder)
-
-
 def dashboard(name: str, microphone: Connection | None = None, recorder: Connection | None = None) -> web.Application:
     """Build the operator's page for the run of that name.
 
-    ``microphone`` takes the sound of a page that listens; ``recorder`` keeps logs, as `Recorder` asks for them.
+    ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true begins one, false ends it, and
+    each answer names the file of the log, empty while there is none; this process writes no file.
     """
-    app = web.Application()
-    app[RUN], app[VIEWS] = WatchedRun(name), set()
+    app, run, views = web.Application(), WatchedRun(name), set[web.WebSocketResponse]()
+    logs = Answers(recorder, views, kept={"recording": ""}) if recorder is not None else None
     app.router.add_get("/", page(STATIC / "index.html"))
     app.router.add_get("/try", page(STATIC / "try.html"))
-    app.router.add_get("/live", _live)
-    app.router.add_get("/feel", Fingertips(app[RUN]).connect)
+    app.router.add_get("/live", partial(_live, run, views, logs))
+    app.router.add_get("/feel", Fingertips(run).connect)
     if microphone is not None:
         app.router.add_get("/listen", PageMicrophone(microphone).connect)
-    if recorder is not None:
-        app[RECORDER] = Recorder(recorder, app[VIEWS])
-        app.on_startup.append(app[RECORDER].follow)
+    if logs is not None:
+        app.on_startup.append(logs.follow)
     return app
 
 
-async def _live(request: web.Request) -> web.StreamResponse:
-    views, run = request.app[VIEWS], request.app[RUN]
+async def _live(
+    run: WatchedRun, views: set[web.WebSocketResponse], logs: Answers | None, request: web.Request
+) -> web.StreamResponse:
     view = await admit(request, views, VIEWERS)
     if view is None:
         return web.Response()
     views.add(view)
     credit = asyncio.Semaphore(CREDIT)
-    recorder = request.app.get(RECORDER)
     try:
         await say_command(view, request)
-        if recorder is not None:
-            await view.send_str(json.dumps(recorder.status))
+        if logs is not None:
+            await view.send_str(json.dumps(logs.status))
         async with asyncio.TaskGroup() as tasks:
             finger = finger_of(request)
             sending = tasks.create_task(_send(view, Feed(run, finger=finger), credit))
-            await _receive(view, run, recorder, credit, local=is_local(request), finger=finger)
+            await _receive(view, run, logs, credit, local=is_local(request), finger=finger)
             sending.cancel()
     finally:
         views.discard(view)
@@ -180,7 +151,7 @@ async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semapho
 
 
 async def _receive(
-    view: web.WebSocketResponse, run: WatchedRun, recorder: Recorder | None, credit: asyncio.Semaphore, *, local: bool,
+    view: web.WebSocketResponse, run: WatchedRun, logs: Answers | None, credit: asyncio.Semaphore, *, local: bool,
     finger: int,
 ) -> None:  # fmt: skip
     snapshot = None
@@ -195,8 +166,8 @@ async def _receive(
         if isinstance(request, str):
             await view.send_str(json.dumps({"refused": request}))
         elif isinstance(request, RecordRequest):
-            if recorder is not None:
-                recorder.ask(request.begin)
+            if logs is not None:
+                logs.send(request.begin)
         elif request.action == "stop":
             run.ask(request)  # an emergency stop is for all fingers
         else:

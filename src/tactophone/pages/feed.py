@@ -55,15 +55,6 @@ def pack(header: Mapping[str, Any], tables: Tables) -> bytes:
     return b"".join((len(text).to_bytes(4, "little"), text, *numbers))
 
 
-def header(snapshot: Snapshot, *, full: bool) -> dict[str, Any]:
-    """Return the header of a message; a ``full`` one has the state of run and finger, all counters and all gauges."""
-    entries: dict[str, Any] = {"alive": snapshot.alive, "age": snapshot.age}
-    if full:
-        state = {**asdict(snapshot.state), **asdict(snapshot.finger)}
-        entries |= {"state": state, "counters": snapshot.counters, "gauges": snapshot.gauges}
-    return entries
-
-
 def envelope(sound: FloatArray, size: int) -> NDArray[np.float64]:
     """Reduce sound to the low, high and level (dBFS) of each channel in each bucket of ``size`` samples.
 
@@ -144,13 +135,16 @@ class Feed:
             return pack({"alive": False, "waiting_for": self._run.name}, {})
         if self._last is not None and snapshot.restarts != self._last.restarts:
             self._reset()  # a restarted run counts from 0
-        now = time.monotonic()
-        full = now - self._state_sent >= STATE_INTERVAL
-        self._state_sent = now if full else self._state_sent
-        origin, tables = self._origin(snapshot), self._tables(snapshot)
+        header: dict[str, Any] = {"alive": snapshot.alive, "age": snapshot.age}
+        if (now := time.monotonic()) - self._state_sent >= STATE_INTERVAL:
+            self._state_sent = now
+            state = {**asdict(snapshot.state), **asdict(snapshot.finger)}
+            header |= {"state": state, "counters": snapshot.counters, "gauges": snapshot.gauges}
+        header["origin"], tables = self._origin(snapshot), self._tables(snapshot)
         self._last = snapshot
-        hand = self._run.hand()
-        return pack({**header(snapshot, full=full), "origin": origin, **({"hand": hand} if hand else {})}, tables)
+        if hand := self._run.hand():
+            header["hand"] = hand
+        return pack(header, tables)
 
     def _tables(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
         first = snapshot.vibration_end - len(snapshot.vibration)

@@ -4,7 +4,6 @@ import dataclasses
 import threading
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
-from typing import Any
 
 from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.motion import LIFT, five_stones
@@ -45,7 +44,12 @@ class StoneBoxSource(AlwaysOpen):
     def __iter__(self) -> Iterator[AudioBlock]:
         while True:
             while self._inbox.poll():
-                self._handle(*self._inbox.recv())
+                action, *arguments = self._inbox.recv()
+                if action == "lay":
+                    # This takes longer than a block, so a thread does it; the old stones stay until it is done.
+                    threading.Thread(target=self._lay, args=arguments, daemon=True).start()
+                else:
+                    self._finger.move(*arguments)
             if self._next is not None:
                 self._finger, self._next = self._next, None
             # Each finger counts its samples from 0; the stream goes on counting.
@@ -61,13 +65,6 @@ class StoneBoxSource(AlwaysOpen):
         """Return the true touch at the end of the last block."""
         touch = self._finger.truth.touch
         return int(touch[-1]) if touch.size else int(Touch.NONE)
-
-    def _handle(self, action: str, *arguments: Any) -> None:
-        if action == "lay":
-            # This takes longer than a block, so a thread does it; the old stones stay until it is done.
-            threading.Thread(target=self._lay, args=arguments, daemon=True).start()
-        else:
-            self._finger.move(*arguments)
 
     def _lay(self, touches: tuple[int, ...], seed: int) -> None:
         self._next = _finger_over(tuple(map(Touch, touches)), seed, self._tip)

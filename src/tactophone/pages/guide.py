@@ -5,8 +5,8 @@ machine alone, by its address and once more by the check of each connection.
 """
 
 import json
+from functools import partial
 from multiprocessing.connection import Connection
-from typing import Any
 
 from aiohttp import WSMsgType, web
 
@@ -16,40 +16,29 @@ LONGEST_BUTTON = 16
 """Characters of a button's name."""
 
 
-class Guide(Answers):
-    """Shows a guided command to every page that is open; the first press of a button counts for all."""
-
-    def __init__(self, orders: Connection) -> None:
-        super().__init__(orders, set())
-        self.status: dict[str, Any] = {}
-
-    def keep(self, answer: dict[str, Any]) -> None:
-        """Keep everything, the newest of each kind."""
-        self.status |= answer
-
-    async def connect(self, request: web.Request) -> web.StreamResponse:
-        """Show the command to a page until it leaves."""
-        view = await admit(request, self._views, VIEWERS)
-        if view is None:
-            return web.Response()
-        if not is_local(request):
-            await view.close(code=1008, message=b"open this page on the machine that runs the command")
-            return view
-        self._views.add(view)
-        try:
-            await view.send_str(json.dumps(self.status))
-            async for message in messages_of(view):
-                if message.type is WSMsgType.TEXT and len(message.data) <= LONGEST_BUTTON:
-                    self.send(message.data)
-        finally:
-            self._views.discard(view)
-        return view
-
-
 def guide_page(orders: Connection) -> web.Application:
-    """Build the page of the guided command at the other end of a pipe."""
-    app, guide = web.Application(), Guide(orders)
+    """Build the page of the guided command at the other end of a pipe; the first press of a button counts for all."""
+    app, command = web.Application(), Answers(orders, set())
     app.router.add_get("/", page(STATIC / "guide.html"))
-    app.router.add_get("/guide", guide.connect)
-    app.on_startup.append(guide.follow)
+    app.router.add_get("/guide", partial(_show, command))
+    app.on_startup.append(command.follow)
     return app
+
+
+async def _show(command: Answers, request: web.Request) -> web.StreamResponse:
+    """Show the command to a page until it leaves."""
+    view = await admit(request, command.views, VIEWERS)
+    if view is None:
+        return web.Response()
+    if not is_local(request):
+        await view.close(code=1008, message=b"open this page on the machine that runs the command")
+        return view
+    command.views.add(view)
+    try:
+        await view.send_str(json.dumps(command.status))
+        async for message in messages_of(view):
+            if message.type is WSMsgType.TEXT and len(message.data) <= LONGEST_BUTTON:
+                command.send(message.data)
+    finally:
+        command.views.discard(view)
+    return view

@@ -76,12 +76,8 @@ class AccessControl:
             name, port = parts.hostname or "", parts.port or (443 if self.scheme == "https" else 80)
         except ValueError:
             return False
-        return port == self.port and (name in self._names or self._is_own_address(name))
-
-    @property
-    def _names(self) -> set[str]:
-        own = [socket.gethostname()] if _everywhere(self.host) else []
-        return {name.lower() for name in ("localhost", self.host, *self.names, *own)}
+        own = ["localhost", self.host, *self.names, *([socket.gethostname()] if _everywhere(self.host) else [])]
+        return port == self.port and (name in map(str.lower, own) or self._is_own_address(name))
 
     def _is_own_address(self, name: str) -> bool:
         """Return whether the name is a numeric address of this machine; a rebound name never is."""

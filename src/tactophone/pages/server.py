@@ -52,9 +52,9 @@ class Page:
             raise TactophoneError("the page needs a web server: pip install 'tactophone[dashboard]'")
         listening = _listen_everywhere(ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
-        self._access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
+        self.access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
         self._child = Child(
-            _serve, build, self._access, listening, certificate, name="tactophone-page", niceness=NICENESS
+            _serve, build, self.access, listening, certificate, name="tactophone-page", niceness=NICENESS
         )
         for listener in listening:
             listener.close()
@@ -62,17 +62,7 @@ class Page:
     @property
     def url(self) -> str:
         """The address to open, with the token."""
-        return self._access.url
-
-    @property
-    def secure(self) -> bool:
-        """Whether it is served by https."""
-        return self._access.scheme == "https"
-
-    @property
-    def private(self) -> bool:
-        """Whether only this machine can reach the page."""
-        return self._access.private
+        return self.access.url
 
     def __enter__(self) -> Self:
         return self

@@ -134,20 +134,22 @@ async def end_flood(view: web.WebSocketResponse) -> None:
 class Answers:
     """A page's end of a pipe to the command that serves it: what pages ask goes in, and its answers go to every page.
 
-    The caller adds and removes the ``views``, the pages that are open now.
+    The caller adds and removes the ``views``, the pages that are open now. ``status`` is what a page that is opened
+    later has to show: the newest entry of each kind ``kept``, of every kind if that is ``None``.
     """
 
-    def __init__(self, orders: Connection, views: set[web.WebSocketResponse]) -> None:
-        self._orders, self._views = orders, views
+    def __init__(
+        self, orders: Connection, views: set[web.WebSocketResponse], *, kept: dict[str, Any] | None = None
+    ) -> None:
+        self.views = views
+        self.status = kept or {}
+        self._orders, self._every = orders, kept is None
         self._sending: set[asyncio.Task[None]] = set()
 
     def send(self, order: Any) -> None:
         """Pass on what a page asks."""
         with suppress(OSError):  # the command has ended, and soon ends this process too
             self._orders.send(order)
-
-    def keep(self, answer: dict[str, Any]) -> None:
-        """Keep of an answer what a page that is opened later has to show."""
 
     async def follow(self, app: web.Application) -> None:
         """Take answers as they come, once the server runs."""
@@ -159,8 +161,8 @@ class Answers:
         except (EOFError, OSError):
             asyncio.get_running_loop().remove_reader(self._orders.fileno())
             return
-        self.keep(answer)
-        for view in self._views:
+        self.status |= {kind: entry for kind, entry in answer.items() if self._every or kind in self.status}
+        for view in self.views:
             task = asyncio.ensure_future(_send(view, answer))
             self._sending.add(task)
             task.add_done_callback(self._sending.discard)
