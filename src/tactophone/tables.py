@@ -156,10 +156,10 @@ class Live:
         self._thread: threading.Thread | None = None
 
     def __iter__(self) -> Iterator[PipelineStep]:
-        from tactophone.runtime.robot import RehearsableSource, paced  # needs the extra link
+        from tactophone.runtime.robot import paced  # needs the extra link
 
-        if isinstance(self._source, RehearsableSource):
-            self._source.rehearse()
+        if rehearse := getattr(self._source, "rehearse", None):
+            rehearse()
         with self._source as source:
             for block in paced(source) if self._paced else source:
                 if self._ended.is_set():

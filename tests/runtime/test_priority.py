@@ -5,32 +5,25 @@ import threading
 
 import pytest
 
-from tactophone.runtime.priority import (
-    COLLECTION_INTERVAL,
-    GarbageCollection,
-    prioritize_thread,
-    share_interpreter,
-)
+from tactophone.runtime.priority import COLLECTION_INTERVAL, collect_garbage, prioritize_thread, settle
 
 
 def test_settling_hides_everything_from_the_collector() -> None:
-    GarbageCollection(0.0)
+    before = sys.getswitchinterval()
+    settle()
     try:
         assert gc.get_freeze_count() > 1000
     finally:
         gc.unfreeze()
+        sys.setswitchinterval(before)
 
 
 def test_garbage_is_collected_now_and_then_and_not_at_each_call() -> None:
-    garbage = GarbageCollection(0.0)
-    try:
-        before = gc.get_stats()[2]["collections"]
-        assert not garbage.collect(0.9 * COLLECTION_INTERVAL)
-        assert garbage.collect(COLLECTION_INTERVAL)
-        assert not garbage.collect(1.9 * COLLECTION_INTERVAL)
-        assert gc.get_stats()[2]["collections"] == before + 1
-    finally:
-        gc.unfreeze()
+    before = gc.get_stats()[2]["collections"]
+    assert collect_garbage(0.0, 0.9 * COLLECTION_INTERVAL) == 0.0
+    assert collect_garbage(0.0, COLLECTION_INTERVAL) == COLLECTION_INTERVAL
+    assert collect_garbage(COLLECTION_INTERVAL, 1.9 * COLLECTION_INTERVAL) == COLLECTION_INTERVAL
+    assert gc.get_stats()[2]["collections"] == before + 1
 
 
 def test_a_refused_priority_is_one_sentence_with_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +49,7 @@ def test_priority_zero_requests_nothing() -> None:
 
 def test_the_callback_waits_for_the_interpreter_less_than_a_period_of_32_samples() -> None:
     before = sys.getswitchinterval()
-    share_interpreter()
+    settle()
     try:
         assert sys.getswitchinterval() < 32 / 48_000 / 4
     finally:

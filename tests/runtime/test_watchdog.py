@@ -1,15 +1,13 @@
 import numpy as np
 import pytest
 
-from tactophone.runtime.watchdog import CHECK_INTERVAL, StallTimeouts, Verdict, Watchdog
+from tactophone.runtime.watchdog import CHECK_INTERVAL, Verdict, Watchdog
 from tactophone.telemetry.watcher import Pulse
 
 
-def first_kill(
-    pulses: list[Pulse], *, every: float = CHECK_INTERVAL, timeouts: StallTimeouts | None = None
-) -> float | None:
+def first_kill(pulses: list[Pulse], *, every: float = CHECK_INTERVAL) -> float | None:
     """Time of the check at which the watchdog silences or kills the process."""
-    watchdog = Watchdog(timeouts or StallTimeouts())
+    watchdog = Watchdog()
     for index, pulse in enumerate(pulses):
         if watchdog.check(pulse, now=index * every) is not Verdict.ALIVE:
             return index * every
@@ -46,7 +44,7 @@ def test_long_periods_are_waited_for() -> None:
 
 
 def test_checks_that_were_late_themselves_do_not_count() -> None:
-    watchdog = Watchdog(StallTimeouts())
+    watchdog = Watchdog()
     stalled = Pulse(callbacks=3, amplitude=0.5, beat=1.0)
     kills = [watchdog.check(stalled, now=time) for time in np.cumsum([0.0, 0.005, 0.2, 0.005])]
     assert kills == [Verdict.ALIVE] * 4
@@ -54,7 +52,7 @@ def test_checks_that_were_late_themselves_do_not_count() -> None:
 
 def verdicts(pulses: list[Pulse]) -> dict[Verdict, list[float]]:
     """Times of the checks at which something was found."""
-    watchdog, found = Watchdog(StallTimeouts()), {Verdict.LATE: [], Verdict.STALLED: [], Verdict.ALIVE: []}
+    watchdog, found = Watchdog(), {Verdict.LATE: [], Verdict.STALLED: [], Verdict.ALIVE: []}
     for index, pulse in enumerate(pulses):
         found[watchdog.check(pulse, now=index * CHECK_INTERVAL)].append(index * CHECK_INTERVAL)
     return found

@@ -19,7 +19,7 @@ from tactophone.pipeline import Hand, Pipeline
 from tactophone.runtime.wiring import actuator_response
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import FingerState, Request
-from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.types import HapticCommand, PipelineStep, Touch
 
 EMERGENCY_STOP = "emergency stop: find the cause, then arm"
 MUTED = "muted by request: arm to vibrate again"
@@ -167,7 +167,10 @@ class FingerOutput:
         if step.predictions:
             self.roughness = step.predictions[-1].roughness
         for prediction in step.predictions:
-            self._floor_dbfs = _noise_floor(self._floor_dbfs, prediction)
+            level, floor = prediction.level_dbfs, self._floor_dbfs
+            if prediction.touch is Touch.NONE and math.isfinite(level):
+                # Smoothed over some hundred windows without contact.
+                self._floor_dbfs = level if math.isinf(floor) else floor + 0.01 * (level - floor)
         return PipelineStep(step.block, step.predictions, commands, step.finger)
 
     def stop(self) -> None:
@@ -241,10 +244,3 @@ class FingerOutput:
             detector=pipeline.detector.name, threshold_dbfs=pipeline.detector.threshold.dbfs,
             noise_floor_dbfs=round(self._floor_dbfs, 0),
         )  # fmt: skip
-
-
-def _noise_floor(floor_dbfs: float, prediction: Prediction) -> float:
-    """Smooth the level over some hundred windows without contact."""
-    if prediction.touch is not Touch.NONE or not math.isfinite(prediction.level_dbfs):
-        return floor_dbfs
-    return prediction.level_dbfs if math.isinf(floor_dbfs) else floor_dbfs + 0.01 * (prediction.level_dbfs - floor_dbfs)

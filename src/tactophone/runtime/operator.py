@@ -132,7 +132,12 @@ class Operator(Side):
 
     def __enter__(self) -> Self:
         with self._resources:
-            self._socket = self._resources.enter_context(self._open_socket())
+            link = self._settings.link
+            self._socket = self._resources.enter_context(
+                open_way(self._keeper, self._session.session, restarts=self._info.restarts)
+                if self._keeper
+                else UdpSocket(link.host, link.port)
+            )
             self._open_telemetry()
             self._session.tap = self._recorder.arrival
             self._resources.enter_context(self._actuator)
@@ -150,11 +155,6 @@ class Operator(Side):
         self._session.session.hang_up()
         send_outgoing(self._session.session, self._socket)
         self._resources.close()
-
-    def _open_socket(self) -> UdpSocket:
-        if self._keeper:
-            return open_way(self._keeper, self._session.session, restarts=self._info.restarts)
-        return UdpSocket(self._settings.link.host, self._settings.link.port)
 
     def stop(self) -> None:
         """Stop all fingers at once, and stay stopped until armed; may be called from a signal handler."""
@@ -316,12 +316,12 @@ class Operator(Side):
             samples, waited = round(event.prediction.end * LIVE_SAMPLE_RATE), 0.0
         else:
             return
-        position = _timestamp(origin, samples)
+        position = (origin + samples) % (1 << 32)
         self._recorder.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
         """Pass a step's newest command to the renderer of its finger."""
-        bounded, end = self._fingers[step.finger].submit(step), _timestamp(origin, step.block.end)
+        bounded, end = self._fingers[step.finger].submit(step), (origin + step.block.end) % (1 << 32)
         if bounded.commands:
             self._submitted = end
         now = time.monotonic()
@@ -363,8 +363,3 @@ def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", keep
         note()
         signal.signal(signal.SIGUSR1, lambda *_: operator.stop())
         operator.run(terminated)
-
-
-def _timestamp(origin: int, samples: int) -> int:
-    """Return the timestamp on the wire of samples since the stream began, where ``origin`` is that of its beginning."""
-    return (origin + samples) % (1 << 32)

@@ -27,29 +27,19 @@ that Python keeps for reuse, up to 2,000 of each size: a running operator filled
 twenty minutes (counted with `sys._debugmallocstats`)."""
 
 
-class GarbageCollection:
-    """Excludes everything imported and built so far from garbage collection, and collects the rest now and then.
-
-    Make it after all is set up.
-    """
-
-    def __init__(self, now: float) -> None:
-        gc.collect()
-        gc.freeze()
-        self._collected_at = now
-
-    def collect(self, now: float) -> bool:
-        """Collect if it is time to; returns whether it was. Call it from the main thread, at any interval."""
-        due = now - self._collected_at >= COLLECTION_INTERVAL
-        if due:
-            self._collected_at = now
-            gc.collect()
-        return due
-
-
-def share_interpreter() -> None:
-    """Let a thread that waits for the interpreter have it within `SWITCH_INTERVAL`; of the whole process."""
+def settle() -> None:
+    """Prepare a process that is set up: its garbage collections leave out all so far, and its threads wait less."""
+    gc.collect()
+    gc.freeze()
     sys.setswitchinterval(SWITCH_INTERVAL)
+
+
+def collect_garbage(last: float, now: float) -> float:
+    """Collect garbage if it is time to, at any interval of calls; returns when it was last done, in s."""
+    if now - last < COLLECTION_INTERVAL:
+        return last
+    gc.collect()
+    return now
 
 
 def name_thread(name: str) -> None:

@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 from tactophone.capture.live import LiveSource
 from tactophone.endpoints import RobotEndpoint
@@ -96,9 +96,9 @@ class Robot(Side):
         # Asked once: whether an object fits a protocol takes 25 us.
         labelled = self._source if isinstance(self._source, LabelledSource) else None
         self._truth_of: Callable[[int], int] = labelled.truth_of if labelled else lambda _: -1
-        if isinstance(self._source, RehearsableSource):
+        if rehearse := getattr(self._source, "rehearse", None):  # a simulation, which compiles itself at first use
             info.progress("compiling the simulation")
-            self._source.rehearse()
+            rehearse()
         info.progress("rehearsing")
         self._group = open_send_group(settings, self._source.channels, way=keeper is not None)
         self._operators = operators_of(settings.link)
@@ -342,11 +342,3 @@ def paced(
             sleep(-late)
         yield dataclasses.replace(block, start=block.start + moved) if moved else block
         asked, skipping_until = clock(), None  # the time that the caller took is no part of a read
-
-
-@runtime_checkable
-class RehearsableSource(Protocol):
-    """A source that compiles itself at first use."""
-
-    def rehearse(self) -> None:
-        """Compile now; the sound to come stays the same."""

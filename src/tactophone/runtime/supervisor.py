@@ -19,15 +19,9 @@ from typing import Self, TypeAlias
 from tactophone.devices.jack import disconnect_from_jack
 from tactophone.errors import TactophoneError
 from tactophone.processes import Child, Parent, orphaned
-from tactophone.runtime.priority import (
-    MAIN_PRIORITY,
-    GarbageCollection,
-    name_thread,
-    prioritize_thread,
-    share_interpreter,
-)
+from tactophone.runtime.priority import MAIN_PRIORITY, collect_garbage, name_thread, prioritize_thread, settle
 from tactophone.runtime.recorder import SessionRecorder
-from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, StallTimeouts, Verdict, Watchdog
+from tactophone.runtime.watchdog import CHECK_INTERVAL, SILENT_TIMEOUT, Verdict, Watchdog
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import Fault
 from tactophone.telemetry.memory import remove_leftovers, remove_memory
@@ -213,8 +207,7 @@ class Supervisor:
         child, watcher = self._child, self._watcher()
         # The short timeout is for real actuators: a stalled file harms nobody, and a busy machine may be late.
         harmless = self._settings.output.actuator in ("file", "none")
-        timeout = SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout
-        watchdog = Watchdog(StallTimeouts(vibrating=timeout))
+        watchdog = Watchdog(SILENT_TIMEOUT if harmless else self._settings.process.stall_timeout)
         while child and not self._ended.wait(CHECK_INTERVAL):
             if not child.alive:
                 failures = [text for kind, text in child.messages() if kind in ("error", "bug")]
@@ -315,13 +308,13 @@ class Side:
 
         Raises what ended the side, if it was an error.
         """
-        garbage = GarbageCollection(time.monotonic())
-        share_interpreter()
+        settle()
+        collected = time.monotonic()
         prioritize_thread(min(MAIN_PRIORITY, self._settings.process.priority))
         while not (terminated.is_set() or self.ended.is_set() or orphaned()):
             now = time.monotonic()
             self.housekeep(now)
-            garbage.collect(now)
+            collected = collect_garbage(collected, now)
             self.ended.wait(self.interval)
         if self.failure is not None:
             raise self.failure

@@ -8,7 +8,6 @@ after a short one, and to be silenced; stalled it is after the long one. Only ch
 if the whole machine stood still, so did the watchdog, and the client may be late for the same reason.
 """
 
-from dataclasses import dataclass
 from enum import Enum
 
 from tactophone.settings import Process
@@ -20,22 +19,10 @@ CHECK_INTERVAL = 0.005
 SILENT_TIMEOUT = 2.0
 """Seconds without any sign of life after which a process counts as stalled."""
 
-
 LATE_PERIODS = 8
 """Periods for which a process that vibrates may be late. A busy machine is late by a number of periods rather than by
 a time: 50 ms are 19 periods of 128 samples, but under five of 512, and the watchdog ended processes that were only
 late. With the two periods that the server takes to remove a client, silence comes within ten."""
-
-
-@dataclass(frozen=True, slots=True)
-class StallTimeouts:
-    """How long a process may show no sign of life, in s: while it vibrates, and while it is silent.
-
-    For a device with long periods the first is extended to `LATE_PERIODS` of them.
-    """
-
-    vibrating: float = Process().stall_timeout
-    silent: float = SILENT_TIMEOUT
 
 
 class Verdict(Enum):
@@ -47,14 +34,16 @@ class Verdict(Enum):
 class Watchdog:
     """Decides from pulses whether a process is late or has stalled; it has no clock and no process of its own.
 
-    >>> watchdog = Watchdog(StallTimeouts(vibrating=0.035))
+    ``late_after``: seconds that a process may show no sign of life while it vibrates.
+
+    >>> watchdog = Watchdog(late_after=0.035)
     >>> found = [watchdog.check(Pulse(7, amplitude=0.5, beat=0.0), now=0.005 * n) for n in range(500)]
     >>> found.index(Verdict.LATE), found.index(Verdict.STALLED)
     (8, 401)
     """
 
-    def __init__(self, timeouts: StallTimeouts) -> None:
-        self._timeouts = timeouts
+    def __init__(self, late_after: float = Process().stall_timeout) -> None:
+        self._late_after = late_after
         self._last: float | None = None
         self._callbacks = -1
         self._beat = 0.0
@@ -72,12 +61,12 @@ class Watchdog:
         self._callbacks, self._beat = pulse.callbacks, pulse.beat
         # Whoever goes on after it was silenced may be late again, and is then reported again.
         self._reported &= not moved
-        if self._without_beat > self._timeouts.silent:
+        if self._without_beat > SILENT_TIMEOUT:
             return Verdict.STALLED
         if pulse.amplitude > 0.0 and not self._reported:
-            late = max(self._timeouts.vibrating, LATE_PERIODS * max(0.0, pulse.period))
+            late = max(self._late_after, LATE_PERIODS * max(0.0, pulse.period))
             self._reported = self._without_callback > late
             return Verdict.LATE if self._reported else Verdict.ALIVE
         # Reported, and it still vibrates: either nothing silenced it, or it is stopped for good.
-        silenced_in_vain = pulse.amplitude > 0.0 and self._without_callback > self._timeouts.silent
+        silenced_in_vain = pulse.amplitude > 0.0 and self._without_callback > SILENT_TIMEOUT
         return Verdict.STALLED if silenced_in_vain else Verdict.ALIVE
