@@ -5,7 +5,7 @@ import pytest
 import soundfile
 
 from tactophone.dataset.checks import check
-from tactophone.dataset.convert import convert, set_split, write_card
+from tactophone.dataset.convert import convert, set_columns, write_card
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import split
 from tactophone.errors import DatasetError
@@ -44,14 +44,15 @@ def test_a_file_that_cannot_be_converted_is_named_and_leaves_no_half(tmp_path: P
 
 def test_a_split_is_written_and_read_back(tmp_path: Path) -> None:
     dataset = open_dataset(audiofolder(tmp_path))
-    set_split(dataset, {"stone 00": "test", "stone 01": "test", "stone 02": "train", "stone 03": "train"})
+    sides = {"stone 00": "test", "stone 01": "test", "stone 02": "train", "stone 03": "train"}
+    set_columns(dataset, {surface: {"split": side} for surface, side in sides.items()})
     (fold,) = split(open_dataset(tmp_path), "predefined")
     assert {recording.surface for recording in fold.test} == {"stone 00", "stone 01"}
 
 
 def test_a_split_wants_a_manifest_of_ours(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="dataset import"):
-        set_split(open_dataset(authors(tmp_path)), {})
+        set_columns(open_dataset(authors(tmp_path)), {})
 
 
 def test_the_card_lists_the_contents(tmp_path: Path) -> None:

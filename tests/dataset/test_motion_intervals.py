@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from tactophone.dataset.values import MotionInterval, Recording, cut_slides, first_slide, read_slides, slides_over
+from tactophone.dataset.values import Recording, cut_slides, first_slide, read_slides, slides_over
 
 LISTED = Recording(Path("a.flac"), "slate", properties={"slides": "0.500-1.000 1.500-2.000"})
 UNKNOWN = Recording(Path("b.flac"), "slate")
@@ -25,5 +25,5 @@ def test_an_edge_is_crossed_sliding_or_not_at_all() -> None:
 
 
 def test_a_piece_keeps_its_slides() -> None:
-    assert cut_slides(LISTED, 0.75, 1.25, place=2.75) == (MotionInterval(2.75, 3.0),)
+    assert cut_slides(LISTED, 0.75, 1.25, place=2.75) == ((2.75, 3.0),)
     assert cut_slides(UNKNOWN, 0.75, 1.25, place=2.75) is None

@@ -14,7 +14,7 @@ from tactophone.bridges.mcap import is_mcap
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
-from tactophone.dataset.convert import convert, set_split, write_card
+from tactophone.dataset.convert import convert, set_columns, write_card
 from tactophone.dataset.layouts import FORMATS
 from tactophone.dataset.metadata import FILE_NAME
 from tactophone.dataset.plots import draw_dataset
@@ -119,11 +119,11 @@ def _split(args: argparse.Namespace) -> int:
             raise ConfigError(f"--fold {args.fold}: {args.by} has folds 1 to {len(folds)}")
         fold = folds[args.fold - 1]
         sides = {
-            recording.surface: side
+            recording.surface: {"split": side}
             for side, recordings in (("train", fold.train), ("test", fold.test))
             for recording in recordings
         }
-        output.log().print(set_split(dataset, sides), soft_wrap=True)
+        output.log().print(set_columns(dataset, sides), soft_wrap=True)
     tested = [(fold, sorted({recording.surface for recording in fold.test})) for fold in folds]
     rows = [{"fold": fold.name, "train": len(fold.train), "test": surfaces} for fold, surfaces in tested]
     table = [

@@ -13,7 +13,7 @@ from tactophone.cli import console, options, output
 from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
-from tactophone.dataset.metadata import holds_metadata
+from tactophone.dataset.metadata import manifests_in
 from tactophone.dataset.read import open_dataset
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception.calibration import Calibration
@@ -76,7 +76,7 @@ def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject
     """Finish what was cut off before, then record."""
     for recovered in recover(plan.root):
         output.log().print(f"finished {recovered.path}, which was cut off: {recovered.known('quality')}")
-    known = open_dataset(plan.root) if holds_metadata(plan.root) else None
+    known = open_dataset(plan.root) if manifests_in(plan.root) else None
     with AudioInput(args, args.object) as audio, console.single_keys() as has_keyboard:
         rate, channels = audio.source.sample_rate, audio.source.channels
         recorder = Recorder(target, plan, known, sample_rate=rate, channels=channels)

@@ -76,20 +76,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _write(args: argparse.Namespace, report: "HeightReport") -> Path:
-    from tactophone.dataset.metadata import FILE_NAME, write_metadata
+    from tactophone.dataset.convert import set_columns
     from tactophone.dataset.read import open_dataset
 
     dataset = open_dataset(args.write_metadata)
-    if not (dataset.root / FILE_NAME).is_file():
-        raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
     if args.surface not in dataset.surfaces:
         hint = did_you_mean(args.surface, dataset.surfaces) or "; `tactophone dataset show` lists all"
         raise DatasetError(f"{dataset.root}: no surface {args.surface!r}{hint}")
     found = report.profile
     heights = {"ra_um": found.ra, "rz_um": found.rz, "rsm_um": found.rsm}
     columns = {name: "" if math.isnan(height) else f"{height * 1e6:.4g}" for name, height in heights.items()}
-    recordings = [
-        recording.with_properties(**columns) if recording.surface == args.surface else recording
-        for recording in dataset.recordings
-    ]
-    return write_metadata(dataset.root, recordings)
+    return set_columns(dataset, {args.surface: columns})

@@ -279,14 +279,8 @@ def _measure_contact(recording: Recording, threshold_dbfs: float) -> tuple[str, 
     return digest, float(np.mean(power >= 10 ** (threshold_dbfs / 10)))
 
 
-def pair_problem(contact: Path, air: Path) -> Problem | None:
-    """Return what keeps two mono files from being channels of one recording; ``None`` if nothing does."""
-    message, fatal = _pair_fault(contact, air)
-    return Problem(contact, "pair", message, fatal) if message else None
-
-
-def _pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
-    """What is wrong with a pair, empty if nothing is, and whether it keeps the two from being joined."""
+def pair_fault(contact: Path, air: Path) -> tuple[str, bool]:
+    """Return what is wrong with a pair of mono files, empty if nothing, and whether it forbids to join them."""
     try:
         one, two = (Recording(path, "").read() for path in (contact, air))
     except DatasetError as error:

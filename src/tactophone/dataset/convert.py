@@ -45,18 +45,15 @@ def convert(
     return Dataset(out.name, out, tuple(copies))
 
 
-def set_split(dataset: Dataset, sides: dict[str, str]) -> Path:
-    """Write the column ``split`` of a data set's manifest: ``train`` or ``test``, by surface.
+def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> Path:
+    """Write columns of a data set's manifest, by surface; other surfaces keep theirs.
 
     Raises `DatasetError` if the data set has no ``metadata.csv`` of its own.
     """
     if not (dataset.root / FILE_NAME).is_file():
         raise DatasetError(f"{dataset.root}: no {FILE_NAME} to write to; `tactophone dataset import` makes one")
-    recordings = []
-    for recording in dataset.recordings:
-        side = sides.get(recording.surface, recording.known("split"))
-        recordings.append(recording.with_properties(split=side))
-    return write_metadata(dataset.root, recordings)
+    changed = (recording.with_properties(**columns.get(recording.surface, {})) for recording in dataset.recordings)
+    return write_metadata(dataset.root, changed)
 
 
 def write_card(dataset: Dataset) -> Path:

@@ -240,9 +240,7 @@ def measure_area(heights: Heights, *, step: float, cutoff: float) -> ArealRoughn
     """
     rough = areal_roughness(heights, step=step, cutoff=cutoff)
     rough = rough - rough.mean()
-    return ArealRoughness(
-        float(np.abs(rough).mean()), float(np.sqrt(np.square(rough).mean())), float(rough.max() - rough.min())
-    )
+    return ArealRoughness(float(np.abs(rough).mean()), float(np.sqrt(np.square(rough).mean())), float(np.ptp(rough)))
 
 
 def areal_roughness(heights: Heights, *, step: float, cutoff: float) -> Heights:

@@ -25,7 +25,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset.checks import pair_problem
+from tactophone.dataset.checks import pair_fault
 from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
 from tactophone.dataset.values import LABEL_NAMES, TWO_CHANNELS, Dataset, Problem, Recording, Segment, open_sound
@@ -266,10 +266,10 @@ def _recordings(
             continue
         if "contact" in files and "air" in files:
             air = files["air"][0]
-            problem = pair_problem(path, air)
-            if problem:
-                problems.append(problem)
-            if not (problem and problem.fatal):
+            message, fatal = pair_fault(path, air)
+            if message:
+                problems.append(Problem(path, "pair", message, fatal))
+            if not fatal:
                 yield name.recording(path, TWO_CHANNELS), name, air
             continue
         for each, its_name in files.values():

@@ -20,10 +20,6 @@ PARTS = ("train", "validation", "test")
 _COLUMNS = ("file_name", "surface", "label", "channels", "take", "scenario", "session", "tier", "segments")
 
 
-def holds_metadata(folder: Path) -> bool:
-    return bool(_manifests(folder))
-
-
 def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = None) -> Dataset:
     """Read a folder's ``metadata.csv``, or those of its ``train``, ``validation`` and ``test`` sub-folders.
 
@@ -32,7 +28,7 @@ def read_metadata(folder: Path, *, surface_of: Callable[[Path], str] | None = No
     """
     recordings: list[Recording] = []
     problems: list[Problem] = []
-    for manifest in _manifests(folder):
+    for manifest in manifests_in(folder):
         for line, cells in rows(manifest, required=("file_name",) if surface_of else ("file_name", "surface")):
             row = dict(cells)
             if surface_of and not row.get("surface"):
@@ -101,7 +97,8 @@ def inside(folder: Path, name: str) -> Path | None:
     return path if name and inner and not Path(name).is_absolute() else None
 
 
-def _manifests(folder: Path) -> list[Path]:
+def manifests_in(folder: Path) -> list[Path]:
+    """Return each ``metadata.csv`` of a data set, the whole one or those of its parts."""
     whole = folder / FILE_NAME
     if whole.is_file():
         return [whole]

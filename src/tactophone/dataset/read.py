@@ -14,7 +14,7 @@ from tactophone.dataset.layouts import (
     read_manifest,
     surface_and_take,
 )
-from tactophone.dataset.metadata import FILE_NAME, PARTS, holds_metadata, read_metadata
+from tactophone.dataset.metadata import FILE_NAME, PARTS, manifests_in, read_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Recording, Segment
 from tactophone.errors import DatasetError
 
@@ -50,7 +50,7 @@ def find_importable(path: Path | str) -> LabFolder:
     manifest nor any name holds a label.
     """
     folder = Path(path).parent if Path(path).suffix == ".csv" else Path(path)
-    if holds_metadata(folder):
+    if manifests_in(folder):
         guessed: list[Path] = []
 
         def surface_of(name: Path) -> str:
@@ -102,7 +102,7 @@ def _inner(folder: Path) -> list[str]:
 
 def _reader(folder: Path) -> Callable[[Path], Dataset] | None:
     """Return what reads a folder of one of the known layouts; ``None`` for any other."""
-    if holds_metadata(folder):
+    if manifests_in(folder):
         return read_metadata
     if (folder / MANIFEST).is_file():
         return read_manifest

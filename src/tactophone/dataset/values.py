@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import soundfile
@@ -274,29 +275,24 @@ def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
 # separated by spaces. A recording without it is taken to slide from the first contact on.
 
 
-@dataclass(frozen=True, slots=True)
-class MotionInterval:
-    """Start and end of a slide, in s."""
-
-    start: float
-    end: float
+Intervals: TypeAlias = tuple[tuple[float, float], ...]
+"""Start and end of each slide, or of each touch, in s."""
 
 
-def read_slides(recording: Recording) -> tuple[MotionInterval, ...] | None:
+def read_slides(recording: Recording) -> Intervals | None:
     """Return the intervals in which the finger slides; ``None`` if they are unknown."""
     text = recording.known("slides")
-    if not text:
-        return None
-    return tuple(MotionInterval(*map(float, entry.split("-"))) for entry in text.split())
+    pairs = (entry.split("-") for entry in text.split())
+    return tuple((float(start), float(end)) for start, end in pairs) if text else None
 
 
-def write_slides(intervals: tuple[MotionInterval, ...]) -> str:
+def write_slides(intervals: Intervals) -> str:
     """Format intervals as the property ``slides``.
 
-    >>> write_slides((MotionInterval(0.25, 1.0), MotionInterval(1.5, 2.25)))
+    >>> write_slides(((0.25, 1.0), (1.5, 2.25)))
     '0.250-1.000 1.500-2.250'
     """
-    return " ".join(f"{interval.start:.3f}-{interval.end:.3f}" for interval in intervals)
+    return " ".join(f"{start:.3f}-{end:.3f}" for start, end in intervals)
 
 
 def first_slide(recording: Recording, start: float, end: float) -> float | None:
@@ -304,25 +300,20 @@ def first_slide(recording: Recording, start: float, end: float) -> float | None:
     intervals = read_slides(recording)
     if intervals is None:
         return start
-    starts = (max(interval.start, start) for interval in intervals if interval.end > start and interval.start < end)
-    return min(starts, default=None)
+    return min((max(begin, start) for begin, last in intervals if last > start and begin < end), default=None)
 
 
 def slides_over(recording: Recording, edge: float) -> bool:
     """Return whether the finger crosses an edge, at ``edge`` s, without stopping on it."""
     intervals = read_slides(recording)
-    return intervals is None or any(
-        interval.start <= edge and interval.end >= edge + CROSSING for interval in intervals
-    )
+    return intervals is None or any(start <= edge and end >= edge + CROSSING for start, end in intervals)
 
 
-def cut_slides(recording: Recording, start: float, end: float, *, place: float) -> tuple[MotionInterval, ...] | None:
+def cut_slides(recording: Recording, start: float, end: float, *, place: float) -> Intervals | None:
     """Return the slides of the piece from ``start`` to ``end`` after it was moved to ``place``, all in s."""
     intervals = read_slides(recording)
     if intervals is None:
         return None
     shift = place - start
-    moved = (
-        MotionInterval(max(interval.start, start) + shift, min(interval.end, end) + shift) for interval in intervals
-    )
-    return tuple(interval for interval in moved if interval.end > interval.start)
+    moved = ((max(begin, start) + shift, min(last, end) + shift) for begin, last in intervals)
+    return tuple(pair for pair in moved if pair[1] > pair[0])

@@ -21,7 +21,6 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.values import (
-    MotionInterval,
     Recording,
     Segment,
     cut_slides,
@@ -264,8 +263,8 @@ def _motion(pair: Sequence[tuple[Recording, float]]) -> dict[str, str]:
         return {}
     # A slide that continues over the edge is one slide.
     last, first = cuts[0][-1:], cuts[1][:1]
-    if last and first and first[0].start <= last[0].end:
-        return {"slides": write_slides((*cuts[0][:-1], MotionInterval(last[0].start, first[0].end), *cuts[1][1:]))}
+    if last and first and first[0][0] <= last[0][1]:
+        return {"slides": write_slides((*cuts[0][:-1], (last[0][0], first[0][1]), *cuts[1][1:]))}
     return {"slides": write_slides((*cuts[0], *cuts[1]))}
 
 

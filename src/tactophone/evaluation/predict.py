@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset.values import Recording
+from tactophone.dataset.values import Intervals, Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
 from tactophone.perception.contact import ContactGate
@@ -27,9 +27,6 @@ PIECE = 1 << 16
 
 LEAST_CONTACT = 0.1
 """Share of a recording under which what seemed its noise floor is an even slide: a finger touches its surface."""
-
-Intervals = tuple[tuple[float, float], ...]
-"""Start and end of each touch, in s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
