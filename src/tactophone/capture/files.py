@@ -112,12 +112,8 @@ class RecordedSource:
         self, source: FileSource, *, resample: Callable[[FloatArray], FloatArray], label_at: Callable[[float], int]
     ) -> None:
         self._source, self._resample, self._label_at = source, resample, label_at
+        self.channels = source.channels
         self._time = 0.0
-
-    @property
-    def channels(self) -> int:
-        """Number of channels of the recording."""
-        return self._source.channels
 
     def __enter__(self) -> Self:
         self._source.__enter__()
@@ -149,12 +145,7 @@ class CombinedSource:
     def __init__(self, sources: Sequence[LabelledSource]) -> None:
         self._sources = list(sources)
         self._resources = ExitStack()
-        self.sample_rate = self._sources[0].sample_rate
-
-    @property
-    def channels(self) -> int:
-        """Two for each finger."""
-        return 2 * len(self._sources)
+        self.sample_rate, self.channels = self._sources[0].sample_rate, 2 * len(self._sources)
 
     def __enter__(self) -> Self:
         for source in self._sources:

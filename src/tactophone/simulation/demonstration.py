@@ -55,7 +55,7 @@ def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str 
     touched: list[list[NDArray[np.int16]]] = []
     while not blocks or blocks[-1].end < longest * hand.sample_rate:
         blocks.append(hand.render(4800))
-        touched.append([truth.object_index for truth in hand.truths])
+        touched.append([finger.truth.object_index for finger in hand.fingers])
     samples = np.concatenate([block.samples for block in blocks])
     recordings = []
     for place, name in enumerate(names):
@@ -163,13 +163,9 @@ class StrokingHand(AlwaysOpen):
             [_finger(self._scene, place, seed=seed, number=number, tip=tip) for number in range(fingers)],
             structure_db=structure_db,
         )
+        self.channels = self._hand.channels
         self._block_size = block_size
         self._position = 0
-
-    @property
-    def channels(self) -> int:
-        """Contact and air of each finger in turn."""
-        return self._hand.channels
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while True:

@@ -64,17 +64,8 @@ class FaultySource:
     """Another source's sound with faults; the samples do not depend on the block size."""
 
     def __init__(self, source: Source, faults: Iterable[FaultSpan]) -> None:
-        self._source = source
+        self._source, self.sample_rate, self.channels = source, source.sample_rate, source.channels
         self._faults = [(span, _FaultState(source.sample_rate)) for span in faults]
-
-    @property
-    def sample_rate(self) -> int:
-        """In Hz."""
-        return self._source.sample_rate
-
-    @property
-    def channels(self) -> int:
-        return self._source.channels
 
     def __enter__(self) -> Self:
         self._source.__enter__()

@@ -17,7 +17,7 @@ range of electret capsules.
 
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -122,6 +122,20 @@ class Electronics(NamedTuple):
     motor_contact_dbfs: float = -46.0
     mains: float = 50.0
 
+    def amplified(self, gain_db: float, air_gain_db: float = 0.0) -> Self:
+        """Add gain to both microphones' preamplifiers: signal and noise before them are amplified alike."""
+        return self._replace(
+            contact_gain=self.contact_gain * 10 ** (gain_db / 20),
+            contact_hum_dbfs=self.contact_hum_dbfs + gain_db,
+            contact_noise_dbfs=self.contact_noise_dbfs + gain_db,
+            contact_rumble_dbfs=self.contact_rumble_dbfs + gain_db,
+            motor_contact_dbfs=self.motor_contact_dbfs + gain_db,
+            air_gain=self.air_gain * 10 ** (air_gain_db / 20),
+            room_dbfs=self.room_dbfs + air_gain_db,
+            air_noise_dbfs=self.air_noise_dbfs + air_gain_db,
+            motor_air_dbfs=self.motor_air_dbfs + air_gain_db,
+        )
+
 
 _Bounds = tuple[float, float]
 
@@ -180,14 +194,7 @@ class Tip:
 
     def draw_electronics(self, rng: np.random.Generator, electronics: Electronics | None = None) -> Electronics:
         """Draw a session's microphones; ``electronics`` replaces the tip's own, such as those of a hall."""
-        wired = electronics or self.electronics
-        gain = rng.uniform(*self.air_gain_db)
-        return wired._replace(
-            air_gain=wired.air_gain * 10 ** (gain / 20),
-            room_dbfs=wired.room_dbfs + gain,
-            air_noise_dbfs=wired.air_noise_dbfs + gain,
-            motor_air_dbfs=wired.motor_air_dbfs + gain,
-        )
+        return (electronics or self.electronics).amplified(0.0, rng.uniform(*self.air_gain_db))
 
 
 _ROD = Finger(

@@ -90,10 +90,6 @@ class ContactMechanics:
         """Resonance in Hz of a mass in kg on the loaded contact's normal stiffness ``2 E* a``."""
         return float(np.sqrt(2 * self.modulus * self.patch(load) / mass) / (2 * np.pi))
 
-    def duration(self, mass: float, load: float = 1.0) -> float:
-        """Time in s of one impact: half a period of the resonance."""
-        return 0.5 / self.corner(mass, load)
-
     def tangential_corner(self, mass: float, load: float = 1.0) -> float:
         """Resonance in Hz along the surface; micro-slips over it do not move the mass."""
         return float(np.sqrt(_TANGENTIAL) * self.corner(mass, load))

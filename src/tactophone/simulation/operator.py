@@ -157,7 +157,14 @@ def render_visits(*, visits: int = 12, seed: int = 0) -> Visits[FloatArray]:
 
 def perceive_visits(visits: Visits[FloatArray], to_vibration: SoundToVibration) -> Visits[Percepts]:
     """Compute the percepts of all visits through a method."""
-    return Visits(practice=_percepts(visits.practice, to_vibration), rounds=_percepts(visits.rounds, to_vibration))
+
+    def perceived(sounds: dict[Touch, tuple[FloatArray, ...]]) -> dict[Touch, tuple[Percepts, ...]]:
+        return {
+            label: tuple(perceive(to_vibration(sound), LIVE_SAMPLE_RATE) for sound in own)
+            for label, own in sounds.items()
+        }
+
+    return Visits(practice=perceived(visits.practice), rounds=perceived(visits.rounds))
 
 
 class Operator:
@@ -229,15 +236,6 @@ def _visit(obj: SimulatedObject, seed: Sequence[int]) -> FloatArray:
     variation = SessionVariation.draw(session, COMPETITION)
     finger = SimulatedFinger(scene, script.moves, session=variation, seed=[*seed, session], place=placed.centre)
     return finger.render(round(script.time * LIVE_SAMPLE_RATE)).samples
-
-
-def _percepts(
-    sounds: dict[Touch, tuple[FloatArray, ...]], to_vibration: SoundToVibration
-) -> dict[Touch, tuple[Percepts, ...]]:
-    return {
-        label: tuple(perceive(to_vibration(sound), LIVE_SAMPLE_RATE) for sound in visits)
-        for label, visits in sounds.items()
-    }
 
 
 def _round(operator: Operator, visits: Visits[Percepts], rng: np.random.Generator) -> OperatorRound:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tactophone.simulation.catalogue import SimulatedObject
-from tactophone.simulation.finger import Electronics, tip_named
+from tactophone.simulation.finger import tip_named
 from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.modes import Mounting
 from tactophone.simulation.motion import LIFT, single
@@ -50,7 +50,7 @@ class SimulatedParticipant(AlwaysOpen):
         scene = single(obj, mounting)
         self._placed = scene.placed[0]
         self._rng = np.random.default_rng([0x701, seed])
-        electronics = amplified(tip_named(tip).electronics, gain_db, air_gain_db)
+        electronics = tip_named(tip).electronics.amplified(gain_db, air_gain_db)
         session = SessionVariation.draw(seed, electronics, tip=tip)
         self._finger = SimulatedFinger(scene, session=session, seed=seed, place=self._placed.centre)
         self._now = 0.0
@@ -95,18 +95,3 @@ class SimulatedParticipant(AlwaysOpen):
         script.hover(0.2)
         for move in script.moves:
             self._finger.move(move.x, move.y, move.force, move.time)
-
-
-def amplified(electronics: Electronics, gain_db: float, air_gain_db: float = 0.0) -> Electronics:
-    """Add gain to both microphones' preamplifiers: signal and noise before them are amplified alike."""
-    return electronics._replace(
-        contact_gain=electronics.contact_gain * 10 ** (gain_db / 20),
-        contact_hum_dbfs=electronics.contact_hum_dbfs + gain_db,
-        contact_noise_dbfs=electronics.contact_noise_dbfs + gain_db,
-        contact_rumble_dbfs=electronics.contact_rumble_dbfs + gain_db,
-        motor_contact_dbfs=electronics.motor_contact_dbfs + gain_db,
-        air_gain=electronics.air_gain * 10 ** (air_gain_db / 20),
-        room_dbfs=electronics.room_dbfs + air_gain_db,
-        air_noise_dbfs=electronics.air_noise_dbfs + air_gain_db,
-        motor_air_dbfs=electronics.motor_air_dbfs + air_gain_db,
-    )

@@ -18,7 +18,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.values import MotionInterval, Recording, Segment, write_slides
+from tactophone.dataset.values import Intervals, Recording, Segment, write_slides
 from tactophone.link.codec import Codec, encode_and_decode
 from tactophone.processes import atomic_write, open_pool
 from tactophone.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
@@ -26,7 +26,6 @@ from tactophone.simulation.finger import tip_named
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.modes import Mounting
 from tactophone.simulation.motion import Hand, Move, Scene, single
-from tactophone.simulation.participant import amplified
 from tactophone.simulation.source import SimulatedFinger, Truth
 from tactophone.simulation.strokes import take_moves
 from tactophone.simulation.takes import TAKES, Take
@@ -220,7 +219,7 @@ def render(job: RenderJob) -> tuple[FloatArray, Truth]:
     noise = [job.options.seed, job.session, TAKES.index(job.take)]
     electronics = COMPETITION if job.options.hall else None
     session = SessionVariation.draw(job.session, electronics, tip=job.options.tip)
-    session = replace(session, electronics=amplified(session.electronics, job.options.gain_db))
+    session = replace(session, electronics=session.electronics.amplified(job.options.gain_db))
     finger = SimulatedFinger(scene, _moves(job, scene), session=session, seed=noise, place=scene.placed[0].centre)
     block = finger.render(round(job.options.duration * LIVE_SAMPLE_RATE))
     if not job.options.opus:
@@ -236,7 +235,7 @@ def _metadata(folder: Path, job: RenderJob) -> RenderMetadata | None:
     return metadata if metadata and metadata.fingerprint == job.fingerprint else None
 
 
-def _slides(job: RenderJob, metadata: RenderMetadata) -> tuple[MotionInterval, ...]:
+def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
     """Intervals in which the finger touches something and moves faster than `SLIDING`."""
     scene = single(job.object, job.mounting)
     x, y = scene.placed[0].centre
@@ -248,7 +247,7 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> tuple[MotionInterval, .
     sliding = (speed > SLIDING) & np.any([np.zeros(len(time), bool), *touching], axis=0)
     # A difference of +1 is where a slide starts, one of -1 where it ends: starts and ends alternate.
     bounds = np.flatnonzero(np.diff(np.concatenate(([0], sliding.astype(np.int8), [0])))) / LIVE_SAMPLE_RATE
-    return tuple(MotionInterval(*map(float, pair)) for pair in bounds.reshape(-1, 2))
+    return tuple((float(start), float(end)) for start, end in bounds.reshape(-1, 2))
 
 
 def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Recording:

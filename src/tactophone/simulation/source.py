@@ -100,6 +100,9 @@ class SimulatedFinger(AlwaysOpen):
     ((480, 2), 48000, (480,))
     """
 
+    sample_rate = LIVE_SAMPLE_RATE
+    channels = 2
+
     def __init__(
         self, scene: Scene, moves: Iterable[Move] = (), *, session: SessionVariation | None = None,
         seed: int | Sequence[int] = 0, duration: float | None = None, block_size: int = 480,
@@ -124,16 +127,6 @@ class SimulatedFinger(AlwaysOpen):
         self._labels = np.array([obj.label for obj in scene.objects], np.int8)
         self._since_touch = np.array([LIVE_SAMPLE_RATE, -1])
         self.truth = _nothing()
-
-    @property
-    def sample_rate(self) -> int:
-        """In Hz."""
-        return LIVE_SAMPLE_RATE
-
-    @property
-    def channels(self) -> int:
-        """Contact and air."""
-        return 2
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while self._end is None or self._position < self._end:
@@ -266,7 +259,7 @@ class SimulatedHand(AlwaysOpen):
     def __init__(
         self, fingers: Sequence[SimulatedFinger], *, structure_db: float = STRUCTURE_DB, air_distance: float = 0.02
     ) -> None:
-        self.fingers = list(fingers)
+        self.fingers, self.channels = list(fingers), 2 * len(fingers)
         apart = np.abs(np.subtract.outer(np.arange(len(fingers)), np.arange(len(fingers))))
         self._structure = np.where(apart > 0, 10 ** ((structure_db + FURTHER_DB * (apart - 1)) / 20), 0.0)
         self._air = np.where(apart > 0, air_distance / np.hypot(air_distance, PITCH * apart), 0.0)
@@ -274,16 +267,6 @@ class SimulatedHand(AlwaysOpen):
             self._structure, self._air = np.zeros_like(self._structure), np.zeros_like(self._air)
         self._sections = signal.butter(2, CORNER, fs=LIVE_SAMPLE_RATE, output="sos")
         self._state = np.zeros((len(self._sections), len(fingers), 2))
-
-    @property
-    def channels(self) -> int:
-        """Contact and air of each finger in turn."""
-        return 2 * len(self.fingers)
-
-    @property
-    def truths(self) -> list[Truth]:
-        """Ground truth of the last block, for each finger."""
-        return [finger.truth for finger in self.fingers]
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while True:
