@@ -48,12 +48,13 @@ def did_you_mean(name: str, choices: Iterable[str]) -> str:
     >>> did_you_mean("textur", ["paper", "texture"])
     '; did you mean texture?'
     """
-    by_lower = {choice.lower(): choice for choice in choices}
-    near = difflib.get_close_matches(name.lower(), by_lower, n=1)
+    name = name.lower().lstrip("-")  # the dashes of options are alike in all of them
+    by_lower = {choice.lower().lstrip("-"): choice for choice in choices}
+    near = difflib.get_close_matches(name, by_lower, n=1)
     if near:
         return f"; did you mean {by_lower[near[0]]}?"
     # Half of a long name is a good hint too, well written or nearly so: "marble" or "marbel" for "polished marble".
     words = {word for lower in by_lower for word in lower.split()}
-    (part,) = difflib.get_close_matches(name.lower(), words, n=1, cutoff=0.75) or (name.lower(),)
+    (part,) = difflib.get_close_matches(name, words, n=1, cutoff=0.75) or (name,)
     found = [choice for lower, choice in by_lower.items() if len(part) > 3 and part in lower][:3]
     return f"; did you mean {' or '.join(found)}?" if found else ""

@@ -97,7 +97,7 @@ def _words(recordings: int, problems: Sequence[Problem]) -> Iterator[str]:
             yield escape(f"warning: {count} times {kind!r}, such as {first}; --json lists all")
     bad = {problem.path for problem in problems if problem.fatal}
     found = f"{len(problems)} problem{'s' * (len(problems) != 1)}"
-    yield f"{recordings} recordings, {len(bad)} unusable, {found}"
+    yield f"{recordings} recording{'s' * (recordings != 1)}, {len(bad)} unusable, {found}"
 
 
 def _show(args: argparse.Namespace) -> int:
