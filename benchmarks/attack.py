@@ -29,16 +29,6 @@ from typing import cast
 
 import psutil
 
-from failsafe import (
-    EndlessStroke,
-    freeze_operator,
-    freeze_robot,
-    kill_operator,
-    kill_robot,
-    measure_time_to_silence,
-)
-from hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
-from kills import DAY, KINDS, WallClock, kill, left_by, running_link
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient, silent
 from tactophone.errors import TactophoneError
@@ -54,6 +44,21 @@ from tactophone.runtime.supervisor import Supervisor
 from tactophone.settings import Settings, change
 from tactophone.telemetry.watcher import Watcher
 from tactophone.types import FloatArray
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.failsafe import (
+    SILENT,
+    EndlessStroke,
+    freeze_operator,
+    freeze_robot,
+    kill_operator,
+    kill_robot,
+    measure_time_to_silence,
+)
+from benchmarks.hostile_callers import CERTIFICATE_FAULTS, DelayedLine, call_with_certificate, overlong_hello
+from benchmarks.kills import DAY, KINDS, WallClock, kill, left_by, running_link
+from benchmarks.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
 HOST = "127.0.0.1"
 FLOOD_SECONDS = 12.0
@@ -596,6 +601,27 @@ def clocks() -> Iterator[str]:
         yield row("both ends stopped for 60 s", "fresh within 2.5 s, nothing stale", result, met)
 
 
+def interfaces() -> Iterator[str]:
+    """Take the network interface of a running link away and give it back."""
+    if not can_make_networks():
+        yield row("the network interface taken away", "", "not measured: needs root and iproute2")
+        return
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="tactophone-attack-")))
+        link = stack.enter_context(unpluggable_link(folder, f"attack-{secrets.token_hex(3)}"))
+        for outage, (duration, count) in itertools.product(OUTAGES, ((2.0, 5), (8.0, 2))):
+            found = [link.unplug(outage, duration) for _ in range(count)]
+            silent, felt = ([getattr(each, name) for each in found] for name in ("silent", "felt"))
+            stale, restarted = max(each.peak for each in found), link.restarts()
+            traces = (folder / "printed").read_text().count("Traceback")
+            result = f"silent after at most {1_000 * max(silent):.0f} ms, felt again after "
+            result += f"{statistics.median(felt):.1f} s, at most {max(felt):.1f} s; amplitude between {stale:.3f}; "
+            result += f"{traces} tracebacks, {restarted} restarts"
+            met = max(silent) <= 0.1 and max(felt) < 5.0 and stale <= SILENT and not traces and not restarted
+            goal = "silent <= 100 ms, felt < 5 s, nothing stale, no traceback"
+            yield row(f"network interface, {outage} for {duration:g} s, {count} times", goal, result, met)
+
+
 def jack_restarts() -> Iterator[str]:
     """Kill jackd 20 times; each successor has another period, and every other one another rate."""
     periods, rates = itertools.cycle((64, 256, 1_024, 128)), itertools.cycle((48_000, 44_100, 48_000, 96_000))
@@ -671,6 +697,7 @@ PARTS: dict[str, Callable[[], Iterator[str]]] = {
     "connect": connecting,
     "memory": shared_memory,
     "clock": clocks,
+    "interface": interfaces,
     "jackd": jack_restarts,
     "starved": starved_close,
 }

@@ -55,13 +55,16 @@ class KilledRun:
     logs: Sequence[Path]
     environment: Mapping[str, str] = field(default_factory=dict)
     """More variables of its processes."""
+    output: Path = Path(os.devnull)
+    """Where they print."""
     started: "list[subprocess.Popen[bytes]]" = field(default_factory=list)
 
     def __enter__(self) -> "KilledRun":
         environment = os.environ | {MARK: self.name} | dict(self.environment)
-        for command in self.commands:
-            silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-            self.started.append(subprocess.Popen(command, env=environment, start_new_session=True, **silent))
+        with self.output.open("ab") as output:
+            for command in self.commands:
+                printed = {"stdout": output, "stderr": subprocess.STDOUT}
+                self.started.append(subprocess.Popen(command, env=environment, start_new_session=True, **printed))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -5,10 +5,8 @@ robot 10.1.0.2 - its router - 10.9.0.0/24, where the servers are at 10.9.0.10 - 
 
 import contextlib
 import functools
-import itertools
 import os
 import shutil
-import signal
 import subprocess
 import threading
 import time
@@ -17,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import pytest
+from benchmarks.unplugged import prefix_of_networks, remove_network
 
 from .end import End, Ends, enter_network
 
@@ -44,9 +43,6 @@ def batch(namespace: str, *commands: str) -> None:
     assert done.returncode == 0, f"{lines}\n{done.stderr}"
 
 
-_numbers = itertools.count()
-
-
 @functools.cache
 def ends() -> Ends:
     """Return the process that forks ends and mailboxes; it ends with this one."""
@@ -59,7 +55,7 @@ class Networks:
     def __init__(self, robot: Nat, operator: Nat, *, relay: bool = True, forget: int = 0, ipv6: bool = False) -> None:
         self._nats = {"rob": robot, "ope": operator}
         self._relay, self._forget, self._ipv6 = relay, forget, ipv6
-        self._prefix = f"tp{os.getpid()}{next(_numbers)}"
+        self._prefix = prefix_of_networks()
         self._processes: list[subprocess.Popen[str]] = []
         self.relay: subprocess.Popen[str] | None = None
 
@@ -79,10 +75,7 @@ class Networks:
             process.kill()
             process.wait()
         for name in PLACES:
-            for pid in self.pids(name):
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGKILL)
-            subprocess.run(["ip", "netns", "del", self._prefix + name], capture_output=True)
+            remove_network(self._prefix + name)
 
     def start(self, place: str, *command: str, **options: Any) -> "subprocess.Popen[str]":
         environment = options.pop("env", {**os.environ, "PYTHONPATH": f"{SOURCES / 'src'}:{SOURCES}"})

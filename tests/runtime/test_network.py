@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Self
 
 import pytest
+from benchmarks.failsafe import SILENT
+from benchmarks.unplugged import OUTAGES, can_make_networks, unpluggable_link
 
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.udp import UdpSocket
@@ -113,3 +115,15 @@ def _has_ipv6() -> bool:
     except OSError:
         return False
     return True
+
+
+@pytest.mark.skipif(not can_make_networks(), reason="network namespaces need root and iproute2")
+def test_a_network_interface_taken_away_silences_and_given_back_is_felt_again(tmp_path: Path) -> None:
+    with unpluggable_link(tmp_path, f"test-{tmp_path.name[-20:]}") as link:
+        for outage in OUTAGES:
+            found = link.unplug(outage, 0.5)
+            assert found.silent < 0.3  # 0.1 s on a quiet machine
+            assert found.peak <= SILENT
+            assert found.felt < 5.0
+        assert link.restarts() == 0
+    assert "Traceback" not in (tmp_path / "printed").read_text()
