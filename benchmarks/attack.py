@@ -6,11 +6,13 @@ an hour, most of it ``kill`` and ``fault`` (``--kills`` and ``--faults`` set the
 """
 
 import argparse
+import http.client
 import itertools
 import math
 import multiprocessing
 import os
 import random
+import resource
 import secrets
 import select
 import signal
@@ -23,10 +25,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from http import HTTPStatus
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import cast
+from urllib.parse import SplitResult, urlsplit
 
+import numpy as np
 import psutil
 
 from tactophone.devices.dummy import DummyServer
@@ -37,6 +43,8 @@ from tactophone.link.packet import Packet, Payload, PayloadType
 from tactophone.link.session import Session
 from tactophone.link.udp import UdpSocket
 from tactophone.measurement.impulses import Graph
+from tactophone.pages.server import watch as watch_page
+from tactophone.runtime.latency import follow
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine
 from tactophone.runtime.robot import run_robot
@@ -65,6 +73,9 @@ FLOOD_SECONDS = 12.0
 EVIL_SECONDS = 4.0
 MAX_DATAGRAMS = 2_000_000
 """Datagrams after which any flood stops."""
+
+CROWD = 5_000
+"""Silent connections to a page."""
 
 FORK = multiprocessing.get_context("fork")
 
@@ -518,6 +529,74 @@ def connecting() -> Iterator[str]:
     yield row("connecting among 1,000 foreign hellos/s, 100 ms", "<= 1 s", f"{took:.2f} s", took <= 1.0)
 
 
+# -- silent connections to a page ------------------------------------------------------------------------------------
+
+
+def silent_connections() -> Iterator[str]:
+    """Compute latency and a viewer's wait without and with a crowd that says nothing to the page, in turn."""
+    with victims() as at, watch_page(at.operator.name) as page:
+        address = urlsplit(page.url)
+        viewer_waits(address)
+        delays: dict[bool, list[float]] = {False: [], True: []}
+        waits, held = [], FORK.Value("q", 0, lock=False)
+        for crowded in (False, True) * 3:
+            crowd = FORK.Process(target=hold_connections, args=(address.port, held), daemon=True)
+            if crowded:
+                crowd.start()
+                time.sleep(2.0)
+            for _ in range(10):
+                time.sleep(1.0)
+                delays[crowded] += recent_delays(at)
+                waits += [viewer_waits(address)] * crowded
+            if crowded:
+                stop_process(crowd)
+                time.sleep(6.0)  # until the page has given up on the last of them
+    (middle, late), (beside, late_beside) = (np.percentile(delays[each], (50, 99)) * 1_000 for each in (False, True))
+    ratio = beside / middle
+    result = f"{beside:.2f} ms beside {middle:.2f}: x {ratio:.2f} (p99 {late_beside:.1f} beside {late:.1f} ms); "
+    result += f"a viewer is in after {statistics.median(waits):.2f} s, at most {max(waits):.2f} s"
+    met = ratio < 1.1 and statistics.median(waits) < 1.0 and not at.operator.restarts + at.robot.restarts
+    yield row(f"{held.value:,} silent connections to the page", "latency x < 1.1, a viewer in 1 s", result, met)
+
+
+def hold_connections(port: int, held: "Synchronized[int]") -> None:
+    """Keep as many connections open as descriptors allow, at most `CROWD`, and open anew what the page closes."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    poll, crowd = select.poll(), dict[int, socket.socket]()
+    while True:
+        while len(crowd) < min(CROWD, hard - 100):
+            silent_one = socket.socket()
+            silent_one.setblocking(False)
+            with suppress(BlockingIOError):
+                silent_one.connect((HOST, port))
+            crowd[silent_one.fileno()] = silent_one
+            poll.register(silent_one, select.POLLIN)
+        held.value = len(crowd)
+        for descriptor, _ in poll.poll(100):
+            poll.unregister(descriptor)
+            crowd.pop(descriptor).close()
+
+
+def viewer_waits(address: SplitResult) -> float:
+    """Return after how many s a viewer has the page."""
+    begun = time.monotonic()
+    while time.monotonic() < begun + 30.0:
+        with suppress(OSError, http.client.HTTPException):
+            viewer = http.client.HTTPConnection(HOST, address.port, timeout=5)
+            viewer.request("GET", address.path)
+            if viewer.getresponse().status == HTTPStatus.OK:
+                return time.monotonic() - begun
+    return math.inf
+
+
+def recent_delays(at: Victims) -> list[float]:
+    """Return the s from capture to command of the newest blocks."""
+    marks = {"rendered": at.watcher.marks("rendered"), "captured": Watcher(at.robot.name).marks("captured")}
+    times = follow(marks)
+    return list(times["rendered"] - times["captured"])
+
+
 # -- shared memory, faults ------------------------------------------------------------------------------------------
 
 
@@ -695,6 +774,7 @@ PARTS: dict[str, Callable[[], Iterator[str]]] = {
     "evil": evil_robot,
     "two": two_robots,
     "connect": connecting,
+    "silent": silent_connections,
     "memory": shared_memory,
     "clock": clocks,
     "interface": interfaces,
