@@ -1,8 +1,10 @@
 """Child processes, worker pools, and files that appear whole or not at all."""
 
+import errno
 import multiprocessing
 import os
 import pickle
+import shutil
 import signal
 import threading
 import time
@@ -214,8 +216,8 @@ def _end_with_parent(grace: float = 0.0) -> None:
 def atomic_write(path: Path) -> Iterator[Path]:
     """Yield the path of a file to write; it replaces ``path`` when all went well, and is on the disk by then.
 
-    After a kill or on a full disk, ``path`` is the old file or the new one, never half. The name is the same each time,
-    so the next write overwrites what a kill left; two processes must not write one path at once.
+    After a kill or on a full disk (an `OSError` that names it), ``path`` is the old file or the new one, never half.
+    The next write overwrites what a kill left, as its name is the same; two processes must not write one path at once.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_name(f".{path.name}.part")
@@ -223,6 +225,11 @@ def atomic_write(path: Path) -> Iterator[Path]:
         yield unfinished
         flush_to_disk(unfinished)
         os.replace(unfinished, path)
+    except (OSError, RuntimeError) as error:
+        # The libraries of sound files and torch do not say why. Asked now: what is unfinished will be removed.
+        if shutil.disk_usage(path.parent).free < 1 << 16:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        raise
     finally:
         unfinished.unlink(missing_ok=True)
 

@@ -40,7 +40,10 @@ def test_output_that_cannot_be_written_is_reported_in_one_line(closed: str) -> N
     if closed == ">&-":
         assert (done.returncode, done.stderr) == (0, "")
     else:
-        assert (done.returncode, done.stderr) == (1, "tactophone: cannot read or write: No space left on device\n")
+        assert (done.returncode, done.stderr) == (
+            1,
+            "tactophone: cannot read or write: No space left on device; free some space, or write elsewhere\n",
+        )
 
 
 @pytest.mark.parametrize("verb", ["feel", "demo", "simulate competition"])

@@ -49,5 +49,6 @@ def test_an_invalid_file_is_refused_with_the_next_step(tmp_path: Path, text: str
 def test_a_missing_file_and_a_bad_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="No such file"):
         Calibration.read(tmp_path / "none.toml")
+    (tmp_path / "file").touch()
     with pytest.raises(ConfigError, match="folder"):
-        CALIBRATION.write(tmp_path / "none" / "finger.toml")
+        CALIBRATION.write(tmp_path / "file" / "finger.toml")

@@ -6,6 +6,7 @@ libraries inside ``run``, so that ``--help`` answers in under 0.4 s.
 """
 
 import argparse
+import errno
 import importlib
 import os
 import sys
@@ -80,6 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; return its exit code: 0, 1 (one line on stderr), 2 (usage) or 130 (interrupted)."""
     words = list(sys.argv[1:] if argv is None else argv)
     verb = next((word for word in words if not word.startswith("-")), "")
+    args = argparse.Namespace()
     try:
         if not words:
             _print_short_help()
@@ -105,7 +107,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except OSError as error:
         _discard_output()
-        output.print_error(f"{error.filename or 'cannot read or write'}: {error.strerror or error}")
+        full = error.errno == errno.ENOSPC
+        given = map(vars(args).get, ("out", "plot", "to_rosbag", "identity"))
+        where = error.filename or (full and next(filter(None, given), None)) or "cannot read or write"
+        output.print_error(f"{where}: {error.strerror or error}{'; free some space, or write elsewhere' * full}")
         return 1
     except RuntimeError as error:
         # By name: the library of sound files takes long to import, and tells nobody that the disk is full.

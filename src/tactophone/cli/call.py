@@ -230,13 +230,12 @@ def _fingerprint_of(folder: Path, name: str) -> str:
 
 def _remember(folder: Path, name: str, found: "Found") -> None:
     """Trust the other end from now on, and keep the secrets from which both derive the next code."""
-    from tactophone.link.identity import Peers
+    from tactophone.link.identity import Peers, write_private
 
     path = _secret_path(folder, name)
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     draft = path.with_name(f".{name}.{secrets.token_hex(4)}")
-    with os.fdopen(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write("\n".join(found.secrets))
+    write_private(draft, "\n".join(found.secrets).encode())
     draft.replace(path)
     Peers.load(folder).trusting(name, found.fingerprint).save(folder)
     output.note(f"remembered: `tactophone call {name}` and `tactophone answer {name}` need no code")

@@ -32,7 +32,7 @@ STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cy
 
 EXAMPLES = (
     "tactophone record slate --label rough --calibration calibration.toml",
-    "tactophone record 'polished marble' --label smooth --source finger --seconds 2 --takes static,long_light",
+    "tactophone record 'polished marble' --label smooth --source finger --seconds 2 --takes short_light,long_light",
 )
 
 

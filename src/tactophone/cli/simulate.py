@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = (
     "tactophone simulate objects",
-    "tactophone simulate dataset simulated --objects 0,5 --takes static,long_light --seconds 2",
+    "tactophone simulate dataset simulated --objects 0,5 --takes short_light,long_light --seconds 2",
     "tactophone simulate competition competition --runs 1",
 )
 

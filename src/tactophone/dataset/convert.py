@@ -59,7 +59,8 @@ def set_columns(dataset: Dataset, columns: Mapping[str, Mapping[str, str]]) -> P
 def write_card(dataset: Dataset) -> Path:
     """Write a data card in Hugging Face's format: contents, how it was recorded, and known faults."""
     target = dataset.root / CARD
-    target.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
+    with atomic_write(target) as unfinished:
+        unfinished.write_text("\n".join(_card(dataset)) + "\n", encoding="utf-8")
     return target
 
 

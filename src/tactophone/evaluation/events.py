@@ -31,6 +31,7 @@ from tactophone.dataset.values import (
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
 from tactophone.perception.decision import Decision, DecisionRule, count_dips
+from tactophone.processes import atomic_write
 from tactophone.types import FloatArray, Touch
 
 BRIDGE = 0.03
@@ -242,7 +243,8 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
             f"{pair[0][0].path} has {rate} Hz, {pair[1][0].path} {second.sample_rate} Hz: edges join equal rates"
         )
     if not path.is_file():
-        soundfile.write(path, _fade(first.samples, second.samples, rate), rate, subtype="PCM_16")
+        with atomic_write(path) as unfinished:  # later runs take it for whole
+            soundfile.write(unfinished, _fade(first.samples, second.samples, rate), rate, "PCM_16", format="FLAC")
     middle, end = LEAD + HALF - FADE / 2, LEAD + 2 * HALF - FADE
     segments = (
         Segment(0.0, LEAD, "none"),

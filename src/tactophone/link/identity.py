@@ -95,7 +95,7 @@ class Identity:
         return f"tactophone pair trust {self.name} {self.fingerprint}"
 
     def save(self, folder: Path) -> None:
-        """Write key (mode 0600) and certificate.
+        """Write certificate and key (mode 0600), the key last: on a full disk none is left that lacks its certificate.
 
         Raises `ConfigError` when a key exists: peers may have pinned its certificate.
         """
@@ -103,13 +103,12 @@ class Identity:
         pem = self.key.private_bytes(
             serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
         )
-        try:
-            _write_private(folder / KEY_FILE, pem)
-        except FileExistsError as error:
+        if (folder / KEY_FILE).exists():
             raise ConfigError(
                 f"{folder / KEY_FILE} exists and peers may have pinned it; delete it by hand to make a new one"
-            ) from error
+            )
         (folder / CERTIFICATE_FILE).write_bytes(self.certificate.public_bytes(serialization.Encoding.PEM))
+        write_private(folder / KEY_FILE, pem)
 
 
 class Peers:
@@ -144,7 +143,7 @@ class Peers:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         text = "".join(f"{pin} {name}\n" for pin, name in self._names.items())
         draft = folder / f".{PEERS_FILE}.{os.getpid()}"
-        _write_private(draft, text.encode())
+        write_private(draft, text.encode())
         draft.replace(folder / PEERS_FILE)
 
     def trusting(self, name: str, fingerprint: str) -> "Peers":
@@ -201,7 +200,12 @@ def _check_permissions(path: Path, *, forbidden: int) -> None:
         raise ConfigError(f"{path} belongs to user {status.st_uid}, not to this user; run `tactophone pair init`")
 
 
-def _write_private(path: Path, content: bytes) -> None:
-    """Create a file with mode 0600 from the start; `FileExistsError` when it exists."""
-    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(content)
+def write_private(path: Path, content: bytes) -> None:
+    """Create a file with mode 0600 from the start, whole or not at all; `FileExistsError` when it exists."""
+    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
+    try:
+        with file:
+            file.write(content)
+    except OSError:
+        path.unlink()
+        raise

@@ -33,6 +33,7 @@ from tactophone.perception.health import (
 from tactophone.perception.levels import LoudnessRule
 from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.perception.noise_floor import WINDOW as LEVEL_WINDOW
+from tactophone.processes import atomic_write
 from tactophone.types import CONTACT, AudioBlock, FloatArray
 
 CLIPPED = 0.05
@@ -89,7 +90,8 @@ class Calibration:
         entries = {name: json.dumps(value, ensure_ascii=False) for name, value in dataclasses.asdict(self).items()}
         lines = (f"{name} = {'inf' if value == 'Infinity' else value}\n" for name, value in entries.items())
         try:
-            path.write_text(f"[{_TABLE}]\n{''.join(lines)}", encoding="utf-8")
+            with atomic_write(path) as unfinished:
+                unfinished.write_text(f"[{_TABLE}]\n{''.join(lines)}", encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror}; give a folder that can be written to") from None
 
