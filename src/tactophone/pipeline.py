@@ -74,7 +74,7 @@ class Pipeline:
     def complete(self, block: AudioBlock, predictions: list[Prediction]) -> PipelineStep:
         """Return the step of a block from the predictions that the detector made of it."""
         if self._events:
-            predictions = self._events.merge(block, predictions, latency=self.detector.latency)
+            predictions = list(self._events.merge(block, predictions, latency=self.detector.latency))
         return self._step(block, predictions)
 
     def flush(self, block: AudioBlock) -> PipelineStep:

@@ -175,7 +175,6 @@ BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RegressionMethod
 
 
 def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
-    """Return the method that cross-validates a recipe."""
     return FeatureMethod(recipe) if isinstance(recipe, FeatureRecipe) else NetworkMethod(recipe)
 
 

@@ -43,7 +43,6 @@ class Acceptor:
         self._open: list[asyncio.Task[Any]] = []
 
     async def serve(self, runner: "web.AppRunner", listener: socket.socket) -> None:
-        """Accept connections until cancelled."""
         loop = asyncio.get_running_loop()
         listener.setblocking(False)
         if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux then holds a connection until its first byte

@@ -81,7 +81,6 @@ class FoxgloveBridge:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return int(self._listening.getsockname()[1])
 
     def __enter__(self) -> Self:

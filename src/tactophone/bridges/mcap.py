@@ -151,7 +151,6 @@ LogEntry: TypeAlias = RunStart | EventBatch | Controls | LoggedPrediction | LogE
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a file begins as an MCAP file does."""
     try:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC

@@ -92,7 +92,6 @@ class DdsTransport:
 
 
 def default_domain() -> int:
-    """Return the domain of ROS_DOMAIN_ID."""
     text = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
     if not text.isdecimal() or int(text) > 232:
         raise ConfigError(f"ROS_DOMAIN_ID is {text!r}, but it is a number from 0 to 232")

@@ -86,7 +86,6 @@ async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
 
 
 async def examine(settings: Call) -> Findings:
-    """Ask all servers."""
     servers = [Server(each) for each in settings.stun.split(",") if each.strip()]
     turn = Server(settings.turn) if settings.turn else None
     asked = [*servers, *filter(None, [turn])]  # a relay answers as a STUN server too

@@ -81,12 +81,10 @@ class Exchange:
             return bytes(self._wormhole.derive_key("tactophone call secret", SECRET_SIZE))
 
     async def receive(self) -> Message:
-        """Wait for the next message of the other end."""
         with self._explained():
             return read_message(bytes(await self._wait(self._wormhole.get_message())))
 
     def send(self, message: Message) -> None:
-        """Send a message to the other end."""
         self._wormhole.send_message(write_message(message))
 
     async def _wait(self, deferred: Any) -> Any:

@@ -89,5 +89,4 @@ def read_message(data: bytes) -> Message:
 
 
 def write_message(message: Message) -> bytes:
-    """Encode a message."""
     return msgspec.json.encode(message)

@@ -128,7 +128,6 @@ class CallProcess:
                 raise DeviceError(failure or "the process of the call ended without a word")
 
     def answer(self, accepted: bool) -> None:
-        """Accept the call, or decline it."""
         self._pair.send(json.dumps(accepted).encode())
 
 

@@ -161,7 +161,6 @@ class _Side:
         self._resources.close()
 
     def begin(self, role: "Role") -> None:
-        """Start the process of a role, unless it is started."""
         from tactophone.runtime.supervisor import Supervisor
 
         if role == self._role:

@@ -39,7 +39,6 @@ def add_folds(parser: argparse._ActionsContainer) -> None:
 
 
 def cache_of(args: argparse.Namespace) -> "Cache":
-    """Return where the folds' results are kept."""
     from tactophone.benchmark.folds import Cache, default_cache
 
     return Cache(args.cache) if args.cache else default_cache()

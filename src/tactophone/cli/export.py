@@ -26,7 +26,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the copy."""
     from tactophone.offline.lerobot import export
 
     found = export(args.log, args.dataset, args.out, episode=args.episode, start=args.start)

@@ -5,7 +5,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -258,7 +258,7 @@ def _prepare(path: Path, card: ModelCard, settings: Settings) -> tuple[Preparati
     """Read a recording before it is processed: what to correct in it, and its contact threshold if none is given."""
     preparation = Preparation.of(FileSource(path)).for_tip(card.tip)
     if card.imported:  # trained on sound as its authors recorded it
-        preparation = preparation.as_recorded()
+        preparation = replace(preparation, offset=(0.0,) * len(preparation.offset), hum=None)
     if not math.isnan(settings.detector.threshold_dbfs):
         return preparation, None
     floor = _measure_floor(path, preparation, card)

@@ -46,7 +46,6 @@ class Within:
         return f"{low}{unit}" if self.over else f"{low}{unit} or more"
 
 
-CEILING = Within(float, 0, 1, unit="of full drive")
 SEED = Within(int, 0)
 """A random seed, of NumPy and of torch."""
 

@@ -138,7 +138,6 @@ def live_display() -> AbstractContextManager[Live | None]:
 
 
 def print_error(message: str) -> None:
-    """Print what went wrong, on stderr, in one line."""
     print(f"tactophone: {message}", file=sys.stderr)
 
 

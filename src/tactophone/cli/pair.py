@@ -27,7 +27,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the chosen step."""
     from tactophone.link.identity import IDENTITY_FOLDER
 
     args.identity = (args.identity or IDENTITY_FOLDER).expanduser()

@@ -180,7 +180,6 @@ class StreamDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        """What is wrong now; empty when nothing is."""
         return self._absent if time.monotonic() - self._received_at > SILENT_AFTER else ""
 
     def open(self) -> None:

@@ -77,7 +77,6 @@ class GamepadDevice(ThreadedDevice):
 
     @property
     def fault(self) -> str:
-        """What is wrong now; empty when nothing is."""
         return "" if self._pad else "the gamepad is gone: connect it again, and the vibration returns"
 
     def open(self) -> None:
@@ -86,7 +85,6 @@ class GamepadDevice(ThreadedDevice):
         super().open()
 
     def revive(self) -> None:
-        """Look for the pad again, if it is gone."""
         if self._pad is None:
             with contextlib.suppress(DeviceError):
                 self._pad = self._choose()

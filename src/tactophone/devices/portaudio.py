@@ -49,7 +49,6 @@ class PortAudioStream:
 
     @property
     def fault(self) -> str:
-        """What is wrong now; empty when nothing is."""
         if self._stream is None or not self._stream.active:
             which = self._device or "the default device"
             return f"PortAudio lost {which}: plug it in again, and the stream reconnects"

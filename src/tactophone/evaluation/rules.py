@@ -53,7 +53,6 @@ class RuleOutcomes:
 
     @property
     def is_rough(self) -> NDArray[np.bool_]:
-        """Which recordings are of a rough surface."""
         return np.array([recording.rough for recording in self.recordings])
 
 

@@ -84,7 +84,6 @@ class Renderer:
 
     @property
     def stopped(self) -> bool:
-        """Whether :meth:`stop` is in force."""
         return self._stopped
 
     @property

@@ -287,7 +287,6 @@ class _FingerEncoder:
         self._count = self._whole = self._first = 0
 
     def encode(self, count: int) -> bytes:
-        """Encode the first ``count`` samples."""
         if count != self._count:
             return self._encode_first(count)
         at, left = 0, self._whole
@@ -330,7 +329,6 @@ class OpusDecoder:
         self._fingers = [_FingerDecoder(part) for part in np.split(self._sound, max(1, channels // 2))]
 
     def size(self, content: bytes) -> int:
-        """Return the samples in a payload; `PacketError` when it is malformed."""
         return self._fingers[0].size(self._split(content)[0])
 
     def decode(self, content: bytes) -> FloatArray:
@@ -382,7 +380,6 @@ class _FingerDecoder:
         self._sizes: dict[int, int] = {}
 
     def size(self, content: bytes) -> int:
-        """Return the samples in a payload; `PacketError` when it is malformed."""
         if not content:
             raise PacketError("an empty Opus payload, which the encoder never makes")
         # The first byte of the first stream holds for all streams (layout in RFC 7845 section 5.1.1). Where its last

@@ -186,7 +186,6 @@ class Handshakes:
         self.trust(peers)
 
     def trust(self, peers: Peers) -> None:
-        """Take these peers for the trusted ones."""
         self._peers = peers
         self._known_labels = [call_label(pin) for _, pin in peers.items()]
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from typing import TypeAlias
 
 from tactophone.errors import PacketError
@@ -82,7 +81,8 @@ class SendGroup:
         self._lowers = True
         self._logged: Member | None = None
         for member in self.members:
-            member.session.leave_to_others(partial(self._is_taken, member))
+            # An operator that was given under two addresses belongs to one member alone.
+            member.session.leave_to_others([other.session for other in self.members if other is not member])
 
     @property
     def codec(self) -> Codec:
@@ -219,10 +219,6 @@ class SendGroup:
             self._lowers = False
             if requested != used:
                 self._encoder.recode(self.codec.for_bandwidth(requested))
-
-    def _is_taken(self, member: Member, fingerprint: str) -> bool:
-        """Whether another member has the operator of this certificate: it was given under two addresses."""
-        return any(other.session.claims(fingerprint) for other in self.members if other is not member)
 
     def _log(self, member: Member, event: Event) -> None:
         """Pass on one connected operator's events, and when it leaves those of the next, as a connection of its own."""

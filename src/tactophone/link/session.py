@@ -16,7 +16,7 @@ of a datagram gives its protocol (RFC 7983).
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 
 import pylibsrtp
 
@@ -129,7 +129,6 @@ class Connection:
         return Renewed(self.agreement.secrets.local_ssrc, self.stream)
 
     def needs_renewal(self, now: float, *, after: float) -> bool:
-        """Whether the keys are to be renewed, and may be now."""
         used_up = now - self.begun > after or self._sent > RENEW_PACKETS
         return used_up and self._sequence < _LAST_SAFE_SEQUENCE
 
@@ -181,11 +180,6 @@ class KeyRing:
         self.use(connection, before)
         connection.until, before.until = connection.begun + MAX_KEY_AGE, now + OVERLAP
         return True
-
-    def expire(self, now: float) -> None:
-        """Forget the connection beside the current one when its time is over."""
-        if self.beside and now > self.beside.until:
-            self.use(self.current)
 
 
 RECALL_AFTER = 1.0
@@ -247,7 +241,6 @@ class Session:
 
     @property
     def peer(self) -> str | None:
-        """Name of the connected peer, or ``None``."""
         current = self._keys.current
         return current.agreement.peer if current else None
 
@@ -261,9 +254,9 @@ class Session:
             "update the older one, as the two may not understand each other"
         )
 
-    def leave_to_others(self, is_taken: Callable[[str], bool]) -> None:
-        """Refuse the peers, by fingerprint, that other sessions of this end `claims`."""
-        self._handshakes.is_taken = is_taken
+    def leave_to_others(self, others: "Sequence[Session]") -> None:
+        """Refuse the peers that other sessions of this end `claims`."""
+        self._handshakes.is_taken = lambda fingerprint: any(other.claims(fingerprint) for other in others)
 
     def claims(self, fingerprint: str) -> bool:
         """Whether this session is connected to a peer, or will be at the end of its handshake."""
@@ -313,7 +306,8 @@ class Session:
             self._collect(handshake, key[0])
             if handshake.failure:
                 self._drop(key, handshake.failure)
-        self._keys.expire(now)
+        if self._keys.beside and now > self._keys.beside.until:
+            self._keys.use(self._keys.current)
         if self._version and self._current and now >= self._introduce_at:
             self.send(bytes(Introduction(self._current.agreement.secrets.local_ssrc, self._version)))
             self._introduce_at = now + max(INTRODUCTION_PAUSE, now - self._current.begun)

@@ -60,7 +60,6 @@ class Way:
     fingerprint: str
 
     def send(self, live: socket) -> None:
-        """Pass it to the live side."""
         content = [self.peer, self.channel, self.name, self.fingerprint]
         send_fds(live, [json.dumps(content).encode()], [self.bound.fileno()])
 

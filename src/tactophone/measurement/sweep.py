@@ -128,7 +128,6 @@ class SweepRecorder:
             self._recorded.append(inputs[0].copy())
 
     def run(self, open_input: Callable[[Process], Device], open_output: Callable[[], Device]) -> FloatArray:
-        """Play and record; return the recording."""
         microphone, actuator = open_input(self.record), open_output()
         microphone.open()
         try:

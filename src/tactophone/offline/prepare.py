@@ -73,10 +73,6 @@ class Preparation:
         offset = tuple(float(mean[at]) if abs(mean[at]) >= LEAST_OFFSET else 0.0 for at in channels)
         return cls(channels, offset, hum=meter.hum(), invalid=invalid)
 
-    def as_recorded(self) -> Self:
-        """Return this with offset and hum left in."""
-        return replace(self, offset=(0.0,) * len(self.offset), hum=None)
-
     def for_tip(self, tip: str) -> Self:
         """Return this without subtracting hum that models for a tip, empty where it is unknown, were trained with."""
         trained = tip not in WITHOUT_HUM and self.hum is not None and self.hum.level_dbfs < TRAINED_HUM_DBFS

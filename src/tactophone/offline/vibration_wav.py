@@ -253,7 +253,6 @@ class RunRecorder(RunFollower):
         return np.concatenate((np.zeros(max(0, -first), np.float32), rendered[max(0, first) :]))
 
     def read(self) -> None:
-        """Add what is new since the last read."""
         with contextlib.suppress(OSError):  # the run has ended and removed its shared memory
             self._last = self.watcher.snapshot(self._last, finger=self._finger)
             self._steps.append(self._last.steps)

@@ -109,7 +109,6 @@ class WatchedRun:
         ]
 
     def ask(self, request: Request) -> None:
-        """Send a request to the run, if there is a run."""
         if self._watcher is not None:
             finger = request.finger if request.finger < self._watcher.fingers else -1
             self._watcher.ask(request.action, request.value, text=request.text, finger=finger)

@@ -133,7 +133,6 @@ class _Player:
                 await asyncio.sleep(PERIOD)
 
     def lift(self) -> None:
-        """Lift the finger where it is."""
         last = self._round.path[-1] if self._round and self._round.path else Point(0, 0, 0, 0)
         self._command(("move", last.x, last.y, -1.0))
 

@@ -26,7 +26,6 @@ def guide_page(orders: Connection) -> web.Application:
 
 
 async def _show(command: Answers, request: web.Request) -> web.StreamResponse:
-    """Show the command to a page until it leaves."""
     view = await admit(request, command.views, VIEWERS)
     if view is None:
         return web.Response()

@@ -147,7 +147,6 @@ class Answers:
         self._sending: set[asyncio.Task[None]] = set()
 
     def send(self, order: Any) -> None:
-        """Pass on what a page asks."""
         with suppress(OSError):  # the command has ended, and soon ends this process too
             self._orders.send(order)
 

@@ -57,7 +57,6 @@ class Decision:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the initial state: not rough."""
         self._rough = False
         self._streak = self._quiet = 0
 

@@ -303,11 +303,8 @@ class EventMerger:
         self._detector.reset()
         self._newest = Prediction((1.0, 0.0, 0.0), Touch.NONE, 0.0, float("-inf"), start=0.0, end=0.0)
 
-    def merge(self, block: AudioBlock, predictions: list[Prediction], *, latency: float) -> list[Prediction]:
-        """Return a block's predictions, known ``latency`` s after their end, with those of its events."""
-        return list(self._merged(block, predictions, latency))
-
-    def _merged(self, block: AudioBlock, predictions: list[Prediction], latency: float) -> Iterator[Prediction]:
+    def merge(self, block: AudioBlock, predictions: list[Prediction], *, latency: float) -> Iterator[Prediction]:
+        """Yield a block's predictions, known ``latency`` s after their end, with those of its events."""
         waiting = list(predictions)
         for known, event in self._detector.push_timed(block):
             end = known - latency

@@ -128,7 +128,6 @@ class ModelCard:
         return str(self.settings.get("tip", ""))
 
     def to_json(self) -> str:
-        """Return the card as it is stored inside a model file."""
         entries = asdict(self) | {"hop": str(self.hop), "classes": CLASSES, "format": FORMAT_VERSION}
         return json.dumps(entries, indent=1)
 

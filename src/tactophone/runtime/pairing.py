@@ -26,7 +26,9 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     operator.save(folder / "operator")
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
-    common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.getsockname()[1])
     return (
         _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
         _side(settings, replace(common, identity=str(folder / "operator")), name),
@@ -47,9 +49,3 @@ def temporary_keys() -> Iterator[Path]:
 
 def _side(settings: Settings, link: Link, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

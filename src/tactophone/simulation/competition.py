@@ -39,7 +39,6 @@ class CompetitionRun:
 
     @property
     def name(self) -> str:
-        """The file's name without its suffix."""
         return f"day_{self.day}_run_{self.number}"
 
     @property

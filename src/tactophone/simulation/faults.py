@@ -79,7 +79,6 @@ class FaultySource:
             yield self.apply(block)
 
     def apply(self, block: AudioBlock) -> AudioBlock:
-        """Return the block with the faults that are active in it."""
         samples = block.samples.astype(np.float64)
         for span, state in self._faults:
             first = round(np.clip(span.start * block.sample_rate - block.start, 0, block.size))

@@ -182,7 +182,6 @@ class Tip:
     air_gain_db: _Bounds = (0.0, 0.0)
 
     def draw_finger(self, rng: np.random.Generator) -> Finger:
-        """Draw a session's finger."""
         bounds = {
             "tip_radius": self.radius,
             "pad_mass": self.mass,

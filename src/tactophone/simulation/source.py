@@ -126,7 +126,9 @@ class SimulatedFinger(AlwaysOpen):
         )
         self._labels = np.array([obj.label for obj in scene.objects], np.int8)
         self._since_touch = np.array([LIVE_SAMPLE_RATE, -1])
-        self.truth = _nothing()
+        self.truth = Truth(
+            np.empty(0, np.int8), np.empty(0, np.int16), np.empty(0, np.float32), np.empty(0), np.empty(0)
+        )
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while self._end is None or self._position < self._end:
@@ -211,10 +213,6 @@ def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:
     state = np.zeros(1, STATE)
     state["arm"] = state["pad"] = finger.arm_rest
     return state, Ringing(np.zeros(ground.modes.shape), np.zeros(ground.modes.shape))
-
-
-def _nothing() -> Truth:
-    return Truth(np.empty(0, np.int8), np.empty(0, np.int16), np.empty(0, np.float32), np.empty(0), np.empty(0))
 
 
 @compiled

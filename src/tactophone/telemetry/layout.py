@@ -147,7 +147,6 @@ class State:
 
     @property
     def armed(self) -> bool:
-        """Whether any finger is armed."""
         return any(finger.armed for finger in self.fingers)
 
     @property

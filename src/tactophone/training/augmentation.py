@@ -40,7 +40,6 @@ class Augmentation:
     """Of the copies that get a low-pass, of those that get noise, and of those that get a room."""
 
     def draw_speed(self, rng: np.random.Generator) -> float:
-        """Draw how much faster the hand of a copy is."""
         return float(np.exp(rng.uniform(*np.log(self.speed))))
 
     def vary(self, sound: FloatArray, rate: int, rng: np.random.Generator) -> FloatArray:

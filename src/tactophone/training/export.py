@@ -114,13 +114,10 @@ def join(front: onnx.ModelProto, classifier: onnx.ModelProto) -> onnx.ModelProto
         graph.output[-1].name = STATE_OUT
     for each in graph.output:
         each.type.tensor_type.shape.dim[0].CopyFrom(fingers)
-    model.opset_import.extend(each for each in front.opset_import if each.domain not in _domains(model))
+    domains = {each.domain for each in model.opset_import}
+    model.opset_import.extend(each for each in front.opset_import if each.domain not in domains)
     onnx.checker.check_model(model)
     return model
-
-
-def _domains(model: onnx.ModelProto) -> set[str]:
-    return {each.domain for each in model.opset_import}
 
 
 def magnitudes(channels: int) -> onnx.ModelProto:

@@ -200,7 +200,6 @@ class NetworkSettings:
 
     @property
     def window_size(self) -> int:
-        """Samples of a window."""
         return round(self.window * self.rate)
 
     def with_threshold(self, level_dbfs: float) -> "NetworkSettings":
@@ -209,10 +208,6 @@ class NetworkSettings:
             return self
         labelling = replace(self.labelling, loudness="rms", threshold=10 ** (level_dbfs / 20))
         return replace(self, labelling=labelling)
-
-    def without_gate(self) -> "NetworkSettings":
-        """Return the settings with every window labelled as contact."""
-        return replace(self, labelling=replace(self.labelling, threshold=0.0, relative=False))
 
 
 FAST_CHANGES: Mapping[str, int] = MappingProxyType({"batch_size": 1000, "least_steps": 500})
@@ -276,7 +271,6 @@ class Recipe:
     """Property that every training recording must have, such as ``ra_um``."""
 
     def response_for(self, tip: str) -> Response:
-        """Return decision rule and memory of a model of this tip."""
         return self.pad_response if self.pad_response and tip == DEFAULT_TIP else self.response
 
     def with_options(

@@ -162,7 +162,6 @@ class TrainingSet:
         return join(front(self.spec, constants), classifier)
 
     def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
-        """Return the card of a model trained with it."""
         size, hop = WINDOWS[self.spec.kind]
         settings: dict[str, Any] = {}
         if self.spec.kind == "texture":

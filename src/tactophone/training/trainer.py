@@ -192,7 +192,6 @@ class Run:
 
 
 def network_of(settings: NetworkSettings) -> PaperNetwork:
-    """Return a network of these settings, with random parameters."""
     bins = settings.window_size // 2 + 1
     return PaperNetwork(settings.channels, bins=bins, residual=settings.residual, normalised=settings.normalised)
 
@@ -401,7 +400,7 @@ def network_recipe(
     threshold = options.contact_threshold
     gate = None if threshold is None else OPEN_GATE if threshold == "off" else Gate(threshold)
     if gate == OPEN_GATE:
-        settings = settings.without_gate()
+        settings = replace(settings, labelling=replace(settings.labelling, threshold=0.0, relative=False))
     if calibration:
         settings, gate = settings.with_threshold(calibration.window_dbfs), Gate(calibration.threshold_dbfs)
     return NetworkRecipe(settings, options.seed, options.codec(settings.channels), start, gate)
