@@ -22,7 +22,7 @@ from tactophone.link.send import Datagrams, SendGroup
 from tactophone.link.stream import DecodedAudio
 from tactophone.perception.detector import push_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction, fingers_of
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
 """What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost."""
@@ -146,7 +146,7 @@ class OperatorEndpoint:
     def _accepts(self, channels: int) -> bool:
         """Whether there is a pipeline for sound of so many channels; if not, `refusal` says so."""
         if channels != self._accepted or self.refusal:
-            accepted = self._has_fingers(max(1, channels // 2)) and self._match_channels(channels)
+            accepted = self._has_fingers(fingers_of(channels)) and self._match_channels(channels)
             self._accepted = channels if accepted else 0
         return self._accepted > 0
 

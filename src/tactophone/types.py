@@ -26,6 +26,15 @@ CONTACT = 0
 AIR = 1
 """Channel of the air microphone, the MEMS beside the finger."""
 
+MICROPHONES = ("contact", "air")
+"""The microphones of a finger, in the order of its channels. A further one begins here."""
+
+
+def fingers_of(channels: int) -> int:
+    """Return the number of fingers in sound of so many channels; a single one is a finger without an air microphone."""
+    return max(1, channels // len(MICROPHONES))
+
+
 TIP_NAMES = ("rubber", "pad", "plastic", "stylus")
 """Kinds of tip that touch, softest first: soft rubber, a hard skin on a silicone pad, a plastic rod, a steel stylus."""
 

@@ -15,7 +15,7 @@ from cyclonedds.idl import IdlStruct, types
 
 from tactophone.bridges.reader import Passed
 from tactophone.errors import ConfigError
-from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
+from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, MICROPHONES, FloatArray
 
 
 def _name(package: str, message: str) -> str:
@@ -210,8 +210,8 @@ def predicted(passed: Passed) -> dict[str, Any]:
 
 def sound(samples: FloatArray, now: float) -> AudioDataStamped:
     """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
-    stereo = samples if samples.shape[1] == 2 else np.repeat(samples, 2, axis=1)
-    data = (np.clip(stereo, -1, 1) * 32_767).astype("<i2").tobytes()
+    every = samples if samples.shape[1] > 1 else np.repeat(samples, len(MICROPHONES), axis=1)
+    data = (np.clip(every, -1, 1) * 32_767).astype("<i2").tobytes()
     return AudioDataStamped(header(now), AudioData(data=list(data)))
 
 

@@ -23,7 +23,7 @@ from tactophone.link.packet import (
     split_streams,
 )
 from tactophone.telemetry.records import RunStart
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.types import LIVE_SAMPLE_RATE, fingers_of
 
 JOINED = 0.02
 """Seconds of sound in a message, about as much as the schemas of Foxglove ask for."""
@@ -84,7 +84,7 @@ class SoundMessages:
         except PacketError:
             return
         codec, channels = SOUND_FORMATS.get(payload.kind, ("", 0))
-        if not codec or max(1, channels // 2) != len(self._names):
+        if not codec or fingers_of(channels) != len(self._names):
             return
         parts = _split_opus(payload, channels) if codec == "opus" else _split_pcm(payload, channels)
         if self._stamps is None:
@@ -124,7 +124,7 @@ def _split_pcm(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
     """Return the 16-bit samples of each finger, little-endian, and their number."""
     size = len(payload.content) // (2 * channels)
     samples = np.frombuffer(payload.content, ">i2", count=size * channels).reshape(-1, channels).astype("<i2")
-    return [(samples[:, first : first + 2].tobytes(), size) for first in range(0, channels, 2)]
+    return [(part.tobytes(), size) for part in np.split(samples, fingers_of(channels), axis=1)]
 
 
 def _split_opus(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
@@ -132,7 +132,7 @@ def _split_opus(payload: Payload, channels: int) -> list[tuple[bytes, int]]:
 
     Our encoder makes nothing else. A hand is its fingers one after another, each as long.
     """
-    fingers = max(1, channels // 2)
+    fingers = fingers_of(channels)
     each = len(payload.content) // fingers
     parts = [
         part

@@ -9,7 +9,7 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, LabelledSource
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, FloatArray, LabelledSource
 
 LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
@@ -87,7 +87,7 @@ class FileSource:
             raise DatasetError(f"{self.path}: cannot be read as sound ({error}); give a WAV or FLAC file") from error
 
     def _check_format(self) -> None:
-        if self.channels > 2:
+        if self.channels > len(MICROPHONES):
             raise DatasetError(
                 f"{self.path}: {self.channels} channels, but contact, or contact and air, are needed; extract those"
             )
@@ -145,7 +145,7 @@ class CombinedSource:
     def __init__(self, sources: Sequence[LabelledSource]) -> None:
         self._sources = list(sources)
         self._resources = ExitStack()
-        self.sample_rate, self.channels = self._sources[0].sample_rate, 2 * len(self._sources)
+        self.sample_rate, self.channels = self._sources[0].sample_rate, len(MICROPHONES) * len(self._sources)
 
     def __enter__(self) -> Self:
         for source in self._sources:
@@ -159,9 +159,9 @@ class CombinedSource:
         # The first to end ends the hand, so nothing is checked for equal length.
         for blocks in zip(*self._sources, strict=False):
             size = min(block.size for block in blocks)
-            samples = np.concatenate(
-                [np.pad(block.samples[:size], ((0, 0), (0, 2 - block.channels))) for block in blocks], axis=1
-            )
+            missing = (((0, 0), (0, len(MICROPHONES) - block.channels)) for block in blocks)
+            parts = [np.pad(block.samples[:size], each) for block, each in zip(blocks, missing, strict=True)]
+            samples = np.concatenate(parts, axis=1)
             yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
 
     def truth_of(self, finger: int = 0) -> int:

@@ -8,7 +8,7 @@ from tactophone.capture.live import LiveSource
 from tactophone.devices.device import StreamDevice
 from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioStream
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES
 
 ABSENT = "no page sends sound: open the page on the phone or laptop that listens, and press Use this microphone"
 
@@ -33,7 +33,7 @@ def jack_source(
     """
     targets, order = dict[str, str](), list[int]()
     for finger, ports in fingers.items() or [("", (contact, air))]:
-        for port, kind in zip(ports, ("contact", "air"), strict=True):
+        for port, kind in zip(ports, MICROPHONES, strict=True):
             order.append(len(targets) if port or kind == "contact" else -1)
             if order[-1] >= 0:
                 targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")

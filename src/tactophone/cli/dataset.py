@@ -23,6 +23,7 @@ from tactophone.dataset.splits import SPLITS, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.errors import ConfigError
 from tactophone.perception.calibration import Calibration
+from tactophone.types import MICROPHONES
 
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""
@@ -144,7 +145,7 @@ def _import_log(args: argparse.Namespace, log: Path) -> int:
         takes = [
             Recording(
                 sound.path, args.surface or log.stem, LABEL_NAMES[args.label],
-                ("contact", "air")[: soundfile.info(sound.path).channels],
+                MICROPHONES[: soundfile.info(sound.path).channels],
                 take="-".join(filter(None, (str(sound.session), sound.finger))), session=log.stem,
             )
             for sound in write_sound(log, Path(folder))

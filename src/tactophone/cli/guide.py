@@ -20,8 +20,7 @@ from rich.text import Text
 from tactophone.cli import console, output
 from tactophone.cli.audio import SETTLING, AudioInput, SimulatedAct
 from tactophone.errors import DatasetError, TactophoneError
-from tactophone.perception.health import MICROPHONES
-from tactophone.types import CONTACT, AudioBlock, FloatArray
+from tactophone.types import CONTACT, MICROPHONES, AudioBlock, FloatArray
 
 LAST_LOOK = 0.3
 """Seconds for which the page of a command that waits for nobody stays, so that it shows the end."""

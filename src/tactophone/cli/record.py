@@ -23,7 +23,7 @@ from tactophone.recording.protocol import Key, Stage
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone.recording.safe_writer import recording_in, recover
 from tactophone.simulation.takes import TAKES
-from tactophone.types import Touch
+from tactophone.types import SURFACE_LABELS, Touch
 
 SCENARIOS = ("held", "table", "box")
 KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT, "\x04": Key.QUIT}
@@ -39,7 +39,7 @@ EXAMPLES = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("object", metavar="OBJECT", help="the object's name; with --source finger, a name from the catalogue")
-    add("--label", required=True, choices=("smooth", "rough"), help="how it feels to you")
+    add("--label", required=True, choices=[label.name.lower() for label in SURFACE_LABELS], help="how it feels to you")
     add("--surface", default="", metavar="NAME", help="its surface, if others share it (default: the object's name)")
     add("--material", default="", metavar="NAME", help="its material")
     add("--scenario", default="table", metavar="NAME", help=f"how it is held: {', '.join(SCENARIOS)}, or any other")

@@ -14,7 +14,7 @@ from tactophone.dataset.metadata import FILE_NAME, write_metadata
 from tactophone.dataset.values import READ_SIZE, Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.processes import atomic_write
-from tactophone.types import Touch
+from tactophone.types import SURFACE_LABELS
 
 CARD = "README.md"
 """Where Hugging Face looks for the card of a data set."""
@@ -139,10 +139,11 @@ def _card(dataset: Dataset) -> Iterator[str]:
     if not doubtful and not dataset.problems:
         yield "The recorder reported none; `tactophone dataset check` looks for more."
     counts = Counter(recording.label for recording in recordings)
+    labels = ", ".join(f"{counts[label]} {label.name.lower()}" for label in reversed(SURFACE_LABELS))
     yield from ("", "## Limits", "")
     yield (
-        f"Each label is a person's label of a whole recording ({counts[Touch.ROUGH]} rough, {counts[Touch.SMOOTH]} "
-        "smooth), pauses between strokes included. Split by surface, never by window: windows overlap."
+        f"Each label is a person's label of a whole recording ({labels}), pauses between strokes included. Split by "
+        "surface, never by window: windows overlap."
     )
 
 

@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from tactophone.dataset.checks import pair_fault
 from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
-from tactophone.dataset.values import LABEL_NAMES, TWO_CHANNELS, Dataset, Problem, Recording, Segment, open_sound
+from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
 from tactophone.errors import DatasetError
-from tactophone.types import DEFAULT_TIP, Touch
+from tactophone.types import DEFAULT_TIP, MICROPHONES, SURFACE_LABELS, Touch
 
 MANIFEST = "manifest.csv"
 SEGMENTS = "segments.csv"
@@ -132,25 +132,25 @@ def _object(path: Path, match: re.Match[str]) -> Recording:
     }
     label = Touch.ROUGH if number in ROUGH_OBJECTS else Touch.SMOOTH
     known = {key: value for key, value in properties.items() if value}
-    return Recording(path, f"object {number:02}", label, TWO_CHANNELS, take=match["take"], properties=known)
+    return Recording(path, f"object {number:02}", label, MICROPHONES, take=match["take"], properties=known)
 
 
 def _final(path: Path, match: re.Match[str]) -> Recording:
     surface = f"competition {match['label']}"
     return Recording(
-        path, surface, LABEL_NAMES[match["label"]], TWO_CHANNELS, scenario="competition",
+        path, surface, LABEL_NAMES[match["label"]], MICROPHONES, scenario="competition",
         session=f"day {match['day']}", properties={"split": "competition", "kin": surface, "tip": DEFAULT_TIP},
     )  # fmt: skip
 
 
 SOUND_SUFFIXES = frozenset({".wav", ".flac", ".ogg", ".opus", ".mp3", ".aif", ".aiff"})
 
-MICROPHONES: Mapping[str, str] = {
+MICROPHONE_WORDS: Mapping[str, str] = {
     "contact": "contact", "piezo": "contact", "air": "air", "mems": "air", "mic": "air", "microphone": "air",
 }  # fmt: skip
 """Words for a microphone in the names of folders and files, and the channel that each is."""
 
-_MICROPHONE_AT_END = re.compile(rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONES)})", re.IGNORECASE)
+_MICROPHONE_AT_END = re.compile(rf"(?P<rest>.+)[ _.-](?P<word>{'|'.join(MICROPHONE_WORDS)})", re.IGNORECASE)
 _TAKE_AT_END = re.compile(
     r"(?P<rest>.*?)[ _.-]*(?P<take>(?:long|short)_(?:light|medium|strong|loud)|wiggle|(?:take|rep|trial)?[ _.-]*\d+)",
     re.IGNORECASE,
@@ -234,20 +234,22 @@ def _parse_name(path: Path) -> _Name:
     for part in path.parts[:-1]:
         word = part.lower()
         name = word.replace(" ", "_").replace("-", "_")
-        if not label and word and name in LABEL_NAMES and word not in MICROPHONES:
+        if not label and word and name in LABEL_NAMES and word not in MICROPHONE_WORDS:
             label = name
-        elif not microphone and word in MICROPHONES:
-            microphone = MICROPHONES[word]
+        elif not microphone and word in MICROPHONE_WORDS:
+            microphone = MICROPHONE_WORDS[word]
         elif not side and word in PARTS:
             side = word
         else:
             others.append(part)
     stem = path.stem
     if not microphone and (match := _MICROPHONE_AT_END.fullmatch(stem)):
-        stem, microphone = match["rest"], MICROPHONES[match["word"].lower()]
+        stem, microphone = match["rest"], MICROPHONE_WORDS[match["word"].lower()]
     surface, take = surface_and_take(stem)
     if not label:
-        label = next((word for word in re.split(r"[ _.\d-]", stem.lower()) if word in ("rough", "smooth")), "")
+        label = next(
+            (word for word in re.split(r"[ _.\d-]", stem.lower()) if LABEL_NAMES.get(word) in SURFACE_LABELS), ""
+        )
     key = Path(*filter(None, (side, label)), *others, stem)
     if others:
         return _Name(key, label, microphone, side, "/".join(others), stem, False)
@@ -261,7 +263,8 @@ def _recordings(
     for files in groups.values():
         path, name = files.get("contact") or next(iter(files.values()))
         if not name.label:
-            message = "neither its name nor its folders hold a label; put it under rough/, smooth/ or none/"
+            folders = "/, ".join(label.name.lower() for label in reversed(SURFACE_LABELS))
+            message = f"neither its name nor its folders hold a label; put it under {folders}/ or none/"
             problems.extend(Problem(each, "label", message) for each, _ in files.values())
             continue
         if "contact" in files and "air" in files:
@@ -270,7 +273,7 @@ def _recordings(
             if message:
                 problems.append(Problem(path, "pair", message, fatal))
             if not fatal:
-                yield name.recording(path, TWO_CHANNELS), name, air
+                yield name.recording(path, MICROPHONES), name, air
             continue
         for each, its_name in files.values():
             yield its_name.recording(each, _channels_named(each, its_name.microphone)), its_name, None

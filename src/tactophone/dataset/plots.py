@@ -14,7 +14,7 @@ import numpy as np
 
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import TactophoneError
-from tactophone.types import Touch
+from tactophone.types import SURFACE_LABELS, Touch
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 _PALETTE = (files("tactophone") / "pages" / "static" / "palette.css").read_text(encoding="utf-8")
@@ -103,7 +103,7 @@ def _draw_levels(axes: Any, dataset: Dataset, recordings: Sequence[Recording]) -
         axes.plot(middle, height, "o", color=colour, markersize=3)
     axes.set_yticks(range(len(row_of)), list(row_of), fontsize=9)
     axes.set_xlabel("level of 0.25 s in dBFS: p50 and p10 to p90 of each take", fontsize=9)
-    for label in (Touch.ROUGH, Touch.SMOOTH):
+    for label in reversed(SURFACE_LABELS):
         axes.plot([], [], "o", color=TOUCH_COLOURS[label], label=label.name.lower())
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
     axes.grid(axis="x", alpha=0.3)

@@ -13,19 +13,17 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
+from tactophone.types import MICROPHONES, SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
 """Samples read at once: more is no faster, and memory must not grow with a recording's length."""
-
-TWO_CHANNELS = ("contact", "air")
 
 CROSSING = 0.1
 """Seconds after an edge for which a finger that crosses it still slides."""
 
 LABEL_NAMES: Mapping[str, Touch | None] = {
-    "none": Touch.NONE, "no_contact": Touch.NONE, "smooth": Touch.SMOOTH, "rough": Touch.ROUGH,
-    "ambiguous": None, "mixed": None, "contact": None, "": None,
+    **{touch.name.lower(): touch for touch in Touch},
+    "no_contact": Touch.NONE, "ambiguous": None, "mixed": None, "contact": None, "": None,
 }  # fmt: skip
 """What a label column may hold. ``mixed``: see the segments. ``contact``: in contact, roughness unknown."""
 
@@ -165,13 +163,13 @@ def channel_order(recording: Recording, *, count: int, single: str = "contact") 
     if count == 1:
         return (names.index(single) if single in names else 0,)
     if not names:
-        return (0, 1)
-    if sorted(names) != sorted(TWO_CHANNELS):
+        return tuple(range(len(MICROPHONES)))
+    if sorted(names) != sorted(MICROPHONES):
         raise DatasetError(
             f"{recording.path}: holds {' and '.join(names)}, but contact and air are needed; "
             "use the one-channel variant (--channels 1; with the recipe paper, variant = 'one-channel' in its file)"
         )
-    return tuple(names.index(name) for name in TWO_CHANNELS)
+    return tuple(names.index(name) for name in MICROPHONES)
 
 
 @contextlib.contextmanager

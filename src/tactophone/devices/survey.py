@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from tactophone.devices.jack import JackClient, is_pipewire, silent
 from tactophone.devices.portaudio import PortAudioDevice, devices
 from tactophone.errors import DeviceError
-from tactophone.types import LIVE_SAMPLE_RATE
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES
 
 TOO_SLOW = 0.02
 """Delay of a device in s above which it is called slow: a third of what is noticed in texture."""
@@ -54,7 +54,7 @@ def _jack(server: str) -> SurveyedDevice:
     system = "JACK by PipeWire" if is_pipewire() else "JACK"
     outputs = [port.name for port in ports if port.is_output]
     inputs = [port.name for port in ports if not port.is_output]
-    microphones = [f"capture.{name}={port}" for name, port in zip(("contact", "air"), outputs, strict=False)]
+    microphones = [f"capture.{name}={port}" for name, port in zip(MICROPHONES, outputs, strict=False)]
     return SurveyedDevice(
         system,
         server or "default server",

@@ -32,7 +32,7 @@ from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
 from tactophone.perception.decision import Decision, DecisionRule, count_dips
 from tactophone.processes import atomic_write
-from tactophone.types import FloatArray, Touch
+from tactophone.types import SURFACE_LABELS, FloatArray, Touch
 
 BRIDGE = 0.03
 """Seconds; two bumps closer than the shortest perceptible burst are perceived as one (Sci. Rep. 2025, 15:5057)."""
@@ -57,8 +57,6 @@ LEAD = 0.2
 
 _VERSION = 2
 """Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
-
-_WORDS = {Touch.SMOOTH: "smooth", Touch.ROUGH: "rough"}
 
 SOURCES = "sources"
 """Property of an edge: the paths of the two recordings that it is joined from, by line."""
@@ -206,7 +204,7 @@ def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40,
     content and written once; ``most`` limits the number of edges. Raises `ValueError` if the two recordings of a pair
     differ in sample rate.
     """
-    pools = {label: list(_touches(recordings, label)) for label in _WORDS}
+    pools = {label: list(_touches(recordings, label)) for label in SURFACE_LABELS}
     if not all(pools.values()):
         return []
     rng = np.random.default_rng(seed)
@@ -248,8 +246,8 @@ def _join(pair: Sequence[tuple[Recording, float]], order: Sequence[Touch], folde
     middle, end = LEAD + HALF - FADE / 2, LEAD + 2 * HALF - FADE
     segments = (
         Segment(0.0, LEAD, "none"),
-        Segment(LEAD, middle, _WORDS[order[0]]),
-        Segment(middle, end, _WORDS[order[1]]),
+        Segment(LEAD, middle, order[0].name.lower()),
+        Segment(middle, end, order[1].name.lower()),
     )
     sources = {SOURCES: "\n".join(str(take.path) for take, _ in pair)}
     return Recording(path, f"{pair[0][0].surface} to {pair[1][0].surface}", None, pair[0][0].channels,

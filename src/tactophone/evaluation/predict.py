@@ -20,7 +20,7 @@ from tactophone.perception.detector import WindowDetector
 from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
 from tactophone.perception.models import with_gate
 from tactophone.perception.noise_floor import HOLD, measure_floor
-from tactophone.types import AudioBlock, Detector, FloatArray, Prediction, Touch
+from tactophone.types import SURFACE_LABELS, AudioBlock, Detector, FloatArray, Prediction, Touch
 
 PIECE = 1 << 16
 """Samples pushed at once; detectors return the same predictions at any block size."""
@@ -109,7 +109,7 @@ def by_label(take: TakePredictions) -> list[TakePredictions]:
     if take.recording.label is not None:
         return [take]
     parts = []
-    for label in (Touch.SMOOTH, Touch.ROUGH):
+    for label in SURFACE_LABELS:
         if segments := tuple(part for part in take.recording.segments if part.label is label):
             inside = np.any([(take.time > part.start) & (take.time <= part.end) for part in segments], axis=0)
             surface = f"{take.recording.surface}, {label.name.lower()}"

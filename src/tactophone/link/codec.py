@@ -44,7 +44,7 @@ from tactophone.link.packet import (
     frame_length,
     split_streams,
 )
-from tactophone.types import MOST_FINGERS, FloatArray
+from tactophone.types import MICROPHONES, MOST_FINGERS, FloatArray, fingers_of
 
 NARROW_BAND = 4_000.0
 """The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz uses."""
@@ -89,7 +89,7 @@ class Codec:
             sizes = ", ".join(f"{size / 48:g} ms" for size in FRAME_SIZES)
             raise ConfigError(f"Opus packets of {self.packet_size} samples, but Opus has {sizes} ({FRAME_SIZES})")
         size = self.bitrate_bps * self.packet_size // CLOCK_RATE // 8
-        if self.channels > 2 and size > PAYLOAD_SPACE:
+        if self.channels > len(MICROPHONES) and size > PAYLOAD_SPACE:
             raise ConfigError(
                 f"Opus of {self.channels} channels with {self.bitrate_bps / 1000:g} kbit/s takes {size} bytes in "
                 f"{1000 * self.packet_size / CLOCK_RATE:g} ms, but a datagram has {PAYLOAD_SPACE}; "
@@ -243,7 +243,7 @@ class OpusEncoder:
     def __init__(self, *, channels: int, packet_size: int, bandwidth: float, bitrate_bps: int) -> None:
         self._size, self._channels = packet_size, channels
         self._sound = np.zeros((channels, packet_size), np.float32)
-        fingers = max(1, channels // 2)
+        fingers = fingers_of(channels)
         self._fingers = [
             _FingerEncoder(part, bandwidth=bandwidth, bitrate_bps=bitrate_bps // fingers)
             for part in np.split(self._sound, fingers)
@@ -326,7 +326,7 @@ class OpusDecoder:
     def __init__(self, kind: PayloadType, channels: int) -> None:
         self.kind = kind
         self._sound = np.zeros((channels, LARGEST_PACKET), np.float32)
-        self._fingers = [_FingerDecoder(part) for part in np.split(self._sound, max(1, channels // 2))]
+        self._fingers = [_FingerDecoder(part) for part in np.split(self._sound, fingers_of(channels))]
 
     def size(self, content: bytes) -> int:
         return self._fingers[0].size(self._split(content)[0])

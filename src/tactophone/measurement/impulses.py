@@ -27,7 +27,7 @@ from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Finger, Settings
 from tactophone.telemetry.layout import MARKS, STAGES
 from tactophone.telemetry.watcher import Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, FloatArray
 
 BURST = 0.03
 """Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""
@@ -207,7 +207,7 @@ def measure(
         player = ImpulsePlayer(impulses, seed=seed)
         robot = sides.robot.name
         fingers = names_of(settings)
-        ports = [f"{name}-{end}".lstrip("-") for name in fingers for end in ("contact", "air")]
+        ports = [f"{name}-{end}".lstrip("-") for name in fingers for end in MICROPHONES]
         outputs = {port: f"{robot}:{port}" for port in ports}
         if graph.external:
             outputs = {"impulse": graph.impulse_port}

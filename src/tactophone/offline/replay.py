@@ -41,7 +41,7 @@ from tactophone.runtime.wiring import open_pipeline_for
 from tactophone.settings import Finger, Settings, change, set_value
 from tactophone.telemetry.layout import Request
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, FloatArray, HapticCommand, PipelineStep
 
 Change = Callable[[Settings], Settings]
 
@@ -379,7 +379,7 @@ def _complete(step: PipelineStep) -> PipelineStep:
     """Give each prediction a command, silence where there was none, and each block two channels."""
     samples = step.block.samples
     if samples.shape[1] == 1:
-        step = replace(step, block=replace(step.block, samples=np.repeat(samples, 2, axis=1)))
+        step = replace(step, block=replace(step.block, samples=np.repeat(samples, len(MICROPHONES), axis=1)))
     if len(step.commands) == len(step.predictions):
         return step
     silence = tuple(HapticCommand(0.0, Limits().lowest, prediction.end) for prediction in step.predictions)

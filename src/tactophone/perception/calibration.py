@@ -22,7 +22,6 @@ from tactophone.errors import ConfigError
 from tactophone.perception.contact import CLEAR_DB, FAST, SLOW
 from tactophone.perception.health import (
     HARMLESS_HUM_DBFS,
-    MICROPHONES,
     ChannelStatistics,
     FaultDetector,
     FaultKind,
@@ -34,7 +33,7 @@ from tactophone.perception.levels import LoudnessRule
 from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.perception.noise_floor import WINDOW as LEVEL_WINDOW
 from tactophone.processes import atomic_write
-from tactophone.types import CONTACT, AudioBlock, FloatArray
+from tactophone.types import AIR, CONTACT, MICROPHONES, AudioBlock, FloatArray
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""
@@ -81,7 +80,7 @@ class Calibration:
     def reference(self) -> Reference:
         """The normal state that sensor faults are compared with."""
         levels = (self.floor_dbfs, self.stroke_dbfs)
-        contrast_db = min(contact - air for contact, air in levels) if self.channels > 1 else 0.0
+        contrast_db = min(each[CONTACT] - each[AIR] for each in levels) if self.channels > 1 else 0.0
         return Reference(self.window_dbfs, self.floor_dbfs, self.hum_dbfs, CLIPPED, contrast_db)
 
     def write(self, path: Path) -> None:

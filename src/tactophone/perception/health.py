@@ -23,7 +23,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, CONTACT, AudioBlock, FloatArray
+from tactophone.types import AIR, CONTACT, MICROPHONES, AudioBlock, FloatArray
 
 PLAUSIBLE_PEAK = 8.0
 """Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a broken driver or decoder."""
@@ -284,8 +284,6 @@ class SensorFault:
         subject = "microphones" if self.channel is None else f"{MICROPHONES[self.channel]} microphone"
         return f"{subject} {self.kind.replace('offset', 'off centre')}: {sign}; {remedy}"
 
-
-MICROPHONES = ("contact", "air")
 
 _MESSAGES: Mapping[FaultKind, tuple[str, str]] = MappingProxyType(
     {

@@ -27,7 +27,7 @@ import numpy as np
 from tactophone.errors import ModelError
 from tactophone.perception.decision import DecisionRule, Probabilities
 from tactophone.perception.levels import LOUDNESS, LoudnessRule
-from tactophone.types import FloatArray
+from tactophone.types import MICROPHONES, FloatArray, Touch
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -50,7 +50,7 @@ KINDS = ("paper", "texture", "cues")
 SUPPORTS_MISSING_CHANNEL = frozenset({"texture", "cues"})
 """Kinds that can do without the air microphone."""
 
-CLASSES = ("none", "smooth", "rough")
+CLASSES = tuple(touch.name.lower() for touch in Touch)
 
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 _ZIP = b"PK\x03\x04"
@@ -90,7 +90,7 @@ class ModelCard:
     hop: Fraction
     """`sample_rate`, `window_size` and `hop`: Hz, from the lowest of a detector to the highest of sound cards; samples;
     samples, as a fraction."""
-    channels: Annotated[int, msgspec.Meta(ge=1, le=2)]
+    channels: Annotated[int, msgspec.Meta(ge=1, le=len(MICROPHONES))]
     """2 (contact, air) or 1: see ``microphone``."""
     gate: Gate
     decision: DecisionRule = field(default_factory=DecisionRule)

@@ -9,7 +9,7 @@ from tactophone.recording.protocol import COUNTDOWN, DURATION, Key, Protocol, St
 from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.recording.safe_writer import TakeWriter
 from tactophone.simulation.takes import TAKES, Take
-from tactophone.types import AudioBlock, Touch
+from tactophone.types import MICROPHONES, AudioBlock, Touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class RecordedObject:
             properties["pressure"] = take.pressure
         return Recording(
             root / slug(self.name) / slug(self.scenario) / f"{take.name}.flac", self.surface or self.name, self.label,
-            ("contact", "air")[:channels], take=take.name, scenario=self.scenario, session=self.session,
+            MICROPHONES[:channels], take=take.name, scenario=self.scenario, session=self.session,
             properties={key: value for key, value in properties.items() if value},
         )  # fmt: skip
 

@@ -40,7 +40,7 @@ from tactophone.runtime.wiring import (
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import MARKS, Fault, FingerState, State
 from tactophone.telemetry.records import ARRIVAL_DIGITS
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, Source
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, LabelledSource, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""
@@ -103,9 +103,9 @@ class Robot(Side):
         self._group = open_send_group(settings, self._source.channels, way=keeper is not None)
         self._operators = operators_of(settings.link)
         fingers, found = each_finger(settings), self._source.channels
-        if settings.is_hand and found != 2 * len(fingers):
+        if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
             raise ConfigError(
-                f"the source has {found} channels, but {len(fingers)} fingers have {2 * len(fingers)}, contact and air "
+                f"the source has {found} channels, but {len(fingers)} fingers have {wanted}, contact and air "
                 "of each in turn: give --fingers as many, or another source"
             )
         channels = channels_of(settings, alone=self._source.channels)
@@ -171,7 +171,7 @@ class Robot(Side):
         state = State(
             role="robot",
             source=self._settings.capture.source,
-            channels=2 if self._settings.is_hand else self._source.channels,
+            channels=len(MICROPHONES) if self._settings.is_hand else self._source.channels,
             link=f"{hung_up} hung up"
             if hung_up
             else f"connected to {', '.join(peers)}{of_all}"

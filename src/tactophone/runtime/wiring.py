@@ -50,7 +50,7 @@ from tactophone.pipeline import Hand, Pipeline, open_events
 from tactophone.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.settings import Link, Settings
 from tactophone.telemetry.layout import Fault
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, Detector, FloatArray, Source
 
 OpenSource = Callable[[Settings], Source]
 """Opens the source that the settings name; must be importable by a new process."""
@@ -320,7 +320,7 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
     if settings.is_hand:
         fingers, channels = each_finger(settings), channels_of(settings, alone=2)
         hand = [open_rehearsed_pipeline(own, channels=count) for own, count in zip(fingers, channels, strict=True)]
-        rehearse_decoders([Codec(channels=2 * len(fingers), packet_size=120)])
+        rehearse_decoders([Codec(channels=len(MICROPHONES) * len(fingers), packet_size=120)])
         return OperatorEndpoint(session, Hand(hand, channels=channels))
     pipelines, refusal = {2: open_rehearsed_pipeline(settings, channels=2)}, ""
     try:

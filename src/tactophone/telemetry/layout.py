@@ -24,7 +24,7 @@ from typing import Literal, Self, TypeAlias, get_args
 import msgspec
 import numpy as np
 
-from tactophone.types import LIVE_SAMPLE_RATE, PREDICTION_FIELDS
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, PREDICTION_FIELDS
 
 COUNTERS: dict[str, str] = {
     "packets_sent": "packets sent to the peer",
@@ -245,7 +245,7 @@ def layout_of(fingers: int) -> np.dtype[np.void]:
             ("states", _TEXT, 2),
             ("steps", STEP, (fingers, STEP_CAPACITY)),
             ("predictions", PREDICTION, (fingers, PREDICTION_CAPACITY)),
-            ("sound", "f4", (fingers, SOUND_CAPACITY, 2)),
+            ("sound", "f4", (fingers, SOUND_CAPACITY, len(MICROPHONES))),
             ("vibration", "f4", (fingers, SOUND_CAPACITY)),
             ("log", "u1", LOG_CAPACITY),
             ("marks", MARK, (len(MARKS), MARK_CAPACITY)),

@@ -109,10 +109,7 @@ class Telemetry:
             Samples of vibration written when the step was computed; by default, until now.
         """
         finger, block = step.finger, step.block
-        # One microphone fills both channels.
-        self._append(
-            "sound", block.samples if block.channels == 2 else np.repeat(block.samples[:, :1], 2, axis=1), finger
-        )
+        self._append("sound", block.samples, finger)  # one microphone fills both channels
         # A step without a prediction repeats the last prediction and command, so that a reader needs one row only.
         event = self._renew(step) if step.predictions or step.commands else 0
         vibrated = self._counts["vibration"][finger] if vibration_count is None else vibration_count
