@@ -20,7 +20,8 @@ def test_the_address_is_opened_and_printed_and_a_machine_without_a_browser_says_
         return works
 
     monkeypatch.setattr(webbrowser, "open", open_one)
-    served: Any = cast(Any, SimpleNamespace(url="http://127.0.0.1:1/token/", private=True))
+    access = SimpleNamespace(private=True)
+    served: Any = cast(Any, SimpleNamespace(url="http://127.0.0.1:1/token/", access=access))
     page.announce(served, "try")
     assert opened == []
     page.announce(served, "try", browser=True)

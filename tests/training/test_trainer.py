@@ -19,7 +19,7 @@ from tactophone.training import trainer
 from tactophone.training import trainer as processor
 from tactophone.training.network import PaperNetwork, Windows, find_windows, magnitudes, weights_of, with_weights
 from tactophone.training.recipes import OPEN_GATE, RECIPES, NetworkSettings, TrainingOptions, network_settings
-from tactophone.training.trainer import NetworkRecipe, Progress, predictor, train
+from tactophone.training.trainer import NetworkRecipe, Progress, Run, predictor
 from tactophone.types import FloatArray
 from tests.dataset.folders import audiofolder
 from tests.surfaces import surfaces
@@ -49,7 +49,7 @@ def same(first: dict[str, FloatArray], second: dict[str, FloatArray]) -> bool:
 
 def test_training_separates_two_sounds() -> None:
     windows, reports = make_windows(), list[Progress]()
-    weights = train(windows, quick(epochs=6), report=reports.append)
+    weights = Run(windows, quick(epochs=6)).complete(reports.append)
     assert reports[-1].steps == reports[-1].total == len(reports)
     assert reports[-1].loss < reports[0].loss
     which = np.arange(0, len(windows), 50)
@@ -59,20 +59,20 @@ def test_training_separates_two_sounds() -> None:
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
     windows = make_windows()
-    first, second, other = (train(windows, quick(), seed=seed) for seed in (1, 1, 2))
+    first, second, other = (Run(windows, quick(), seed=seed).complete() for seed in (1, 1, 2))
     assert same(first, second)
     assert not same(first, other)
 
 
 def test_training_starts_from_initial_weights() -> None:
     windows = make_windows()
-    start = train(windows, quick(epochs=1))
-    assert same(train(windows, quick(epochs=1, learning_rate=0.0), initial=start), start)
+    start = Run(windows, quick(epochs=1)).complete()
+    assert same(Run(windows, quick(epochs=1, learning_rate=0.0), initial=start).complete(), start)
 
 
 def test_bfloat16_learns_too() -> None:
     reports: list[Progress] = []
-    train(make_windows(), quick(precision="bfloat16", epochs=6), report=reports.append)
+    Run(make_windows(), quick(precision="bfloat16", epochs=6)).complete(reports.append)
     assert reports[-1].loss < reports[0].loss
 
 
@@ -83,7 +83,7 @@ from tactophone.training import trainer
 from tests.training.test_trainer import make_windows, quick
 trainer.CHECKPOINT_EVERY = 0.0
 path = Path(sys.argv[1])
-trainer.train(make_windows(), quick(), seed=5, checkpoint_path=path, report=lambda p: print(p.steps, flush=True))
+trainer.Run(make_windows(), quick(), seed=5, checkpoint_path=path).complete(lambda p: print(p.steps, flush=True))
 """
 
 
@@ -97,23 +97,23 @@ def test_a_killed_run_resumes_and_ends_at_the_same_bits(tmp_path: Path) -> None:
     os.kill(run.pid, signal.SIGKILL)
     run.communicate()
     reports: list[Progress] = []
-    resumed = train(make_windows(), quick(), seed=5, checkpoint_path=path, report=reports.append)
+    resumed = Run(make_windows(), quick(), seed=5, checkpoint_path=path).complete(reports.append)
     assert reports[0].steps > 1
-    assert same(resumed, train(make_windows(), quick(), seed=5))
+    assert same(resumed, Run(make_windows(), quick(), seed=5).complete())
 
 
 def test_a_checkpoint_of_other_sound_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trainer, "CHECKPOINT_EVERY", 0.0)
-    train(make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished")
+    Run(make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished").complete()
     with pytest.raises(ModelError, match="another recipe, seed or data"):
-        train(make_windows(seed=1), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished")
+        Run(make_windows(seed=1), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished").complete()
 
 
 @pytest.mark.parametrize("content", [b"", b"words", b"PK\x03\x04 half a file"])
 def test_a_broken_checkpoint_says_what_to_do(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "run.unfinished").write_bytes(content)
     with pytest.raises(ModelError, match="delete it to start over"):
-        train(make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished")
+        Run(make_windows(), quick(epochs=1), checkpoint_path=tmp_path / "run.unfinished").complete()
 
 
 @pytest.mark.parametrize(

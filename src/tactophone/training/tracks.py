@@ -191,8 +191,7 @@ def read_signals(
     """
     signals = []
     for done, recording in enumerate(recordings, 1):
-        changed = recording.path.stat().st_mtime_ns if recording.path.is_file() else 0
-        signals.append(_read(recording, changed, channels, rate, codec, microphone))
+        signals.append(_read(recording, _changed_ns(recording), channels, rate, codec, microphone))
         report(done)
     return signals
 
@@ -230,16 +229,13 @@ def _read_at(
     return signal
 
 
-def extract_features(
-    recordings: Sequence[Recording], spec: FeatureSpec, *, report: Callable[[int], None] = silent
-) -> list[FeatureTrack]:
+def extract_features(recordings: Sequence[Recording], spec: FeatureSpec) -> list[FeatureTrack]:
     """Extract the features of recordings; those extracted before come from a cache."""
-    tracks = []
-    for done, recording in enumerate(recordings, 1):
-        changed = recording.path.stat().st_mtime_ns if recording.path.is_file() else 0
-        tracks.append(_extract_track(recording, changed, spec))
-        report(done)
-    return tracks
+    return [_extract_track(recording, _changed_ns(recording), spec) for recording in recordings]
+
+
+def _changed_ns(recording: Recording) -> int:
+    return recording.path.stat().st_mtime_ns if recording.path.is_file() else 0
 
 
 @functools.lru_cache(maxsize=1 << 13)

@@ -144,6 +144,12 @@ class Run:
                     self._save(self._path, step)
                     written = time.monotonic()
 
+    def complete(self, report: Callable[[Progress], None] = silent) -> dict[str, FloatArray]:
+        """Train to the end, calling ``report`` after each batch; return the network's parameters."""
+        for progress in self:
+            report(progress)
+        return weights_of(self.network)
+
     def _train_batch(self, which: NDArray[np.intp], step: int) -> float:
         samples = self._windows.take(which)
         # Random numbers need no state in a checkpoint: each step's follow from the seed and the step's number.
@@ -194,22 +200,6 @@ class Run:
 def network_of(settings: NetworkSettings) -> PaperNetwork:
     bins = settings.window_size // 2 + 1
     return PaperNetwork(settings.channels, bins=bins, residual=settings.residual, normalised=settings.normalised)
-
-
-def train(
-    windows: Windows,
-    settings: NetworkSettings,
-    *,
-    seed: int = 0,
-    checkpoint_path: Path | None = None,
-    initial: Weights | None = None,
-    report: Callable[[Progress], None] = silent,
-) -> dict[str, FloatArray]:
-    """Complete a :class:`Run`, calling ``report`` after each batch; return the network's parameters."""
-    run = Run(windows, settings, seed=seed, checkpoint_path=checkpoint_path, initial=initial)
-    for progress in run:
-        report(progress)
-    return weights_of(run.network)
 
 
 def _epoch_sizes(windows: Windows, settings: NetworkSettings, seed: int) -> list[int]:
@@ -293,7 +283,7 @@ class NetworkRecipe:
     def fit(
         self, windows: Windows, *, checkpoint: Path | None = None, report: Callable[[Progress], None] = silent
     ) -> dict[str, FloatArray]:
-        """Train on windows; see :func:`train`.
+        """Train on windows; see :class:`Run`.
 
         Raises `ModelError` if the model to continue from has another number of channels, and `DatasetError` if the
         windows of a new model are of one class alone.
@@ -310,7 +300,8 @@ class NetworkRecipe:
                 f"{self.start}: has {channels_of(initial)} channel(s), but the variant {self.settings.variant} has "
                 f"{self.channels}; start from another model or choose another variant"
             )
-        return train(windows, self.settings, seed=self.seed, checkpoint_path=checkpoint, initial=initial, report=report)
+        run = Run(windows, self.settings, seed=self.seed, checkpoint_path=checkpoint, initial=initial)
+        return run.complete(report)
 
     def write(self, path: Path, weights: dict[str, FloatArray], dataset: Dataset) -> None:
         """Write the model file, named after the file, with the facts of its training."""
