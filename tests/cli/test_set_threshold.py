@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,10 @@ import soundfile
 from tactophone.cli import main
 from tactophone.dataset.metadata import write_metadata
 from tactophone.dataset.values import Recording, Segment
+from tactophone.evaluation import rules
+from tactophone.evaluation.bootstrap import Estimate
+from tactophone.evaluation.rules import OperatingPoint, RuleOutcomes
+from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
 from tactophone.types import Touch
@@ -42,6 +47,41 @@ def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
     assert card.scores["operating point"]["dataset"] == data.name
     assert (tmp_path / "tuned.trade-off.png").is_file()
     assert read_model(model).card.decision.rough_on == 0.5
+
+
+def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def left_out(outcomes: RuleOutcomes, *args: object, **settings: object) -> OperatingPoint:
+        point = rules.measure_rule(outcomes, 0, DecisionRule())
+        return replace(point, false_positive_rate=Estimate(1.1, 1.0, 1.2))
+
+    monkeypatch.setattr(rules, "measure_left_out", left_out)
+    model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
+    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--false-positives", "1"]
+    assert main(command) == 1
+    words = " ".join(capsys.readouterr().out.split())
+    assert "refused: on objects left out of the choice smooth as rough is 1.1 (1-1.2), with the rule before 1" in words
+    assert "--anyway" in words
+    assert not out.exists()
+    assert main([*command, "--anyway"]) == 0
+    assert out.exists()
+
+
+def test_one_object_of_a_class_has_no_intervals_and_says_so(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    model = write_tiny_model(tmp_path / "tiny.onnx")
+    one = ["--data", str(data), "--filter", "surface=stone 0,stone 1"]
+    assert main(["set-threshold", str(model), *one, "--false-positives", "1", "--dry-run"]) == 0
+    shown = capsys.readouterr().out
+    assert "one object of a class" in shown
+    assert "(" not in shown.split("note")[0]
+    assert main(["evaluate", str(model), *one, "--note", "two stones"]) == 0
+    shown = capsys.readouterr().out
+    assert "No intervals" in shown
+    assert "(" not in shown
+    assert len(read_model(model).card.scores["two stones"]["auc, two-class rule"]) == 1
 
 
 def test_a_dry_run_leaves_the_model_alone(data: Path, tmp_path: Path) -> None:

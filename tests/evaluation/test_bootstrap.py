@@ -7,6 +7,7 @@ from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import (
     BINS,
+    Estimate,
     accuracy_of,
     by_surface,
     by_take,
@@ -51,9 +52,19 @@ def test_more_surfaces_narrow_the_interval() -> None:
     assert many.high - many.low < (few.high - few.low) / 2
 
 
-def test_one_surface_a_class_leaves_no_spread() -> None:
-    auc = estimate(made(2, spread=0.0), draws=50)["auc"]
-    assert auc.low == auc.value == auc.high
+def test_one_surface_a_class_has_no_interval() -> None:
+    auc = estimate(made(2, spread=0.15), draws=50)["auc"]
+    assert np.isnan([auc.low, auc.high]).all()
+    assert str(auc) == f"{auc.value:.3f}"
+    assert auc.rounded(3) == [round(auc.value, 3)]
+    assert np.isnan(paired_difference(made(2, spread=0.15), made(2, spread=0.15), draws=50)["auc"].p)
+
+
+def test_a_rate_rises_beyond_its_interval_or_without_one_by_two_points() -> None:
+    known, unknown = Estimate(0.1, 0.05, 0.2), Estimate(0.1, np.nan, np.nan)
+    assert [Estimate(0, 0, 0).is_exceeded_by(rate) for rate in (0, 0.01, 0.03)] == [False, False, True]
+    assert [known.is_exceeded_by(rate) for rate in (0.1, 0.19, 0.21)] == [False, False, True]
+    assert [unknown.is_exceeded_by(rate) for rate in (0.1, 0.11, 0.13, np.nan)] == [False, False, True, False]
 
 
 def test_draws_in_bins_measure_what_exact_ones_do() -> None:

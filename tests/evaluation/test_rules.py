@@ -6,7 +6,15 @@ import pytest
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.evaluation.predict import TakePredictions
-from tactophone.evaluation.rules import candidate_rules, choose_rule, draw_trade_off, measure_rule, rates, try_rules
+from tactophone.evaluation.rules import (
+    candidate_rules,
+    choose_rule,
+    draw_trade_off,
+    measure_left_out,
+    measure_rule,
+    rates,
+    try_rules,
+)
 from tactophone.perception.decision import Decision, DecisionRule
 from tactophone.types import Touch
 
@@ -56,11 +64,13 @@ def test_rules_side_by_side_decide_as_the_live_decision_does() -> None:
 
 
 def test_candidates_abstain_as_the_model_does() -> None:
-    assert {rule.abstain_from for rule in candidate_rules(abstain_from=0.5)} == {0.5}
+    own = DecisionRule(0.6, 0.4, 4, 0.5)
+    assert candidate_rules(own)[0] == own
+    assert {rule.abstain_from for rule in candidate_rules(own)} == {0.5}
 
 
 def test_the_limit_is_kept_and_no_allowed_rule_has_more_recall() -> None:
-    rules = candidate_rules()
+    rules = candidate_rules(DecisionRule())
     outcomes = try_rules(predictions(), rules)
     table = rates(outcomes)
     for goal, limit in (("false_bumps_per_minute", 5.0), ("false_positive_rate", 0.02)):
@@ -82,7 +92,7 @@ def test_bumps_are_not_avoided_by_staying_rough() -> None:
 
 
 def test_a_lower_limit_never_increases_recall() -> None:
-    rules = candidate_rules()
+    rules = candidate_rules(DecisionRule())
     outcomes = try_rules(predictions(), rules)
     recall = [rates(outcomes)["rough_recall"][choose_rule(outcomes, rules, goal="false_bumps_per_minute", limit=limit)]
              for limit in (0.5, 5.0, 50.0)]  # fmt: skip
@@ -99,6 +109,20 @@ def test_a_point_has_intervals_a_delay_and_json() -> None:
     assert set(point.as_json()) == {"false_bumps_per_minute", "false_positive_rate", "rough_recall", "delay"}
 
 
+def test_objects_left_out_of_the_choice_are_scored_by_the_others_rule() -> None:
+    takes = predictions()
+    # The one smooth object that needs another rule than the rest.
+    odd = predicted(Touch.SMOOTH, surface="odd", seed=99, mean=1.5)
+    rules = candidate_rules(DecisionRule())
+    goal, limit = "false_positive_rate", 0.05
+    outcomes = try_rules([*takes, odd], rules)
+    chosen = measure_rule(outcomes, choose_rule(outcomes, rules, goal=goal, limit=limit), rules[0])
+    left_out = measure_left_out(outcomes, rules, goal=goal, limit=limit)
+    assert left_out
+    assert chosen.false_positive_rate.value <= limit < left_out.false_positive_rate.value
+    assert measure_left_out(try_rules([takes[0], *takes[4:]], rules), rules, goal=goal, limit=limit) is None
+
+
 def test_impossible_goals_are_named() -> None:
     sure = [predicted(label, surface=label.name, seed=1, mean=20.0) for label in (Touch.SMOOTH, Touch.ROUGH)]
     with pytest.raises(DatasetError, match="no rule keeps"):
@@ -108,7 +132,7 @@ def test_impossible_goals_are_named() -> None:
 
 
 def test_the_trade_off_is_drawn(tmp_path: Path) -> None:
-    rules = candidate_rules()
+    rules = candidate_rules(DecisionRule())
     outcomes = try_rules(predictions(), rules)
     points = [measure_rule(outcomes, place, rules[place]) for place in (0, 40)]
     goal = ("false_bumps_per_minute", 2.0)

@@ -140,12 +140,10 @@ def _note(args: argparse.Namespace, report: "Report", dataset: Dataset) -> None:
         "contact": round(report.contact, 3),
     }
     for name in RENDERED:
-        estimate = getattr(report.rendered, name)
-        scores[f"{name}, as rendered"] = [round(value, 3) for value in (estimate.value, estimate.low, estimate.high)]
+        scores[f"{name}, as rendered"] = getattr(report.rendered, name).rounded(3)
     for rule in RULES:
         for name in _HEADLINE:
-            found = report.rules[rule][name]
-            scores[f"{name}, {rule} rule"] = [round(value, 3) for value in (found.value, found.low, found.high)]
+            scores[f"{name}, {rule} rule"] = report.rules[rule][name].rounded(3)
     add_scores(model_path(args.model), args.note, scores)
 
 
@@ -154,10 +152,13 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     from tactophone.evaluation.metrics import RULES
 
     first = next(iter(reports.values()))
+    known = math.isfinite(first.rendered.balanced_accuracy.low)
     yield (
         f"{first.recordings} recordings of {first.surfaces} surfaces; {first.updates} updates, "
-        f"{first.contact:.0%} of them in contact by the gate.\nIn brackets: 90 % intervals, surfaces drawn anew.\n"
-    )
+        f"{first.contact:.0%} of them in contact by the gate.\n"
+        + ("In brackets: 90 % intervals, surfaces drawn anew.\n" if known else
+           "No intervals: one surface of a class says nothing of others.\n")
+    )  # fmt: skip
     yield from _table("as rendered", {
         name: {
             "balanced accuracy": report.rendered.balanced_accuracy,

@@ -20,6 +20,7 @@ from tactophone.perception.calibration import Calibration
 from tactophone.perception.detector import WindowDetector
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
+from tactophone.processes import atomic_write
 from tactophone.types import Detector
 
 if TYPE_CHECKING:
@@ -46,7 +47,9 @@ EXAMPLES = (
 NEW, GENERAL = "new objects, held-out takes", "general test set"
 
 
-def _parts(changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path) -> Iterator[output.Part]:
+def _parts(
+    changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path, *, refused: bool
+) -> Iterator[output.Part]:
     rows = []
     for name, part in changes.items():
         rows.append((f"[bold]{name}[/]", "", "", ""))
@@ -55,7 +58,7 @@ def _parts(changes: "dict[str, dict[str, Change]]", share: float, seconds: float
                 rows.append((f"  {HEADINGS[key]}", "none smooth", "", ""))
                 continue
             points = (100 * change.difference.value, 100 * change.difference.low, 100 * change.difference.high)
-            text = "{:+.1f} ({:+.1f} to {:+.1f})".format(*points)
+            text = ("{:+.1f}" if math.isnan(points[1]) else "{:+.1f} ({:+.1f} to {:+.1f})").format(*points)
             rows.append((f"  {HEADINGS[key]}", str(change.before), str(change.after), text))
     headings = ("", "before", "after", "change, points")
     yield [dict(zip(headings, row, strict=True)) for row in rows]
@@ -65,7 +68,14 @@ def _parts(changes: "dict[str, dict[str, Change]]", share: float, seconds: float
         output.log().print(
             "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
         )
-    yield escape(str(file))
+    if refused:
+        rate = changes[GENERAL]["false_positive_rate"]
+        yield (
+            f"[red]refused:[/] elsewhere smooth as rough is {rate.after}, before it was {rate.before}; nothing was "
+            "written: record smooth objects too, or add --anyway"
+        )
+    else:
+        yield escape(str(file))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -76,6 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, default=Path("finetuned.onnx"), metavar="FILE", help="model file to write")
     add("--strategy", choices=("blend", "fine-tuned"), default="blend",
         help="train on both and mix with the old parameters, or the paper's own fine-tuning")  # fmt: skip
+    add("--anyway", action="store_true", help="write the model even if smooth is rough more often elsewhere")
     add("--calibration", type=Path, metavar="FILE", help="contact threshold of the new recordings")
     add("--seed", type=SEED, default=0, metavar="N", help="of everything random, %(type)s")
     options.add_json(parser, "print JSON instead of a table")
@@ -96,12 +107,19 @@ def run(args: argparse.Namespace) -> int:
             reading=lambda done, count: update(completed=done, total=count, note="reading"),
             report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
         )  # fmt: skip
-    share = _choose(args, recipe, trained, data)
-    changes = _measure(args, data, calibration)
+    with tempfile.TemporaryDirectory() as folder:
+        best = Path(folder, args.out.name)
+        share = _choose(args, recipe, trained, data, best)
+        changes = _measure(args, data, calibration, best)
+        rate = changes[GENERAL]["false_positive_rate"]
+        refused = not args.anyway and rate.before.is_exceeded_by(rate.after.value)
+        if not refused:
+            with atomic_write(args.out) as unfinished:
+                unfinished.write_bytes(best.read_bytes())
     seconds = time.monotonic() - began
-    values = {**changes, "share": share, "seconds": seconds, "file": args.out}
-    output.show(values, _parts(changes, share, seconds, args.out), as_json=args.json)
-    return 0
+    values = {**changes, "share": share, "seconds": seconds, "file": None if refused else args.out}
+    output.show(values, _parts(changes, share, seconds, args.out, refused=refused), as_json=args.json)
+    return int(refused)
 
 
 def _data(args: argparse.Namespace) -> "FinetuningData":
@@ -127,7 +145,11 @@ def _split(dataset: Dataset) -> tuple[Sequence[Recording], Sequence[Recording]]:
 
 
 def _choose(
-    args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
+    args: argparse.Namespace,
+    recipe: "NetworkRecipe",
+    trained: "dict[str, FloatArray]",
+    data: "FinetuningData",
+    out: Path,
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
     from tactophone.evaluation.bootstrap import accuracy_of
@@ -142,21 +164,20 @@ def _choose(
     gate_dbfs = read_model(start).card.gate.threshold_dbfs
     before = accuracy_of(_predict(start, data.validation, "choosing", gate_dbfs))
     best: tuple[float, float] = (-1.0, 0.0)
-    with tempfile.TemporaryDirectory() as folder:
-        for share, weights in mixtures(start, trained, args.strategy):
-            path = Path(folder) / "mixture.onnx"
-            write_finetuned(path, recipe, weights, facts=facts)
-            lost = before - accuracy_of(_predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs))
-            if -lost > best[0] or lost <= MOST_LOST:
-                best = (-lost, share)
-                write_finetuned(args.out, recipe, weights, facts={**facts, "share": share})
-            if lost <= MOST_LOST:
-                break
+    for share, weights in mixtures(start, trained, args.strategy):
+        path = out.with_name(f"tried-{out.name}")
+        write_finetuned(path, recipe, weights, facts=facts)
+        lost = before - accuracy_of(_predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs))
+        if -lost > best[0] or lost <= MOST_LOST:
+            best = (-lost, share)
+            write_finetuned(out, recipe, weights, facts={**facts, "share": share})
+        if lost <= MOST_LOST:
+            break
     return best[1]
 
 
 def _measure(
-    args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None
+    args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None, finetuned: Path
 ) -> dict[str, dict[str, "Change"]]:
     """Score before and after, each set with the contact threshold of its own set-up."""
     from tactophone.evaluation.bootstrap import by_surface, by_take, compare_models
@@ -171,7 +192,7 @@ def _measure(
         name: compare_models(
             *(
                 _predict(path, part, f"{name}, {when}", level)
-                for path, when in ((start, "before"), (args.out, "after"))
+                for path, when in ((start, "before"), (finetuned, "after"))
             ),
             by=by,
         )

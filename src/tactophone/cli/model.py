@@ -139,6 +139,7 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
         help="model file to write (default: MODEL itself; of a shipped one, a copy in this folder)")  # fmt: skip
     add("--plot", type=Path, metavar="PNG", help="draw the trade-off (default: beside the model file)")
     add("--dry-run", action="store_true", help="choose and draw, but do not write the model file")
+    add("--anyway", action="store_true", help="write the rule even if smooth is rough more often on objects left out")
     options.add_json(parser, "print JSON instead of a table")
 
 
@@ -146,33 +147,44 @@ def _set_threshold(args: argparse.Namespace) -> int:
     """Choose the rule, draw the trade-off, write the model file."""
     goal: Goal = "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
     limit = args.false_positives if args.false_bumps is None else per_minute(args.false_bumps)
-    from tactophone.evaluation.rules import candidate_rules, choose_rule, draw_trade_off, measure_rule, try_rules
+    from tactophone.evaluation import rules as trials
 
     path = model_path(args.model)
     # The package's own files stay as they are: other programs of this installation use them.
     out = args.out or (Path(path.name) if args.model in shipped_models() else path)
     model = read_model(path)
     dataset = open_filtered(args.data, args.filter, channels=model.card.channels, segments=True)
-    rules = candidate_rules(abstain_from=model.card.decision.abstain_from)
-    outcomes = try_rules(_predict(model, dataset), rules)
-    place = choose_rule(outcomes, rules, goal=goal, limit=limit)
-    # The first candidate is the plain threshold of 0.5.
-    before, chosen = (measure_rule(outcomes, at, rules[at]) for at in (0, place))
+    rules = trials.candidate_rules(model.card.decision)
+    outcomes = trials.try_rules(_predict(model, dataset), rules)
+    place = trials.choose_rule(outcomes, rules, goal=goal, limit=limit)
+    before, chosen = (trials.measure_rule(outcomes, at, rules[at]) for at in (0, place))
+    left_out = trials.measure_left_out(outcomes, rules, goal=goal, limit=limit)
     picture = args.plot or out.with_suffix(".trade-off.png")
-    draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
-    if not args.dry_run:
+    trials.draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
+    words, refused = "one object of a class: nothing says whether this rule holds on others; record two or more", False
+    if left_out:
+        old, new = (_brief(point.false_positive_rate) for point in (before, left_out))
+        risen = left_out.false_positive_rate.value
+        # A share that was asked for may be more than before.
+        asked = risen <= limit and goal == "false_positive_rate"
+        refused = not (args.anyway or asked) and before.false_positive_rate.is_exceeded_by(risen)
+        words = f"on objects left out of the choice smooth as rough is {new}, with the rule before {old}"
+        words += "; nothing was written: record more smooth objects, or add --anyway" * refused
+    files = [picture]
+    if not args.dry_run and not refused:
         from tactophone.training.export import set_decision
 
         scores = {"dataset": dataset.name, "sha256": dataset.fingerprint, **chosen.as_json()}
         set_decision(path, chosen.rule, scores, out=out)
-    files = [picture] if args.dry_run else [out, picture]
+        files = [out, picture]
     values: dict[str, Any] = {
         name: {key: getattr(point.rule, key) for key in ("rough_on", "rough_off", "confirm")} | point.as_json()
         for name, point in {"before": before, "chosen": chosen}.items()
     }
-    parts: list[output.Part] = [_rows(before, chosen), *(escape(str(file)) for file in files)]
-    output.show({**values, "files": files}, parts, as_json=args.json)
-    return 0
+    values |= {"left_out": left_out and left_out.as_json(), "refused": refused, "files": files}
+    note = f"{'[red]refused:[/]' if refused else '[yellow]note:[/]'} {words}"
+    output.show(values, [_rows(before, chosen), note, *(escape(str(file)) for file in files)], as_json=args.json)
+    return int(refused)
 
 
 def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
@@ -202,4 +214,4 @@ def _rows(*points: "OperatingPoint") -> list[dict[str, str]]:
 
 
 def _brief(estimate: "Estimate") -> str:
-    return f"{estimate.value:.3g} ({estimate.low:.2g}-{estimate.high:.2g})"
+    return estimate.written(".3g", ".2g")

@@ -2,7 +2,8 @@
 
 Windows of one surface are not independent samples, so surfaces are drawn, with replacement. Rough and smooth ones are
 drawn apart, so that no draw lacks a class (stratified percentile bootstrap; Efron & Tibshirani, "An Introduction to
-the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4).
+the Bootstrap", 1993, chapters 8 and 13). Two methods are compared on the same draws (paired, section 16.4). One surface
+of a class says nothing of others: then there are no draws, and no interval.
 """
 
 import math
@@ -29,6 +30,9 @@ from tactophone.evaluation.predict import TakePredictions
 DRAWS = 1000
 COVERAGE = 0.90
 
+LEAST_RISE = 0.02
+"""Of a rate whose interval is unknown, or of no width as all draws are 0: as much as fine-tuning may cost elsewhere."""
+
 BINS = 2048
 """Bins of scores, used in draws alone: they move an interval's end by less than 0.001 and make a draw 100x faster."""
 
@@ -50,7 +54,21 @@ class Estimate:
     high: float
 
     def __str__(self) -> str:
-        return "-" if math.isnan(self.value) else f"{self.value:.3f} ({self.low:.2f}-{self.high:.2f})"
+        return self.written(".3f", ".2f")
+
+    def written(self, value: str, ends: str) -> str:
+        """Write it by the formats of its value and its interval's ends; without an interval, no brackets."""
+        if math.isnan(self.value):
+            return "-"
+        return f"{self.value:{value}}" + ("" if math.isnan(self.low) else f" ({self.low:{ends}}-{self.high:{ends}})")
+
+    def rounded(self, digits: int) -> list[float]:
+        """Return value, low and high, those that are known, for JSON."""
+        return [round(float(each), digits) for each in (self.value, self.low, self.high) if not math.isnan(each)]
+
+    def is_exceeded_by(self, other: float) -> bool:
+        """Whether another value of this rate is higher than its interval, or by `LEAST_RISE` where that has no width."""
+        return other > (self.high if self.high > self.value else self.value + LEAST_RISE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +103,12 @@ def bootstrap(
 def resample(
     table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS, seed: int = 0
 ) -> Mapping[str, Floats]:
-    """Compute the scores of each draw of a table's rows.
+    """Compute the scores of each draw of a table's rows; of no draw where a stratum has one row.
 
     The same seed and strata draw the same rows of any table: so two methods are compared in pairs.
     """
     rng = np.random.default_rng(seed)
-    times = np.zeros((draws, len(table)))
+    times = np.zeros((0 if any(len(stratum) == 1 for stratum in strata) else draws, len(table)))
     for row in times:
         for stratum in strata:
             if len(stratum):

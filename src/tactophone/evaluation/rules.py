@@ -3,11 +3,13 @@
 A false bump is a decision that turns rough while a smooth surface is touched: one false window is one bump at the
 operator's finger (the paper's section V). Every candidate rule runs over the same predictions as the live decision does
 (:mod:`tactophone.perception.decision`), all rules side by side; of the rules that keep the wanted rate, the one with
-the highest rough recall is chosen.
+the highest rough recall is chosen. The best of many on a few objects is partly luck: so each object is left out of the
+choice in turn, and scored by the rule that the others choose.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +22,7 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Estimate, bootstrap
 from tactophone.evaluation.metrics import Floats, rough_score
 from tactophone.evaluation.predict import TakePredictions
-from tactophone.perception.decision import FORGET_AFTER, NEVER_ABSTAIN, DecisionRule
+from tactophone.perception.decision import FORGET_AFTER, DecisionRule
 from tactophone.types import SURFACE_LABELS, Touch
 
 Goal = Literal["false_bumps_per_minute", "false_positive_rate"]
@@ -72,19 +74,17 @@ class OperatingPoint:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain numbers, for a model card: each rate as value, low, high."""
-        numbers = {}
-        for name in ("false_bumps_per_minute", "false_positive_rate", "rough_recall"):
-            rate: Estimate = getattr(self, name)
-            numbers[name] = [round(float(bound), 4) for bound in (rate.value, rate.low, rate.high)]
+        names = ("false_bumps_per_minute", "false_positive_rate", "rough_recall")
+        numbers = {name: getattr(self, name).rounded(4) for name in names}
         return {**numbers, "delay": None if np.isnan(self.delay) else round(self.delay, 3)}
 
 
-def candidate_rules(*, abstain_from: float = NEVER_ABSTAIN) -> tuple[DecisionRule, ...]:
-    """List the rules to try, the paper's threshold first; each abstains as the model does."""
+def candidate_rules(own: DecisionRule) -> tuple[DecisionRule, ...]:
+    """List the rules to try, the model's own first; each abstains as that does."""
     return (
-        DecisionRule(abstain_from=abstain_from),
+        own,
         *(
-            DecisionRule(_probability(on), _probability(on - hysteresis), confirm, abstain_from)
+            DecisionRule(_probability(on), _probability(on - hysteresis), confirm, own.abstain_from)
             for confirm in CONFIRMATIONS
             for hysteresis in HYSTERESIS_LOGITS
             for on in np.linspace(-WIDEST_LOGIT, WIDEST_LOGIT, THRESHOLDS)
@@ -106,13 +106,16 @@ def try_rules(predictions: Sequence[TakePredictions], rules: Sequence[DecisionRu
     return RuleOutcomes(tuple(take.recording for take in takes), minutes, updates, rough, bumps, delay)
 
 
-def choose_rule(outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float) -> int:
+def choose_rule(
+    outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float, weights: Floats | None = None
+) -> int:
     """Return the index of the rule with the highest rough recall within the limit; of equal ones, the quickest.
 
     A limit of false bumps also excludes rules under which smooth is rough for longer than under the first: a touch that
-    stays rough once it has been has few bumps. Raises `DatasetError` if no rule keeps the limit.
+    stays rough once it has been has few bumps. ``weights`` as in :func:`rates`. Raises `DatasetError` if no rule keeps
+    the limit.
     """
-    table = rates(outcomes)
+    table = rates(outcomes, weights)
     smooth_as_rough = table["false_positive_rate"]
     longest = smooth_as_rough[0] if goal == "false_bumps_per_minute" else np.inf
     allowed = np.flatnonzero((table[goal] <= limit) & (smooth_as_rough <= longest))
@@ -137,6 +140,27 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
             "false_positive_rate": smooth @ outcomes.rough / (smooth @ outcomes.updates)[..., None],
             "rough_recall": rough @ outcomes.rough / (rough @ outcomes.updates)[..., None],
         }
+
+
+def measure_left_out(
+    outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float
+) -> OperatingPoint | None:
+    """Score each surface by the rule that the others choose, or by the first where none keeps the limit on them.
+
+    Rates alone: there is no one rule. Returns ``None`` where a class has one surface.
+    """
+    surfaces = np.array([recording.surface for recording in outcomes.recordings])
+    chosen = np.zeros(len(surfaces), np.intp)
+    for name in np.unique(surfaces):
+        others = surfaces != name
+        if len(set(outcomes.is_rough[others])) < 2:
+            return None
+        with suppress(DatasetError):
+            chosen[~others] = choose_rule(outcomes, rules, goal=goal, limit=limit, weights=others.astype(float))
+    own = {
+        name: np.take_along_axis(getattr(outcomes, name), chosen[:, None], 1) for name in ("rough", "bumps", "delay")
+    }
+    return measure_rule(replace(outcomes, **own), 0, rules[0])
 
 
 def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> OperatingPoint:
@@ -173,7 +197,7 @@ def draw_trade_off(
         cost, recall = table[goal][places][order], np.maximum.accumulate(table["rough_recall"][places][order])
         axes.plot(cost.clip(least), recall, color=colour, label=f"{confirm} in a row", drawstyle="steps-post")
     axes.axvline(value, color=VERMILION, linestyle=":", label="limit")
-    for point, marker, label in ((before, "o", "the paper's rule"), (chosen, "*", "chosen")):
+    for point, marker, label in ((before, "o", "before"), (chosen, "*", "chosen")):
         x, y = max(getattr(point, goal).value, least), point.rough_recall.value
         axes.plot(x, y, marker, color="black", markersize=11, label=label, linestyle="none")
     axes.set_xscale("log")
