@@ -67,7 +67,7 @@ class Estimate:
         return [round(float(each), digits) for each in (self.value, self.low, self.high) if not math.isnan(each)]
 
     def is_exceeded_by(self, other: float) -> bool:
-        """Whether another value of this rate is higher than its interval, or by `LEAST_RISE` where that has no width."""
+        """Whether another value is higher than its interval, or by `LEAST_RISE` where the interval has no width."""
         return other > (self.high if self.high > self.value else self.value + LEAST_RISE)
 
 

@@ -20,7 +20,7 @@ from tactophone.dataset.values import Segment
 from tactophone.errors import ConfigError
 from tactophone.haptics.oscillator import Oscillator, Playback
 from tactophone.haptics.passthrough import Passthrough
-from tactophone.perception.decision import count_dips
+from tactophone.perception.decision import count_bumps, count_dips
 from tactophone.perception.resample import Resampler
 from tactophone.pipeline import Pipeline
 from tactophone.telemetry.layout import STEP
@@ -279,14 +279,13 @@ def score_run(timeline: dict[str, NDArray[Any]], truth: tuple[Segment, ...]) -> 
     """Score a run's timeline against its labelled segments; a score without data is NaN."""
     time, touch, amplitude = timeline["time"], timeline["touch"], timeline["amplitude"]
     smooth, rough = (_inside(time, truth, label) for label in SURFACE_LABELS)
-    bumps = smooth & (touch == Touch.ROUGH)
     pairs = list(itertools.pairwise(truth))
     touched = [after.start for before, after in pairs if after.contact and not before.contact]
     lifted = [after.start for before, after in pairs if before.contact and not after.contact]
     return RunScores(
         smooth_right=_share(touch[smooth] == Touch.SMOOTH),
         rough_right=_share(touch[rough] == Touch.ROUGH),
-        false_bumps=int((np.diff(bumps.astype(int)) > 0).sum()),
+        false_bumps=count_bumps(touch == Touch.ROUGH, smooth),
         dips=count_dips(touch == Touch.ROUGH, rough),
         touch_to_vibration=_delay(time, amplitude >= PERCEPTIBLE, touched),
         lift_to_silence=_delay(time, amplitude == 0, lifted),

@@ -93,6 +93,9 @@ class RoundResult:
     """Whether the player saw the truth and the detector's decision."""
     round_trip: float | None = None
     """Median seconds from press to sound; ``None`` if not measured."""
+    false_bumps: int | None = None
+    dips: int | None = None
+    """`false_bumps` and `dips`: how often smooth was rendered as rough, and rough interrupted within one touch."""
 
     def append(self, path: Path) -> None:
         with path.open("a", encoding="utf-8") as file:

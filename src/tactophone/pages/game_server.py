@@ -12,7 +12,7 @@ import statistics
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,10 @@ from aiohttp import WSMsgType, web
 from numpy.typing import NDArray
 
 from tactophone.pages.devices import command_of
-from tactophone.pages.feed import WatchedRun, pack, step_table
+from tactophone.pages.feed import STEP_COLUMNS, WatchedRun, pack, step_table
 from tactophone.pages.game import GameSettings, Point, Round, read_results, within_reach
 from tactophone.pages.views import CREDIT, STATIC, TAKEN, admit, is_local, messages_of, page, say_command
+from tactophone.perception.decision import count_bumps, count_dips
 from tactophone.telemetry.layout import Action, Request
 from tactophone.telemetry.watcher import Snapshot
 from tactophone.types import Touch
@@ -185,6 +186,10 @@ class _Player:
             return
         finished = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
         result = played.finish([int(stone) for stone in stones], Point(now, 0, 0, -1), finished=finished)
+        steps = np.concatenate([np.empty((0, 1 + len(STEP_COLUMNS))), *self._steps])
+        touch, truth = (steps[:, 1 + STEP_COLUMNS.index(name)] for name in ("touch", "truth"))
+        bumps = count_bumps(touch == Touch.ROUGH, truth == Touch.SMOOTH)
+        result = replace(result, false_bumps=bumps, dips=count_dips(touch == Touch.ROUGH, truth == Touch.ROUGH))
         kept = f"Saved in {self._game.results}"
         try:
             if now - self._begun < SHORTEST_ROUND:
@@ -195,7 +200,6 @@ class _Player:
             kept = f"Not saved in {self._game.results}: {error.strerror}"
         self.lift()
         self._round = None
-        steps = np.concatenate([np.empty((0, 10)), *self._steps])
         header = {"result": asdict(result), "past": _summary(self._game.results), "kept": kept}
         await self._view.send_bytes(pack(header, {"steps": _thin(steps), "track": _thin(played.track(self._begun))}))
 

@@ -95,6 +95,15 @@ def rough_share(probabilities: Probabilities) -> float:
     return rough / (smooth + rough) if smooth + rough > 0 else 0.5
 
 
+def count_bumps(rough: NDArray[np.bool_], smooth: NDArray[np.bool_]) -> int:
+    """Count the false bumps of predictions: stretches with rough while a smooth surface is touched.
+
+    >>> count_bumps(np.array([1, 1, 0, 1, 1], bool), np.array([1, 1, 1, 1, 0], bool))
+    2
+    """
+    return int((np.diff((rough & smooth).astype(np.int8), prepend=0) > 0).sum())
+
+
 def count_dips(rough: NDArray[np.bool_], touching: NDArray[np.bool_]) -> int:
     """Count the dips of predictions: stretches without rough between two with it, within one touch of a rough surface.
 

@@ -75,6 +75,9 @@ def test_a_round_is_played_to_its_end_by_moving_the_pointer(
     assert (result["correct"], result["choices"], result["seed"]) == (2, [1, 4], 7)
     assert all(count >= 1 for count in result["strokes"])
     assert 0 < result["round_trip"] < 1
+    assert result["false_bumps"] == result["dips"] == 0
+    wait(browser, lambda: "false bumps" in text(browser, "score"))
+    assert "false bumps: 0, dips: 0" in text(browser, "round")
     stones = [node.text for node in browser.find_elements(By.CSS_SELECTOR, "#lifted .slot")]
     assert stones == ["smooth", "rough ✓", "smooth", "smooth", "rough ✓"]
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width

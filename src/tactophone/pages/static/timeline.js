@@ -23,6 +23,19 @@ function runs(values, each) {
   }
 }
 
+/** How often smooth was rendered as rough, and rough interrupted within one touch, where the truth is known. */
+function faults(rows) {
+  let [bumps, dips, known] = [0, 0, false];
+  runs(rows[TRUTH] ?? [], (from, to, truth) => {
+    let onsets = 0;
+    for (let k = from; k < to; k++) onsets += rows[TOUCH][k] === 2 && (k === from || rows[TOUCH][k - 1] !== 2);
+    if (truth === 1) bumps += onsets;
+    if (truth === 2) dips += Math.max(0, onsets - 1);
+    known ||= truth > 0;
+  });
+  return known ? `false bumps: ${bumps}, dips: ${dips}` : "";
+}
+
 export class Timeline {
   #chart;
   #node;
@@ -40,7 +53,7 @@ export class Timeline {
     this.#node = node;
     this.hint = hint;
     this.threshold = null;
-    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b></p></div>"
+    node.innerHTML = "<div class=tools><p class=key><b class=sound>sound, dBFS</b><b class=ground>contact</b>roughness 0 to 1: <b class=smooth>smooth</b><b class=rough>rough</b> <span class=faults></span></p></div>"
       + "<div class='chart touch' role=img tabindex=0></div><p class='hint readout' role=status></p>";
     this.#readout = node.querySelector(".readout");
     if (!fixed) this.#addTools(node.querySelector(".tools"));
@@ -73,6 +86,7 @@ export class Timeline {
     this.source = [rows, end];
     this.#chart.draw([this.#rows[TIME], this.#rows[TIME]], last);
     put(this.#readout, this.#words());
+    put(this.#node.querySelector(".faults"), faults(this.#rows));
   }
 
   #addTools(tools) {

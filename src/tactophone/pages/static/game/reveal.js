@@ -19,6 +19,8 @@ export function reveal({ result, past, kept }, { steps, track }) {
     ["time", formatNumber(result.duration, 1, "s")],
     ["strokes", formatNumber(result.strokes.reduce((a, b) => a + b))],
     ["press to sound", result.round_trip === null ? "–" : formatNumber(1000 * result.round_trip, 0, "ms")],
+    ["false bumps", String(result.false_bumps)],
+    ["dips", String(result.dips)],
     ["seed", String(result.seed)],
     ...(result.trainer ? [["trainer", "on, not scored"]] : []),
     ...(past.rounds ? [["so far", `${past.right} of ${past.rounds} right`], ["median time", formatNumber(past.median_duration, 1, "s")]] : []),
@@ -93,7 +95,7 @@ function truthAt(track, times) {
 
 /** The result as a picture to share, or to keep where nothing can be shared. */
 export async function saveCard() {
-  const { order, choices, correct, duration, seed } = shown.result;
+  const { order, choices, correct, duration, seed, false_bumps: bumps, dips } = shown.result;
   const canvas = Object.assign(document.createElement("canvas"), { width: 1000, height: 420 });
   const context = canvas.getContext("2d");
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -105,7 +107,7 @@ export async function saveCard() {
   context.fillStyle = colour("panel");
   context.fillRect(0, 0, canvas.width, canvas.height);
   write(`The stone box: ${correct} of 2 rough stones found by touch`, 34, 50, 80);
-  write(`in ${formatNumber(duration, 1)} s, seed ${seed}`, 24, 50, 122, "soft");
+  write(`in ${formatNumber(duration, 1)} s, seed ${seed}; false bumps: ${bumps}, dips: ${dips}`, 24, 50, 122, "soft");
   order.forEach((touch, k) => {
     context.fillStyle = colour(touch);
     context.beginPath();
