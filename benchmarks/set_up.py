@@ -1,114 +1,181 @@
-"""How good is a detector after a minute with a new finger? Prints the table of docs/research/set-up.md.
+"""Does `setup` make worse what fits, and better what does not?  Prints the table of docs/research/set-up.md.
 
-    python benchmarks/set_up.py --model FILE [--lmt DIR] [--draws 40]
+    python benchmarks/set_up.py [--takes 2] [--channels NAME ...]    (needs TACTOPHONE_RECORDINGS)
 
-Each draw takes one or two smooth and as many rough surfaces of real sound (`lmt`), three takes of 4.8 s each, fits the
-boundary as `tactophone setup` does, and scores six takes of all surfaces that are neither drawn nor kin of those drawn.
-Draws differ; where there are no more than asked for, all are scored.
-FILE is a model of one air microphone that has never been trained on these recordings.
+A set-up is one rough and one smooth surface of real sound (`lmt`), so many takes of 4.8 s each, as they are or through
+one channel of `distortions`. All 72 pairs are tried. Each other kind is scored, through the same channel, by a linear
+detector of the recipe ``texture`` that was trained neither on this kind nor on those of the pair, and by what
+`fit_set_up` makes of it. A pair's score is balanced over the surfaces scored, and counts windows in contact.
 """
 
 import argparse
-import csv
 import os
+import tempfile
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from itertools import combinations, product
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tactophone.capture.files import FileSource
-from tactophone.perception.model_file import Model, read_model
+from distortions import DISTORTIONS, distorted
+from tactophone.dataset.read import open_dataset
+from tactophone.dataset.splits import kin_of, with_kin
+from tactophone.dataset.values import Recording
 from tactophone.perception.noise_floor import measure_floor
-from tactophone.training.setup import SCORES, ObjectSound, collect, fit_boundary, fit_set_up
+from tactophone.training.linear import fit_classifier
+from tactophone.training.recipes import RECIPES
+from tactophone.training.sets import MOST_WINDOWS, Examples
+from tactophone.training.setup import ObjectSound, fit_set_up
+from tactophone.training.tracks import FeatureSpec, FeatureTrack, RunningMoments, extract_features
+from tactophone.types import FloatArray
 
-TRAIN, TEST = 3, 6
-"""Takes of a surface that are fitted to, and that are scored."""
+SCORED = 4
+"""Takes of a surface that are scored."""
 
-KIN = ("RhombAluminumMesh", "StoneTile", "SolidRubberPlate", "Cardboard")
-"""Surfaces of the same thing."""
+AS_IT_IS = "as it is"
 
-Surfaces = Mapping[tuple[str, bool, str], Sequence[ObjectSound]]
-
-
-def kin_of(surface: str) -> str:
-    """Return the thing that a surface is a version of."""
-    return next((kin for kin in KIN if kin in surface), surface)
-
-
-def read_surfaces(folder: Path, model: Model) -> Surfaces:
-    """Read six takes of each labelled surface."""
-    surfaces: dict[tuple[str, bool, str], list[ObjectSound]] = defaultdict(list)
-    with (folder / "manifest.csv").open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["tier"] != "other" and int(row["recording"]) <= TEST]
-    for row in rows:
-        with FileSource(folder / row["file"]) as source:
-            blocks, rate = list(source), source.sample_rate
-        floor = measure_floor(blocks, sample_rate=rate, rule=model.card.gate.rule)
-        samples, rough = np.concatenate([block.samples for block in blocks]), row["label"] == "rough"
-        sound = collect(
-            model, samples, sample_rate=rate, threshold_dbfs=floor.threshold_dbfs, name=row["surface"], rough=rough
-        )
-        surfaces[row["surface"], rough, row["tier"]].append(sound)
-    return surfaces
+RECIPE = RECIPES["texture"]
+SPEC = FeatureSpec(
+    channels=1, microphone="air", change_detection=False, unevenness=True, memory=RECIPE.response_for("stylus").memory
+)
 
 
-def joined(takes: Sequence[ObjectSound]) -> ObjectSound:
-    """Join takes of one surface."""
-    features, logit = (np.concatenate([getattr(take, name) for take in takes]) for name in ("features", "logit"))
-    return ObjectSound(takes[0].name, takes[0].rough, features, logit)
+@dataclass(frozen=True, slots=True, eq=False)
+class Heard:
+    """A take: where it is from, its description summed, and its running statistics in contact."""
+
+    recording: Recording
+    sums: NDArray[np.float64]
+    count: int
+    statistics: RunningMoments
+    present: NDArray[np.bool_]
+
+    def features(self, prior: NDArray[np.float64], every: int = 1, first: int = 0) -> FloatArray:
+        moments, weight = self.statistics.moments[:, first::every], self.statistics.prior_weight[first::every]
+        return RunningMoments(moments, weight).features(prior, self.present[first::every])
 
 
-def draw(surfaces: Surfaces, per_class: int, count: int) -> list[tuple[list[ObjectSound], list[ObjectSound]]]:
-    """Return draws of fitted surfaces and of those to score; of kin one at most is drawn."""
-    classes = [combinations([key for key in surfaces if key[1] is rough], per_class) for rough in (True, False)]
-    draws = []
-    for chosen in (smooth + rough for rough, smooth in product(*classes)):
-        kin = {kin_of(key[0]) for key in chosen}
-        rest = [key for key in surfaces if kin_of(key[0]) not in kin]
-        if len(kin) == len(chosen) and len({key[1] for key in rest}) == 2:
-            draws.append((chosen, rest))
-    picked = np.random.default_rng(0).permutation(len(draws))[:count]
-    return [
-        ([joined(surfaces[key][:TRAIN]) for key in chosen], [joined(surfaces[key]) for key in rest])
-        for chosen, rest in (draws[at] for at in picked)
-    ]
+def hear(tracks: list[FeatureTrack], contact: list[NDArray[np.bool_]]) -> list[Heard]:
+    """Run the statistics over takes."""
+    from tactophone.training.features import run_statistics
+
+    metric = np.zeros((1, SPEC.values, SPEC.values))
+    descriptions = [track.description for track in tracks]
+    found = []
+    for track, touching, states in zip(
+        tracks, contact, run_statistics(descriptions, contact, metric, fading=SPEC.fading), strict=True
+    ):
+        moments = np.moveaxis(states["running"].reshape(-1, 2, 1, SPEC.values), 1, 0)[:, touching].astype(np.float32)
+        own = RunningMoments(moments, 1 - states["evidence"][touching, 0])
+        wide = track.description.astype(np.float64)
+        sums = np.stack((wide.sum(axis=0), np.square(wide).sum(axis=0)))
+        found.append(Heard(track.recording, sums, len(wide), own, track.present[touching]))
+    return found
 
 
-def balanced(logits: Sequence[np.ndarray], sounds: Sequence[ObjectSound]) -> float:
-    """Return the mean over both classes of the surfaces' shares of right windows."""
-    shares: dict[bool, list[float]] = {False: [], True: []}
-    for logit, sound in zip(logits, sounds, strict=True):
-        shares[sound.rough].append(float(np.mean((logit > 0) == sound.rough)))
-    return float(np.mean([np.mean(shares[False]), np.mean(shares[True])]))
+def in_contact(recording: Recording, track: FeatureTrack) -> NDArray[np.bool_]:
+    """Return where a take is over its own noise floor."""
+    block = recording.read(channels=1, single="air")
+    floor = measure_floor([block], sample_rate=block.sample_rate, rule="banded")
+    return np.asarray(track.level_dbfs >= floor.threshold_dbfs)
+
+
+class Detectors:
+    """Linear detectors without some kinds, trained once each."""
+
+    def __init__(self, takes: list[Recording]) -> None:
+        self._heard: list[Heard] = []
+        for number in range(1 + RECIPE.augmentation.copies if RECIPE.augmentation else 1):
+            copy = replace(SPEC, augmentation=RECIPE.augmentation, copy=(0, number)) if number else SPEC
+            tracks = extract_features(takes, copy)
+            self._heard += hear(tracks, [np.ones(len(track.end), bool) for track in tracks])
+        self.without = cache(self._without)
+
+    def _without(self, kinds: frozenset[str]) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+        """Train; return the prior, the weights of features and the bias."""
+        kept = [take for take in self._heard if kin_of(take.recording) not in kinds]
+        total = sum(take.count for take in kept)
+        prior = np.sum([take.sums for take in kept], axis=0) / total
+        every, at = -(-total // MOST_WINDOWS), 0
+        rows, rough, surface, names = [], [], [], sorted({kin_of(take.recording) for take in kept})
+        for take in kept:
+            rows.append(take.features(prior, every, -at % every))
+            rough += [take.recording.rough] * len(rows[-1])
+            surface += [names.index(kin_of(take.recording))] * len(rows[-1])
+            at += take.count
+        examples = Examples(np.concatenate(rows), np.array(rough), np.array(surface))
+        fitted = fit_classifier(examples, channels=1, hard_tip=True)
+        weights = fitted.weights[0] / fitted.scale
+        return prior, weights, float(fitted.biases[0] - fitted.centre @ weights)
+
+
+def score(detectors: Detectors, takes: list[Heard], fitted: int) -> tuple[list[float], list[float], float]:
+    """Return the balanced share that is right before and after, of each pair, and how often the boundary changes."""
+    surfaces: dict[str, list[Heard]] = defaultdict(list)
+    for take in takes:
+        surfaces[take.recording.surface].append(take)
+    first = {name: own[0].recording for name, own in surfaces.items()}
+    kinds = sorted({kin_of(each) for each in first.values()})
+
+    @cache
+    def sound(without: frozenset[str], name: str, count: int) -> ObjectSound:
+        prior, weights, bias = detectors.without(without)
+        features = np.concatenate([take.features(prior) for take in surfaces[name][:count]])
+        return ObjectSound(name, first[name].rough, features, features @ weights + bias)
+
+    before, after, changed = [], [], []
+    for pair in product(*([name for name in first if first[name].rough is label] for label in (False, True))):
+        shares: dict[bool, list[tuple[float, float]]] = {False: [], True: []}
+        own = {kin_of(first[name]) for name in pair}
+        for kind in kinds:
+            if kind in own:
+                continue
+            without = frozenset(own | {kind})
+            found = fit_set_up([sound(without, name, fitted) for name in pair], channels=1, tip="stylus")
+            changed.append(not found.keeps)
+            for name in (name for name in first if kin_of(first[name]) == kind):
+                each = sound(without, name, SCORED)
+                logits = each.logit, each.logit if found.keeps else found.correction.logit(each)
+                old, new = (float(np.mean((logit > 0) == each.rough)) for logit in logits)
+                shares[each.rough].append((old, new))
+        old, new = np.mean([np.mean(own, axis=0) for own in shares.values()], axis=0)
+        before.append(float(old))
+        after.append(float(new))
+    return before, after, float(np.mean(changed))
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--model", type=Path, required=True)
-    recordings = os.environ.get("TACTOPHONE_RECORDINGS", "")
-    parser.add_argument("--lmt", type=Path, default=Path(recordings) / "lmt")
-    parser.add_argument("--draws", type=int, default=40)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--takes", type=int, default=2)
+    parser.add_argument("--channels", nargs="*", default=[AS_IT_IS, *DISTORTIONS])
     args = parser.parse_args()
-    model = read_model(args.model)
-    everything = read_surfaces(args.lmt, model)
-    core = {key: takes for key, takes in everything.items() if key[2] == "core"}
-    print("| surfaces | sound | draws | before | `setup` | " + " | ".join(f"always {name}" for name in SCORES) + " |")
-    print("|---|---|--:|--:|--:|" + "--:|" * len(SCORES))
-    for name, surfaces in (("core", core), ("core + extended", everything)):
-        for per_class, seconds in ((2, 58), (1, 29)):
-            columns: dict[str, list[float]] = defaultdict(list)
-            for sounds, rest in draw(surfaces, per_class, args.draws):
-                columns["before"].append(balanced([sound.logit for sound in rest], rest))
-                chosen = fit_set_up(sounds, channels=1, tip="stylus").correction
-                columns["setup"].append(balanced([chosen.logit(sound) for sound in rest], rest))
-                for score in SCORES:
-                    fixed = fit_boundary(sounds, score, channels=1)
-                    columns[score].append(balanced([fixed.logit(sound) for sound in rest], rest))
-            cells = [f"{np.median(values):.2f}, {min(values):.2f}" for values in columns.values()]
-            print(f"| {name} | {seconds} s | {len(columns['before'])} | " + " | ".join(cells) + " |", flush=True)
+    folder = Path(os.environ["TACTOPHONE_RECORDINGS"], "lmt")
+    real = with_kin(open_dataset(folder), Path(__file__).with_name("lmt_kin.csv"))
+    takes = list(real.where(lambda take: take.tier in ("core", "extended")).labelled().recordings)
+    detectors = Detectors(takes)
+    tried = [take for take in takes if int(take.take or 0) <= SCORED]
+    print("| channel | before | `setup` | changed | better by 0.01 | worse by 0.01 | worst |")
+    print("|---|--:|--:|--:|--:|--:|--:|")
+    differences: list[float] = []
+    with tempfile.TemporaryDirectory() as made:
+        for name in args.channels:
+            heard = tried if name == AS_IT_IS else [distorted(take, name, Path(made)) for take in tried]
+            tracks = extract_features(heard, SPEC)
+            contact = [in_contact(take, track) for take, track in zip(heard, tracks, strict=True)]
+            before, after, changed = score(detectors, hear(tracks, contact), args.takes)
+            gain = np.subtract(after, before)
+            differences += [] if name == AS_IT_IS else list(gain)
+            cells = f"{np.median(before):.3f} | {np.median(after):.3f} | {changed:.2f}"
+            ends = f"{np.mean(gain > 0.01):.2f} | {np.mean(gain < -0.01):.2f} | {gain.min():+.3f}"
+            print(f"| {name} | {cells} | {ends} |", flush=True)
+    if differences:
+        gain = np.array(differences)
+        shares = ", ".join(f"{np.mean(gain < -worse):.3f} worse by {worse}" for worse in (0.01, 0.05))
+        print(f"\nof all distorted pairs: mean {gain.mean():+.3f}, median {np.median(gain):+.3f}; {shares}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +6,10 @@ import pytest
 import soundfile
 
 from tactophone.cli import main
+from tactophone.cli import model as model_verbs
 from tactophone.dataset.metadata import write_metadata
 from tactophone.dataset.values import Recording, Segment
-from tactophone.evaluation import rules
 from tactophone.evaluation.bootstrap import Estimate
-from tactophone.evaluation.rules import OperatingPoint, RuleOutcomes
-from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
 from tactophone.types import Touch
@@ -52,16 +49,13 @@ def test_the_rule_is_written_into_the_file_and_a_picture_beside_it(
 def test_a_rule_that_is_worse_on_objects_left_out_is_refused_unless_anyway(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def left_out(outcomes: RuleOutcomes, *args: object, **settings: object) -> OperatingPoint:
-        point = rules.measure_rule(outcomes, 0, DecisionRule())
-        return replace(point, false_positive_rate=Estimate(1.1, 1.0, 1.2))
-
-    monkeypatch.setattr(rules, "measure_left_out", left_out)
+    rates = iter([Estimate(0.1, 0.0, 0.2), Estimate(0.3, 0.1, 0.5)] * 2)
+    monkeypatch.setattr(model_verbs, "_rendered", lambda *arguments: next(rates))
     model, out = write_tiny_model(tmp_path / "tiny.onnx"), tmp_path / "tuned.onnx"
-    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--false-positives", "1"]
+    command = ["set-threshold", str(model), "--data", str(data), "--out", str(out), "--false-bumps", "600/min"]
     assert main(command) == 1
     words = " ".join(capsys.readouterr().out.split())
-    assert "refused: on objects left out of the choice smooth as rough is 1.1 (1-1.2), with the rule before 1" in words
+    assert "smooth as rough is 0.300 (0.10-0.50), with the rule before 0.100 (0.00-0.20); nothing was written" in words
     assert "--anyway" in words
     assert not out.exists()
     assert main([*command, "--anyway"]) == 0

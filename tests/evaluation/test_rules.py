@@ -8,9 +8,9 @@ from tactophone.errors import DatasetError
 from tactophone.evaluation.predict import TakePredictions
 from tactophone.evaluation.rules import (
     candidate_rules,
+    choose_left_out,
     choose_rule,
     draw_trade_off,
-    measure_left_out,
     measure_rule,
     rates,
     try_rules,
@@ -109,18 +109,18 @@ def test_a_point_has_intervals_a_delay_and_json() -> None:
     assert set(point.as_json()) == {"false_bumps_per_minute", "false_positive_rate", "rough_recall", "delay"}
 
 
-def test_objects_left_out_of_the_choice_are_scored_by_the_others_rule() -> None:
+def test_objects_left_out_of_the_choice_have_the_rule_of_the_others() -> None:
     takes = predictions()
     # The one smooth object that needs another rule than the rest.
     odd = predicted(Touch.SMOOTH, surface="odd", seed=99, mean=1.5)
     rules = candidate_rules(DecisionRule())
     goal, limit = "false_positive_rate", 0.05
     outcomes = try_rules([*takes, odd], rules)
-    chosen = measure_rule(outcomes, choose_rule(outcomes, rules, goal=goal, limit=limit), rules[0])
-    left_out = measure_left_out(outcomes, rules, goal=goal, limit=limit)
-    assert left_out
-    assert chosen.false_positive_rate.value <= limit < left_out.false_positive_rate.value
-    assert measure_left_out(try_rules([takes[0], *takes[4:]], rules), rules, goal=goal, limit=limit) is None
+    left_out = choose_left_out(outcomes, rules, goal=goal, limit=limit)
+    # The rest chooses a threshold under which the odd object would be rough.
+    assert left_out[-1].rough_on < rules[choose_rule(outcomes, rules, goal=goal, limit=limit)].rough_on
+    assert len(left_out) == 9
+    assert choose_left_out(try_rules([takes[0], *takes[4:]], rules), rules, goal=goal, limit=limit) == []
 
 
 def test_impossible_goals_are_named() -> None:

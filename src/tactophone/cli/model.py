@@ -2,7 +2,8 @@
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,8 @@ from rich.markup import escape
 from tactophone.cli import options, output
 from tactophone.cli.data import add_filter, open_filtered
 from tactophone.cli.options import Within, per_minute
-from tactophone.dataset.values import Dataset
+from tactophone.dataset.values import Dataset, Recording
+from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import Model, ModelCard, read_model
 from tactophone.perception.models import model_path, shipped_models
 
@@ -158,18 +160,20 @@ def _set_threshold(args: argparse.Namespace) -> int:
     outcomes = trials.try_rules(_predict(model, dataset), rules)
     place = trials.choose_rule(outcomes, rules, goal=goal, limit=limit)
     before, chosen = (trials.measure_rule(outcomes, at, rules[at]) for at in (0, place))
-    left_out = trials.measure_left_out(outcomes, rules, goal=goal, limit=limit)
+    left_out = trials.choose_left_out(outcomes, rules, goal=goal, limit=limit)
     picture = args.plot or out.with_suffix(".trade-off.png")
     trials.draw_trade_off(picture, outcomes, rules, chosen=chosen, before=before, limit=(goal, limit))
-    words, refused = "one object of a class: nothing says whether this rule holds on others; record two or more", False
+    note, refused = "one object of a class: nothing says whether this rule holds on others; record two or more", False
     if left_out:
-        old, new = (_brief(point.false_positive_rate) for point in (before, left_out))
-        risen = left_out.false_positive_rate.value
+        old, new = (_rendered(model, outcomes.recordings, own) for own in ([rules[0]] * len(left_out), left_out))
         # A share that was asked for may be more than before.
-        asked = risen <= limit and goal == "false_positive_rate"
-        refused = not (args.anyway or asked) and before.false_positive_rate.is_exceeded_by(risen)
-        words = f"on objects left out of the choice smooth as rough is {new}, with the rule before {old}"
-        words += "; nothing was written: record more smooth objects, or add --anyway" * refused
+        asked = goal == "false_positive_rate" and new.value <= limit
+        refused = not (args.anyway or asked) and old.is_exceeded_by(new.value)
+        note = f"as rendered of objects left out of the choice, smooth as rough is {new}, with the rule before {old}"
+        if refused:
+            note = f"[red]refused:[/] {note}; nothing was written: record more smooth objects, or add --anyway"
+        elif new.value > old.value:
+            note = f"[yellow]beware:[/] {note}; keep the rule before, or record more smooth objects"
     files = [picture]
     if not args.dry_run and not refused:
         from tactophone.training.export import set_decision
@@ -181,8 +185,7 @@ def _set_threshold(args: argparse.Namespace) -> int:
         name: {key: getattr(point.rule, key) for key in ("rough_on", "rough_off", "confirm")} | point.as_json()
         for name, point in {"before": before, "chosen": chosen}.items()
     }
-    values |= {"left_out": left_out and left_out.as_json(), "refused": refused, "files": files}
-    note = f"{'[red]refused:[/]' if refused else '[yellow]note:[/]'} {words}"
+    values |= {"left_out": {"before": old, "chosen": new} if left_out else None, "refused": refused, "files": files}
     output.show(values, [_rows(before, chosen), note, *(escape(str(file)) for file in files)], as_json=args.json)
     return int(refused)
 
@@ -195,6 +198,19 @@ def _predict(model: Model, dataset: Dataset) -> "list[TakePredictions]":
     predict = model_predictor(model)
     with output.tracked(dataset.recordings, "predicting") as takes:
         return [part for take in takes for part in by_label(predict(take))]
+
+
+def _rendered(model: Model, recordings: Sequence[Recording], rules: Sequence[DecisionRule]) -> "Estimate":
+    """Return how much smooth is rendered as rough, with a rule for each recording."""
+    from tactophone.evaluation.predict import model_predictor
+    from tactophone.evaluation.report import rendered_scores
+
+    with output.tracked(list(zip(recordings, rules, strict=True)), "rendering") as takes:
+        found = [
+            model_predictor(replace(model, card=replace(model.card, decision=rule)), own_floor=True)(recording)
+            for recording, rule in takes
+        ]
+    return rendered_scores(found, rules[0]).smooth_as_rough
 
 
 def _rows(*points: "OperatingPoint") -> list[dict[str, str]]:

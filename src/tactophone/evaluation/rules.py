@@ -3,13 +3,13 @@
 A false bump is a decision that turns rough while a smooth surface is touched: one false window is one bump at the
 operator's finger (the paper's section V). Every candidate rule runs over the same predictions as the live decision does
 (:mod:`tactophone.perception.decision`), all rules side by side; of the rules that keep the wanted rate, the one with
-the highest rough recall is chosen. The best of many on a few objects is partly luck: so each object is left out of the
-choice in turn, and scored by the rule that the others choose.
+the highest rough recall is chosen. The best of many on a few objects is partly luck: so each object can be left
+out of the choice in turn, to be scored by the rule that the others choose.
 """
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -142,25 +142,22 @@ def rates(outcomes: RuleOutcomes, weights: Floats | None = None) -> dict[str, Fl
         }
 
 
-def measure_left_out(
+def choose_left_out(
     outcomes: RuleOutcomes, rules: Sequence[DecisionRule], *, goal: Goal, limit: float
-) -> OperatingPoint | None:
-    """Score each surface by the rule that the others choose, or by the first where none keeps the limit on them.
+) -> list[DecisionRule]:
+    """Choose a rule for each recording without its surface: the first, where none keeps the limit on the others.
 
-    Rates alone: there is no one rule. Returns ``None`` where a class has one surface.
+    Returns no rules where a class has one surface.
     """
-    surfaces = np.array([recording.surface for recording in outcomes.recordings])
-    chosen = np.zeros(len(surfaces), np.intp)
-    for name in np.unique(surfaces):
-        others = surfaces != name
+    surfaces, chosen = np.array([recording.surface for recording in outcomes.recordings]), []
+    for others in (surfaces != name for name in surfaces):
         if len(set(outcomes.is_rough[others])) < 2:
-            return None
+            return []
+        place = 0
         with suppress(DatasetError):
-            chosen[~others] = choose_rule(outcomes, rules, goal=goal, limit=limit, weights=others.astype(float))
-    own = {
-        name: np.take_along_axis(getattr(outcomes, name), chosen[:, None], 1) for name in ("rough", "bumps", "delay")
-    }
-    return measure_rule(replace(outcomes, **own), 0, rules[0])
+            place = choose_rule(outcomes, rules, goal=goal, limit=limit, weights=others.astype(float))
+        chosen.append(rules[place])
+    return chosen
 
 
 def measure_rule(outcomes: RuleOutcomes, place: int, rule: DecisionRule) -> OperatingPoint:

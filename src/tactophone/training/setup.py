@@ -49,6 +49,10 @@ MARGIN = 0.1
 ERROR = 0.02
 """Probability, at most, that a set-up changes a boundary that is right for half of each object's pieces or more."""
 
+MOST_WRONG = 0.75
+"""Share of pieces that must be wrong besides: with more seconds less is proven, but a boundary that is wrong for little
+more than half of an object is seldom wrong for others (docs/research/set-up.md)."""
+
 PIECE = 50
 """Windows that are one piece of evidence: half a second, twice the memory of the running statistics."""
 
@@ -200,7 +204,8 @@ def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
     """
     pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // PIECE))
     wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
-    return bool(sum(math.comb(count, more) for more in range(wrong, count + 1)) <= error * 2.0**count)
+    chance = sum(math.comb(count, more) for more in range(wrong, count + 1)) / 2.0**count
+    return bool(chance <= error and wrong >= MOST_WRONG * count)
 
 
 def fit_boundary(sounds: Sequence[ObjectSound], score: str, *, channels: int) -> Correction:
