@@ -8,7 +8,7 @@ import soundfile
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Recording, Segment
-from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, streaming_predictor
+from tactophone.evaluation.predict import TakePredictions, _as_arrays, _stream, in_true_contact, scores_of
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
@@ -45,8 +45,11 @@ class LoudIsRough:
         self.seen, self.rest = 0, []
 
 
+def predict(recording: Recording) -> TakePredictions:
+    return _as_arrays(recording, _stream(lambda rate: LoudIsRough(), recording.blocks(channels=2)))
+
+
 def test_each_recording_starts_with_a_fresh_detector(tmp_path: Path) -> None:
-    predict = streaming_predictor(lambda rate: LoudIsRough(), channels=2)
     recordings = open_dataset(audiofolder(tmp_path)).recordings
     first, again = predict(recordings[0]), predict(recordings[0])
     predict(recordings[1])
@@ -55,7 +58,6 @@ def test_each_recording_starts_with_a_fresh_detector(tmp_path: Path) -> None:
 
 
 def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
-    predict = streaming_predictor(lambda rate: LoudIsRough(), channels=2)
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     loud = Recording(write_sound(tmp_path / "loud.wav", level=0.5), "slate", Touch.ROUGH)
     unknown = Recording(loud.path, "other", None)
@@ -68,19 +70,19 @@ def test_scores_take_only_updates_in_contact(tmp_path: Path) -> None:
 def test_nothing_in_contact_says_what_to_do(tmp_path: Path) -> None:
     quiet = Recording(write_sound(tmp_path / "quiet.wav", level=0.005), "felt", Touch.SMOOTH)
     with pytest.raises(DatasetError, match="the contact gate never opened"):
-        scores_of([streaming_predictor(lambda rate: LoudIsRough(), channels=2)(quiet)], "authors")
+        scores_of([predict(quiet)], "authors")
 
 
 def test_a_file_that_is_not_sound_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.wav").write_text("words")
     with pytest.raises(DatasetError, match=r"a\.wav: cannot be read as sound"):
-        streaming_predictor(lambda rate: LoudIsRough(), channels=2)(Recording(tmp_path / "a.wav", "slate"))
+        predict(Recording(tmp_path / "a.wav", "slate"))
 
 
 def test_a_file_with_too_few_channels_is_named(tmp_path: Path) -> None:
     mono = Recording(write_sound(tmp_path / "a.wav", channels=1), "slate", Touch.ROUGH)
     with pytest.raises(DatasetError, match="has 1 channel, but the model takes 2"):
-        streaming_predictor(lambda rate: LoudIsRough(), channels=2)(mono)
+        predict(mono)
 
 
 RATE = 8000

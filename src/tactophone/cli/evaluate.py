@@ -4,7 +4,6 @@ import argparse
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -195,17 +194,6 @@ def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[outpu
     yield ""
 
 
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """A combination of settings, and the scores of its cross-validation with 90 % intervals."""
-
-    settings: str
-    balanced_accuracy: str
-    auc: str
-    recall_at_1: str
-    score: float
-
-
 def _vary(args: argparse.Namespace) -> int:
     from tactophone.benchmark.folds import cross_validate
     from tactophone.benchmark.methods import method_of
@@ -224,12 +212,12 @@ def _vary(args: argparse.Namespace) -> int:
     methods = [(name, method_of(recipe)) for name, recipe in recipes]
     folds, cache = split(dataset, args.split or "5-fold"), cache_of(args)
     _run_trials([method for _, method in methods], folds, cache, args)
-    trials = []
+    trials: list[dict[str, Any]] = []
     for name, method in methods:
         found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
-        accuracy, auc, recall = (found[measure] for measure in _HEADLINE[:3])
-        trials.append(Trial(name, str(accuracy), str(auc), str(recall), accuracy.value))
-    output.show(sorted(trials, key=lambda trial: -trial.score), as_json=args.json)
+        scores = {key: str(found[key]) for key in _HEADLINE[:3]}
+        trials.append({"settings": name, **scores, "score": found["balanced_accuracy"].value})
+    output.show(sorted(trials, key=lambda trial: -trial["score"]), as_json=args.json)
     output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
     return 0
 

@@ -2,9 +2,11 @@
 
 import argparse
 import math
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,11 +19,9 @@ from tactophone.dataset.splits import split
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.perception.calibration import Calibration
-from tactophone.perception.detector import WindowDetector
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
 from tactophone.processes import atomic_write
-from tactophone.types import Detector
 
 if TYPE_CHECKING:
     from tactophone.evaluation.bootstrap import Change
@@ -48,7 +48,7 @@ NEW, GENERAL = "new objects, held-out takes", "general test set"
 
 
 def _parts(
-    changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path, *, refused: bool
+    changes: "dict[str, dict[str, Change]]", share: float, seconds: float, file: Path | None
 ) -> Iterator[output.Part]:
     rows = []
     for name, part in changes.items():
@@ -68,14 +68,9 @@ def _parts(
         output.log().print(
             "beware: not better on the new objects, or over 2 points worse elsewhere; keep the old model"
         )
-    if refused:
-        rate = changes[GENERAL]["false_positive_rate"]
-        yield (
-            f"[red]refused:[/] elsewhere smooth as rough is {rate.after}, before it was {rate.before}; nothing was "
-            "written: record smooth objects too, or add --anyway"
-        )
-    else:
-        yield escape(str(file))
+    rate = changes[GENERAL]["false_positive_rate"]
+    words = f"[red]refused:[/] elsewhere smooth as rough is {rate.after}, with the model before {rate.before}; nothing"
+    yield escape(str(file)) if file else f"{words} was written: record smooth objects too, or add --anyway"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,19 +102,19 @@ def run(args: argparse.Namespace) -> int:
             reading=lambda done, count: update(completed=done, total=count, note="reading"),
             report=lambda at: update(completed=at.steps, total=at.total, note=f"loss {at.loss:.3f}"),
         )  # fmt: skip
+    out = args.out
     with tempfile.TemporaryDirectory() as folder:
-        best = Path(folder, args.out.name)
-        share = _choose(args, recipe, trained, data, best)
-        changes = _measure(args, data, calibration, best)
+        args.out = Path(folder, out.name)  # until it is known to be good
+        share = _choose(args, recipe, trained, data)
+        changes = _measure(args, data, calibration)
         rate = changes[GENERAL]["false_positive_rate"]
-        refused = not args.anyway and rate.before.is_exceeded_by(rate.after.value)
-        if not refused:
-            with atomic_write(args.out) as unfinished:
-                unfinished.write_bytes(best.read_bytes())
-    seconds = time.monotonic() - began
-    values = {**changes, "share": share, "seconds": seconds, "file": None if refused else args.out}
-    output.show(values, _parts(changes, share, seconds, args.out, refused=refused), as_json=args.json)
-    return int(refused)
+        if good := args.anyway or not rate.before.is_exceeded_by(rate.after.value):
+            with atomic_write(out) as unfinished:
+                shutil.copyfile(args.out, unfinished)
+    file, seconds = out if good else None, time.monotonic() - began
+    values = {**changes, "share": share, "seconds": seconds, "file": file}
+    output.show(values, _parts(changes, share, seconds, file), as_json=args.json)
+    return 0 if good else 1
 
 
 def _data(args: argparse.Namespace) -> "FinetuningData":
@@ -145,11 +140,7 @@ def _split(dataset: Dataset) -> tuple[Sequence[Recording], Sequence[Recording]]:
 
 
 def _choose(
-    args: argparse.Namespace,
-    recipe: "NetworkRecipe",
-    trained: "dict[str, FloatArray]",
-    data: "FinetuningData",
-    out: Path,
+    args: argparse.Namespace, recipe: "NetworkRecipe", trained: "dict[str, FloatArray]", data: "FinetuningData"
 ) -> float:
     """Write the mixture with the largest share of the new without losing much on the validation surfaces."""
     from tactophone.evaluation.bootstrap import accuracy_of
@@ -165,19 +156,19 @@ def _choose(
     before = accuracy_of(_predict(start, data.validation, "choosing", gate_dbfs))
     best: tuple[float, float] = (-1.0, 0.0)
     for share, weights in mixtures(start, trained, args.strategy):
-        path = out.with_name(f"tried-{out.name}")
+        path = args.out.with_name(f"tried-{args.out.name}")
         write_finetuned(path, recipe, weights, facts=facts)
         lost = before - accuracy_of(_predict(path, data.validation, f"choosing, {share:.0%} new", gate_dbfs))
         if -lost > best[0] or lost <= MOST_LOST:
             best = (-lost, share)
-            write_finetuned(out, recipe, weights, facts={**facts, "share": share})
+            write_finetuned(args.out, recipe, weights, facts={**facts, "share": share})
         if lost <= MOST_LOST:
             break
     return best[1]
 
 
 def _measure(
-    args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None, finetuned: Path
+    args: argparse.Namespace, data: "FinetuningData", calibration: Calibration | None
 ) -> dict[str, dict[str, "Change"]]:
     """Score before and after, each set with the contact threshold of its own set-up."""
     from tactophone.evaluation.bootstrap import by_surface, by_take, compare_models
@@ -192,7 +183,7 @@ def _measure(
         name: compare_models(
             *(
                 _predict(path, part, f"{name}, {when}", level)
-                for path, when in ((start, "before"), (finetuned, "after"))
+                for path, when in ((start, "before"), (args.out, "after"))
             ),
             by=by,
         )
@@ -201,15 +192,10 @@ def _measure(
 
 
 def _predict(path: Path, recordings: Sequence[Recording], note: str, threshold_dbfs: float) -> "list[TakePredictions]":
-    from tactophone.evaluation.predict import streaming_predictor
+    from tactophone.evaluation.predict import model_predictor
 
     model = read_model(path)
-
-    def open_detector(rate: int) -> Detector:
-        detector = WindowDetector(model, sample_rate=rate)
-        detector.threshold.dbfs = threshold_dbfs
-        return detector
-
-    predict = streaming_predictor(open_detector, channels=model.card.channels)
+    gate = replace(model.card.gate, threshold_dbfs=threshold_dbfs)
+    predict = model_predictor(replace(model, card=replace(model.card, gate=gate)))
     with output.tracked(recordings, note) as takes:
         return [predict(take) for take in takes]

@@ -213,21 +213,15 @@ def _rendered(model: Model, recordings: Sequence[Recording], rules: Sequence[Dec
     return rendered_scores(found, rules[0]).smooth_as_rough
 
 
-def _rows(*points: "OperatingPoint") -> list[dict[str, str]]:
+def _rows(before: "OperatingPoint", chosen: "OperatingPoint") -> list[dict[str, str]]:
     """What the decision rules before and after give on the data."""
 
-    def row(name: str, words: Callable[["OperatingPoint"], str]) -> dict[str, str]:
-        return {"": name, **dict(zip(("before", "chosen"), map(words, points), strict=True))}
-
-    return [
-        row("rough from, until", lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}"),
-        row("updates in a row", lambda point: str(point.rule.confirm)),
-        row("false bumps a minute", lambda point: _brief(point.false_bumps_per_minute)),
-        row("smooth as rough", lambda point: _brief(point.false_positive_rate)),
-        row("rough as rough", lambda point: _brief(point.rough_recall)),
-        row("touch to rough, p50", lambda point: f"{1000 * point.delay:.0f} ms"),
-    ]
-
-
-def _brief(estimate: "Estimate") -> str:
-    return estimate.written(".3g", ".2g")
+    words: dict[str, Callable[[OperatingPoint], str]] = {
+        "rough from, until": lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}",
+        "updates in a row": lambda point: str(point.rule.confirm),
+        "false bumps a minute": lambda point: point.false_bumps_per_minute.written(".3g", ".2g"),
+        "smooth as rough": lambda point: point.false_positive_rate.written(".3g", ".2g"),
+        "rough as rough": lambda point: point.rough_recall.written(".3g", ".2g"),
+        "touch to rough, p50": lambda point: f"{1000 * point.delay:.0f} ms",
+    }
+    return [{"": name, "before": of(before), "chosen": of(chosen)} for name, of in words.items()]

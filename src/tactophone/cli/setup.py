@@ -95,12 +95,11 @@ class Fitted:
 
     def as_json(self) -> dict[str, Any]:
         fit = self.fit
-        objects = [{"name": e.name, "rough": e.rough, "before": e.before, "after": e.after} for e in fit.left_out]
         return {
             "passed": True, "file": self.file, "from": self.start, "tip": self.tip,
             "threshold_dbfs": self.threshold_dbfs,
             "score": fit.score, "before": fit.balanced_accuracy_before, "after": fit.balanced_accuracy,
-            "objects": objects, "findings": [finding.message for finding in self.findings],
+            "objects": fit.left_out, "findings": [finding.message for finding in self.findings],
         }  # fmt: skip
 
     def parts(self) -> Iterator[output.Part]:

@@ -48,15 +48,6 @@ Predictor = Callable[[Recording], TakePredictions]
 """Predicts a whole recording: a detector, or what a benchmark method has trained."""
 
 
-def streaming_predictor(open_detector: Callable[[int], Detector], *, channels: int) -> Predictor:
-    """Return a predictor that runs a fresh streaming detector of so many channels over each recording."""
-
-    def predict(recording: Recording) -> TakePredictions:
-        return _as_arrays(recording, _stream(open_detector, recording.blocks(channels=channels)))
-
-    return predict
-
-
 def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
     """Return a predictor that runs a model as the live system does; some models do without a missing air channel.
 
