@@ -78,6 +78,12 @@ def test_a_boundary_that_is_right_is_called_wrong_as_rarely_as_stated() -> None:
     assert np.mean(called) < 0.05
 
 
+@pytest.mark.parametrize(("wrong", "proven"), [(28, False), (30, True)])
+def test_more_seconds_do_not_prove_a_boundary_that_is_right_for_a_third_of_an_object(wrong: int, proven: bool) -> None:
+    logit = np.repeat([1.0] * wrong + [-1.0] * (40 - wrong), 50)
+    assert proves_wrong(ObjectSound("", False, np.empty((2000, 0), np.float32), logit), error=0.02) is proven
+
+
 def test_another_score_that_is_hardly_better_on_things_left_out_is_not_taken() -> None:
     sounds = objects(shown_by="impulses")
     for sound in sounds:

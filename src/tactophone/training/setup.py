@@ -201,6 +201,7 @@ def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
     """Whether so many pieces of an object's sound are on the wrong side that chance alone has at most this error.
 
     A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
+    `MOST_WRONG` of them must be besides.
     """
     pieces = np.array_split((sound.logit > 0) != sound.rough, max(1, len(sound.logit) // PIECE))
     wrong, count = sum(bool(np.mean(piece) > 0.5) for piece in pieces), len(pieces)
