@@ -3,16 +3,25 @@
     make sets && python benchmarks/frozen_objects.py build/sets/pad-test
 
 Single windows in true contact, two-class rule, as `make scores`; *linoleum* is its share at the model's own threshold.
+Below, what is rendered of rough objects, also where their touch is over the take's own contact threshold (*audible*).
 """
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tactophone.dataset.read import open_dataset
+from tactophone.dataset.values import Recording
+from tactophone.evaluation.events import decided_touches
 from tactophone.evaluation.metrics import false_positives_at_recall, measure
-from tactophone.evaluation.predict import in_true_contact, model_predictor, scores_of
+from tactophone.evaluation.predict import in_true_contact, model_predictor, scores_of, true_contact
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
+from tactophone.perception.noise_floor import measure_floor
+from tactophone.training.tracks import FeatureSpec, extract_features
+from tactophone.types import Touch
 
 REFERENCE = "paper"
 
@@ -34,6 +43,26 @@ def main() -> None:
         own = measure(found)["false_positive_rate"]
         rough = (found.score[linoleum] >= 0.5).mean()
         print(f"| {name} | {false_positives_at_recall(found, recall):.3f} | {own:.3f} | {rough:.3f} |")
+    print_rendered(recordings)
+
+
+def print_rendered(recordings: Sequence[Recording]) -> None:
+    """Print how much rough is rendered as rough, in all of true contact and where it is audible."""
+    model = read_model(model_path("texture"))
+    predict, rough = model_predictor(model, own_floor=True), np.zeros((2, 2), int)
+    for recording in (each for each in recordings if each.rough):
+        take, sound = predict(recording), recording.read(channels=1)
+        floor = measure_floor([sound], sample_rate=sound.sample_rate, rule="banded")
+        (track,) = extract_features([recording], FeatureSpec())
+        # Training undoes the gain that a set was rendered with, the live system does not.
+        level = track.level_dbfs + float(recording.known("gain_db") or 0)
+        newest = np.searchsorted(track.end, take.time - 1e-6).clip(max=len(level) - 1)
+        touching, audible = true_contact(take), level[newest] >= floor.threshold_dbfs
+        right = decided_touches(take, model.card.decision) == Touch.ROUGH
+        for place in (0, 1):
+            rough[place] += np.bincount(right[touching & (audible == place)], minlength=2)
+    words = (f"{right / (wrong + right):.2f}" for wrong, right in (rough.sum(axis=0), rough[1], rough[0]))
+    print("\nrough as rendered: {}; audible: {}, not: {} ({:.0%})".format(*words, rough[0].sum() / rough.sum()))
 
 
 if __name__ == "__main__":
