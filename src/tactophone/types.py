@@ -7,8 +7,8 @@ import enum
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -276,7 +276,7 @@ class PipelineStep:
         return self.commands[-1] if self.commands else None
 
 
-class Source(Protocol):
+class Source(AbstractContextManager[Any, None], Protocol):
     """Where sound comes from: a device, a file or the simulated finger.
 
     Used as a context manager and iterated: ``with source: for block in source: ...``. Blocks are contiguous unless
@@ -290,12 +290,6 @@ class Source(Protocol):
     @property
     def channels(self) -> int:
         """1 or 2, channel 0 is contact; of a hand, contact and air of each finger in turn."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
     def __iter__(self) -> Iterator[AudioBlock]: ...
 
@@ -316,6 +310,20 @@ class AlwaysOpen:
 
     def __exit__(self, *_: object) -> None:
         return None
+
+
+class ChangedSource:
+    """Base of sources that change the sound of another one, and open and close with it."""
+
+    def __init__(self, source: Source) -> None:
+        self._source, self.sample_rate, self.channels = source, source.sample_rate, source.channels
+
+    def __enter__(self) -> Self:
+        self._source.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._source.__exit__(None, None, None)
 
 
 class ContactThreshold:

@@ -2,8 +2,8 @@
 
 import threading
 from collections.abc import Callable
-from types import TracebackType
-from typing import Protocol, Self
+from contextlib import AbstractContextManager
+from typing import Any, Protocol, Self
 
 from tactophone.errors import TactophoneError
 from tactophone.processes import Child, Parent
@@ -18,7 +18,7 @@ NICENESS = 5
 """On a busy machine a bridge waits, not the sound."""
 
 
-class Bridge(Protocol):
+class Bridge(AbstractContextManager[Any, None], Protocol):
     """What runs in the process: entered, then `read` at its interval (s), then left."""
 
     @property
@@ -28,12 +28,6 @@ class Bridge(Protocol):
     @property
     def missed(self) -> int:
         """Messages that were lost, the oldest first, as this process or its receiver was too late."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
     def read(self) -> None:
         """Pass on what is new; an expected error ends the bridge, and the run goes on."""

@@ -9,7 +9,7 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, FloatArray, LabelledSource
+from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, ChangedSource, FloatArray, LabelledSource
 
 LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""
@@ -99,35 +99,26 @@ class FileSource:
             raise DatasetError(f"{self.path}: no sound at all; record it again")
 
 
-class RecordedSource:
+class RecordedSource(ChangedSource):
     """A `tactophone.types.Source` that resamples a file to `LIVE_SAMPLE_RATE`.
 
     ``resample`` takes and returns arrays of shape ``(samples, channels)``; ``label_at`` returns the touch at a time in
     s of the recording, or -1 where it is unknown.
     """
 
-    sample_rate = LIVE_SAMPLE_RATE
-
     def __init__(
         self, source: FileSource, *, resample: Callable[[FloatArray], FloatArray], label_at: Callable[[float], int]
     ) -> None:
-        self._source, self._resample, self._label_at = source, resample, label_at
-        self.channels = source.channels
-        self._time = 0.0
-
-    def __enter__(self) -> Self:
-        self._source.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._source.__exit__(*error)
+        super().__init__(source)
+        self.sample_rate = LIVE_SAMPLE_RATE
+        self._resample, self._label_at, self._time, self._duration = resample, label_at, 0.0, source.duration
 
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
         for block in self._source:
             samples = self._resample(block.samples)
             # A looped file counts on at its end; its labels start again.
-            self._time = block.end / block.sample_rate % self._source.duration
+            self._time = block.end / block.sample_rate % self._duration
             yield AudioBlock(samples, LIVE_SAMPLE_RATE, start)
             start += len(samples)
 

@@ -139,11 +139,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"rendering profile: {', '.join(PROFILES)}; or the sound itself: {', '.join(PASSTHROUGH)}")  # fmt: skip
     add("--contact", choices=("fast", "window"), default="fast",
         help="detect contact within milliseconds, or by the model's whole window as in the paper")  # fmt: skip
-    add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration")
-    add(
-        "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
-        help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); repeatable",
-    )  # fmt: skip
+    options.add_figure(parser)
     add("--json", action="store_true", help="print the summary as JSON, and write the timeline as JSON too")
     for name in options.flags_of("feel"):
         options.add_flag(parser, name)

@@ -34,11 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, metavar="DIR", help="folder for vibration and timeline, as from `feel`; none by default")
     for name in CHANGES:
         options.add_flag(parser, name, "")
-    add("--plot", action="store_true", help="draw a figure of sound, prediction and vibration, in --out")
-    add(
-        "--to", action="append", default=[], choices=(".haptic", ".ahap", ".hjif"), metavar="FORMAT",
-        help="write the commands as a haptic file too: .haptic (Meta), .ahap (Apple) or .hjif (MPEG); repeatable",
-    )  # fmt: skip
+    options.add_figure(parser, ", in --out")
     add("--to-rosbag", type=Path, metavar="DIR", help="write a ROS 2 bag to a new folder: sound, predictions, commands")
     add("--audio", type=Path, metavar="FILE.mcap", help="copy the log and add its sound, for Foxglove to play")
     options.add_json(parser, "print the comparison as JSON")

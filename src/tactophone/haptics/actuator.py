@@ -4,8 +4,8 @@ An actuator requests the waveform, period by period, in a thread of its own, and
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias
 
 from tactophone.devices.device import ClockedDevice, Device, Process, open_at_rate
@@ -21,18 +21,12 @@ RenderHand: TypeAlias = Callable[[Sequence[FloatArray]], None]
 """The same for all fingers of a hand: an array for each."""
 
 
-class Actuator(Protocol):
+class Actuator(AbstractContextManager[Any, None], Protocol):
     """Plays what ``render`` writes; a context manager. Once entered it never raises, and every fault is silence."""
 
     @property
     def device(self) -> Device:
         """Its device, with rate, delay, faults and counts."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
 
 
 class DeviceActuator:

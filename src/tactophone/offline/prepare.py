@@ -12,7 +12,7 @@ import numpy as np
 
 from tactophone.offline.hum import Hum, HumMeter
 from tactophone.perception.health import find_invalid
-from tactophone.types import AudioBlock, Source
+from tactophone.types import AudioBlock, ChangedSource, Source
 
 SILENT = 1e-6
 """Greatest sample, -120 dBFS, of a channel that no microphone was connected to: a twentieth of the last bit of 16."""
@@ -103,7 +103,7 @@ class Preparation:
         return notes
 
 
-class PreparedSource:
+class PreparedSource(ChangedSource):
     """A source with the changes of a preparation; a :class:`~tactophone.types.Source` itself.
 
     >>> from tactophone.capture.files import FileSource
@@ -112,19 +112,12 @@ class PreparedSource:
     """
 
     def __init__(self, source: Source, preparation: Preparation) -> None:
-        self.sample_rate, self.channels = source.sample_rate, len(preparation.channels)
-        self._source = source
+        super().__init__(source)
+        self.channels = len(preparation.channels)
         self._channels = list(preparation.channels) if self.channels < source.channels else None
         self._offset = np.array(preparation.offset, np.float32)
         self._gain = np.float32(10 ** (preparation.gain_db / 20))
         self._hum = preparation.hum
-
-    def __enter__(self) -> Self:
-        self._source.__enter__()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._source.__exit__(None, None, None)
 
     def __iter__(self) -> Iterator[AudioBlock]:
         self._position = 0

@@ -8,14 +8,14 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
 from tactophone.errors import ConfigError
-from tactophone.types import AIR, CONTACT, AudioBlock, Source
+from tactophone.types import AIR, CONTACT, AudioBlock, ChangedSource, Source
 
 HUM_DBFS, MAINS = -15.0, 50.0
 OFFSET = 0.2
@@ -60,19 +60,12 @@ class FaultSpan:
         return cls(match["code"], float(match["start"] or 0), float(match["end"] or "inf"))
 
 
-class FaultySource:
+class FaultySource(ChangedSource):
     """Another source's sound with faults; the samples do not depend on the block size."""
 
     def __init__(self, source: Source, faults: Iterable[FaultSpan]) -> None:
-        self._source, self.sample_rate, self.channels = source, source.sample_rate, source.channels
+        super().__init__(source)
         self._faults = [(span, _FaultState(source.sample_rate)) for span in faults]
-
-    def __enter__(self) -> Self:
-        self._source.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._source.__exit__(*error)
 
     def __iter__(self) -> Iterator[AudioBlock]:
         for block in self._source:
