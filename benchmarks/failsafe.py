@@ -17,7 +17,7 @@ import numpy as np
 
 from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.measurement.impulses import PEAK, TONE, Graph, Sides, running_sides, vibration_port
+from tactophone.measurement.impulses import PEAK, TONE, Graph, Sides, running_sides
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 
@@ -126,7 +126,7 @@ def measure_time_to_silence(settings: Settings, graph: Graph, stop: Callable[[Si
 @contextmanager
 def recording(recorder: PeakRecorder, graph: Graph, sides: Sides) -> Iterator[JackClient]:
     """Record the vibration from when it has started; yields the recording client."""
-    wires = {"vibration": vibration_port(graph, sides)}
+    wires = {"vibration": graph.vibration_port or f"{sides.operator.name}:vibration"}
     client = JackClient("tactophone-recorder", recorder.process, inputs=wires, outputs={}, server=graph.server)
     client.open()
     try:

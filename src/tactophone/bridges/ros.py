@@ -251,9 +251,6 @@ class RosSource(AlwaysOpen):
         self._reader = dds.reader(name, messages.AudioDataStamped)
         self.sample_rate, self.channels = self._format(info)
 
-    def __enter__(self) -> Self:
-        return self
-
     def __iter__(self) -> Iterator[AudioBlock]:
         start = 0
         while True:

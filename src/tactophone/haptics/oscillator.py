@@ -57,14 +57,18 @@ class Renderer:
         stopped arriving).
     silent
         Whether the last samples rendered are all exactly 0; false where that is not known.
+    latency
+        Seconds from input to its first effect on the waveform; 0 where the first sample already moves towards it.
+    stopped
+        Whether :meth:`stop` is in force.
     """
 
-    silent = False
+    silent, latency = False, 0.0
 
     def __init__(self, limits: Limits | None) -> None:
         self.limits = limits or Limits()
         self.faults: Counter[str] = Counter()
-        self._stopped = False
+        self.stopped = False
 
     def submit(self, command: HapticCommand) -> None:
         """Replace the current command; one that is not finite means silence. Never waits."""
@@ -76,20 +80,11 @@ class Renderer:
 
     def stop(self) -> None:
         """Fade to silence and stay silent, whatever is submitted, until :meth:`release`."""
-        self._stopped = True
+        self.stopped = True
 
     def release(self) -> None:
         """Undo :meth:`stop`; called only when a person arms."""
-        self._stopped = False
-
-    @property
-    def stopped(self) -> bool:
-        return self._stopped
-
-    @property
-    def latency(self) -> float:
-        """Seconds from input to its first effect on the waveform."""
-        raise NotImplementedError
+        self.stopped = False
 
     def reset(self) -> None:
         """Return to silence and the initial state; a stop stays in force."""
@@ -131,15 +126,10 @@ class Oscillator(Renderer):
         self._envelope, self._phases = np.empty(MAX_PIECE), np.empty(MAX_PIECE)
         self.reset()
 
-    @property
-    def latency(self) -> float:
-        """0 s: the first sample rendered after a command already moves towards it."""
-        return 0.0
-
     def reset(self) -> None:
         """Return to silence and the initial state; a stop stays in force."""
         super().reset()
-        self._seen = (self._slot, self.limits, self.limits.ceiling, self._stopped)
+        self._seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
         self._amplitude = self._amplitude_gap = 0.0
         self._frequency, self._frequency_gap = self.limits.lowest, 0.0
         self._phase = 0.0
@@ -163,7 +153,7 @@ class Oscillator(Renderer):
     def _apply_changes(self) -> None:
         """Follow a command, limits or a stop set since the last call, perhaps by another thread."""
         # All are read once and compared by identity: no lock, and a change between two reads is seen next time.
-        seen, before = (self._slot, self.limits, self.limits.ceiling, self._stopped), self._seen
+        seen, before = (self._slot, self.limits, self.limits.ceiling, self.stopped), self._seen
         if all(map(operator.is_, seen, before)):
             return
         if seen[0] is not self._seen[0]:

@@ -84,13 +84,9 @@ class Passthrough:
         place, corner = np.arange(TAPS) - TAPS // 2, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4
         kernel = np.sinc(2 * corner / LIVE_SAMPLE_RATE * place) * np.hanning(TAPS + 2)[1:-1]
         self._kernel: Floats = kernel / kernel.sum()
-        self.reset()
-
-    @property
-    def latency(self) -> float:
+        self.latency: float = (TAPS // 2 + STEP_SIZE + (GRAIN / 2 if shift != 1 else 0)) / LIVE_SAMPLE_RATE
         """Seconds: the low-pass, the step to the next value, and half a grain if pitch is shifted."""
-        grain = GRAIN / 2 if self._shift != 1 else 0
-        return (TAPS // 2 + STEP_SIZE + grain) / LIVE_SAMPLE_RATE
+        self.reset()
 
     def reset(self) -> None:
         self._past: Floats = np.zeros(GRAIN + 1)
@@ -248,13 +244,10 @@ class PassthroughRenderer(Renderer):
     ) -> None:
         super().__init__(limits)
         self._passthrough, self._pull = passthrough, pull
+        self.latency = passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
         self._timeout = round(STALE_AFTER * LIVE_SAMPLE_RATE)
         self._decay = np.exp(-np.arange(1, MAX_PIECE + 1) / (RAMP * LIVE_SAMPLE_RATE)).astype(np.float32)
         self.reset()
-
-    @property
-    def latency(self) -> float:
-        return self._passthrough.latency + (STEP_SIZE - 1) / LIVE_SAMPLE_RATE
 
     def reset(self) -> None:
         self._passthrough.reset()
@@ -291,7 +284,7 @@ class PassthroughRenderer(Renderer):
         if self._since_command > self._timeout:
             self.faults["stale"] += before <= self._timeout and slot[0].amplitude > 0
             return 0.0
-        return 0.0 if self._stopped else self.limits.bound(slot[0]).amplitude
+        return 0.0 if self.stopped else self.limits.bound(slot[0]).amplitude
 
     def _vibration(self, size: int) -> FloatArray:
         # Always in pieces of one length, which the clocked buffer needs, though PortAudio's periods may vary.

@@ -56,9 +56,8 @@ _KINDS = {format: kind for kind, format in SOUND_FORMATS.items()}
 class Codec:
     """The codec of one session.
 
-    >>> codec = Codec("opus", packet_size=120)
-    >>> codec.latency, codec.bitrate_bps
-    (0.005, 128000)
+    >>> Codec("opus", packet_size=120).bitrate_bps
+    128000
     """
 
     name: Literal["pcm16", "opus"] = "opus"
@@ -109,11 +108,6 @@ class Codec:
     def lookahead(self) -> int:
         """Samples by which the decoded sound lies behind the encoded."""
         return LOOKAHEAD if self.name == "opus" else 0
-
-    @property
-    def latency(self) -> float:
-        """Maximum seconds from a sample's arrival at the encoder to its packet, with look-ahead."""
-        return (self.packet_size + self.lookahead) / CLOCK_RATE
 
     @property
     def kind(self) -> PayloadType:

@@ -89,7 +89,7 @@ class PlayoutController:
         self._min_transit = math.inf
         self._allowance = Allowance()
         self._second = _Second()
-        self._integral = 0.0
+        self._integral = 0.0  # how much faster the sender's clock runs than the local one, as the loop estimates it
         self._speed = 1.0
         self._late: list[float] = []
 
@@ -97,11 +97,6 @@ class PlayoutController:
     def margin(self) -> float:
         """Seconds from the play position to the newest sample that the empty network would have delivered."""
         return (self._packet_size + self._block_size) / CLOCK_RATE + self._allowance.duration
-
-    @property
-    def skew_ppm(self) -> float:
-        """How much faster the sender's clock runs than the local one, as estimated by the loop."""
-        return 1e6 * self._integral
 
     def delay(self, now: float) -> float:
         """Seconds from a sample's arrival over the empty network to its playout."""
@@ -246,6 +241,9 @@ class Playout:
     ``controller``: its delay and margin, and the clock skew.
     """
 
+    latency = 20 / CLOCK_RATE
+    """Seconds that the interpolator adds to the controller's delay."""
+
     def __init__(self, *, block_size: int, channels: int = 2) -> None:
         self.reception = Reception()
         self.controller = PlayoutController(block_size=block_size)
@@ -262,11 +260,6 @@ class Playout:
         self._fading = self._last[:0]
         self._extrapolated = 0
         self._discontinuous = True
-
-    @property
-    def latency(self) -> float:
-        """Seconds that the interpolator adds to the controller's delay."""
-        return 20 / CLOCK_RATE
 
     def push(self, packet: Packet, *, now: float) -> None:
         """Queue a packet, in any order."""

@@ -181,11 +181,6 @@ class Graph:
     impulse_port: str = ""
     vibration_port: str = ""
 
-    @property
-    def external(self) -> bool:
-        """Whether the path leads over hardware outside the graph."""
-        return bool(self.impulse_port)
-
 
 @dataclass(frozen=True, slots=True)
 class Sides:
@@ -209,7 +204,7 @@ def measure(
         fingers = names_of(settings)
         ports = [f"{name}-{end}".lstrip("-") for name in fingers for end in MICROPHONES]
         outputs = {port: f"{robot}:{port}" for port in ports}
-        if graph.external:
+        if graph.impulse_port:
             outputs = {"impulse": graph.impulse_port}
         # Of a hand, the last finger: its step is computed after those of all others.
         last = fingers[-1] or "vibration"
@@ -244,7 +239,7 @@ def _collect(
 def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
     """Run both sides, each in its process, and yield once they are connected; the robot captures ``open_source``."""
     capture, output, process = settings.capture, settings.output, settings.process
-    if not graph.external:
+    if not graph.impulse_port:  # else the path leads over hardware outside the graph
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
         free = dict.fromkeys(("capture.contact", "capture.air", "output.port"), "-")
         settings = replace(
@@ -277,7 +272,3 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
                 "robot and operator did not connect within 10 s: run `tactophone loopback` to see why"
             )
         yield Sides(sending, receiving)
-
-
-def vibration_port(graph: Graph, sides: Sides) -> str:
-    return graph.vibration_port or f"{sides.operator.name}:vibration"

@@ -121,11 +121,6 @@ class EventDetector:
         self._band_count = len(self._edges) - 1
         self.reset()
 
-    @property
-    def latency(self) -> float:
-        """Longest time in s from an onset to its report: a step that it begins in, and the next."""
-        return 2 * self._step / self._rate
-
     def reset(self) -> None:
         self._rest: FloatArray = np.zeros((self._step, self._channels), np.float32)
         self._count, self._origin, self._next = 0, 0, 0

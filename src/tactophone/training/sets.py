@@ -1,6 +1,6 @@
 """Training sets of classifiers on features: contact threshold, average touch, change metric, labelled windows."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
@@ -323,17 +323,8 @@ class FeatureRecipe:
 
         return BUILDERS[self.name](training_set)
 
-    def train(
-        self,
-        path: Path,
-        dataset: Dataset,
-        *,
-        checkpoint: Path | None = None,
-        report: Report = silent,
-        log: Callable[[str], None] = silent,
-    ) -> None:
-        """Train on a data set and write the model file, named after the file."""
-        del checkpoint, log
+    def train(self, path: Path, dataset: Dataset, *, report: Report = silent, **_: object) -> None:
+        """Train on a data set and write the model file, named after the file; it has no checkpoints and no log."""
         report(0, None, self.name)
         training_set = self.training_set(dataset.recordings, codecs=self.codecs)
         through = [f"{codec.name}, {codec.bitrate_bps} bit/s, {codec.bandwidth:g} Hz" for codec in self.codecs]
