@@ -176,7 +176,7 @@ def test_the_bandwidth_follows_the_operators_model(follow: bool, passed: bool) -
     call.run(1.5, sound=np.stack([tone, tone], axis=1).astype(np.float32))
     level = np.concatenate([event.block.samples for event in call.decoded()])[-RATE // 2 :].std()
     assert bool(level > 0.15) is passed
-    assert call.robot.codec.bitrate_bps == (256_000 if follow else 128_000)
+    assert call.robot.encoder.codec.bitrate_bps == (256_000 if follow else 128_000)
 
 
 def test_foreign_datagrams_are_counted() -> None:

@@ -59,7 +59,9 @@ class GroupCall:
     def run(self, duration: float, each: Callable[["GroupCall"], None] = lambda _: None, *, without=()) -> None:
         for _ in range(round(duration / PACKET)):
             self.group.push(
-                AudioBlock(SOUND[self.start : self.start + 120, : self.group.codec.channels], 48_000, self.start)
+                AudioBlock(
+                    SOUND[self.start : self.start + 120, : self.group.encoder.codec.channels], 48_000, self.start
+                )
             )
             self.start, self.now = self.start + 120, self.now + PACKET
             each(self)
@@ -195,13 +197,13 @@ def test_the_bandwidth_is_the_greatest_requested_and_does_not_fall_while_others_
     call.links[0].operator.bandwidth = 8_000
     call.connect(1)
     call.run(0.3, without=(1,))
-    assert call.group.codec.bandwidth == 8_000
+    assert call.group.encoder.codec.bandwidth == 8_000
     call.links[1].operator.bandwidth = 4_000
     call.run(0.5)
-    assert (len(call.group.connected), call.group.codec.bandwidth) == (2, 8_000)
+    assert (len(call.group.connected), call.group.encoder.codec.bandwidth) == (2, 8_000)
     call.links[1].operator.bandwidth = 12_000
     call.run(0.3)
-    assert call.group.codec.bandwidth == 12_000
+    assert call.group.encoder.codec.bandwidth == 12_000
 
 
 def test_the_log_holds_one_operators_packets_and_goes_on_with_the_next() -> None:

@@ -45,11 +45,8 @@ class BridgeProcess:
         self._report = report
         self._asked_to_end = False
         self._child = Child(_run, build, name="tactophone-bridge", niceness=NICENESS)
+        self.pid = self._child.pid
         self._thread = threading.Thread(target=self._follow, name="bridge", daemon=True)
-
-    @property
-    def pid(self) -> int:
-        return self._child.pid
 
     def __enter__(self) -> Self:
         kind, text = next(self._child.messages(START_TIMEOUT), ("", "a bridge did not begin"))

@@ -74,7 +74,7 @@ class SendGroup:
     ) -> None:  # fmt: skip
         if not 1 <= len(sessions) <= MOST_OPERATORS:
             raise ValueError(f"{len(sessions)} operators, but a robot has 1 to {MOST_OPERATORS}")
-        self._encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
+        self.encoder, self._follow = BlockEncoder(codec, prompt=prompt), follow
         self.members = [Member(session, rule or RedundancyRule()) for session in sessions]
         self.tap: Callable[[Event], None] = lambda _: None
         self._sound_faults = 0
@@ -83,15 +83,6 @@ class SendGroup:
         for member in self.members:
             # An operator that was given under two addresses belongs to one member alone.
             member.session.leave_to_others([other.session for other in self.members if other is not member])
-
-    @property
-    def codec(self) -> Codec:
-        return self._encoder.codec
-
-    @property
-    def missing(self) -> int:
-        """Samples of sound until the next packet is complete."""
-        return self._encoder.missing
 
     @property
     def connected(self) -> list[Member]:
@@ -122,18 +113,18 @@ class SendGroup:
     @property
     def origin(self) -> int | None:
         """The RTP timestamp of the source's first sample, at every operator; ``None`` while nobody is connected."""
-        return self._encoder.origin if self.connected else None
+        return self.encoder.origin if self.connected else None
 
     def push(self, block: AudioBlock) -> None:
         """Encode sound, and send it to all connected operators; with none it is dropped: later it is stale."""
         if not self.connected:
             return
-        encoded = self._encoder.push(block)
+        encoded = self.encoder.push(block)
         for member in self.members:
             if member.stream:
                 self._send(member, list(map(member.stream.packet, encoded)))
-        self._sound_faults += bool(self._encoder.faults)
-        self._encoder.faults.clear()
+        self._sound_faults += bool(self.encoder.faults)
+        self.encoder.faults.clear()
 
     def send_predictions(self, predictions: Mapping[int, Prediction], *, fingers: int = 1) -> None:
         """Send predictions by finger, of windows that end together, instead of sound."""
@@ -177,11 +168,11 @@ class SendGroup:
                     continue
                 case Connected():
                     member.begun, member.bandwidth = event, 0.0
-                    member.stream = Packetizer(self._encoder, ssrc=event.local_ssrc, redundancy=member.redundancy)
+                    member.stream = Packetizer(self.encoder, ssrc=event.local_ssrc, redundancy=member.redundancy)
                     member.counters["handshakes"] += 1
                     if self.connected == [member]:
                         # Whoever comes later begins in the middle, as after a loss: a restart would disturb the others.
-                        self._encoder.reset()
+                        self.encoder.reset()
                         self._lowers = True
                 case Disconnected():
                     member.stream = None
@@ -210,7 +201,7 @@ class SendGroup:
 
     def _follow_request(self, member: Member) -> None:
         """Encode with the bandwidth that an operator requests; only the first request of one alone may lower it."""
-        requested, used = member.bandwidth, self.codec.bandwidth
+        requested, used = member.bandwidth, self.encoder.codec.bandwidth
         if not (self._follow and requested and member.stream):
             return
         # To a larger bandwidth at any time, though it restarts the encoder; to a smaller one, which disturbs the others
@@ -218,7 +209,7 @@ class SendGroup:
         if requested > used or (self._lowers and self.connected == [member]):
             self._lowers = False
             if requested != used:
-                self._encoder.recode(self.codec.for_bandwidth(requested))
+                self.encoder.recode(self.encoder.codec.for_bandwidth(requested))
 
     def _log(self, member: Member, event: Event) -> None:
         """Pass on one connected operator's events, and when it leaves those of the next, as a connection of its own."""

@@ -53,16 +53,12 @@ class Page:
         listening = _listen_everywhere(ADDRESS if address is None else address)
         host, port = listening[0].getsockname()[:2]
         self.access = AccessControl(host, port, scheme="https" if certificate else "http", names=names)
+        self.url = self.access.url  # to open, with the token
         self._child = Child(
             _serve, build, self.access, listening, certificate, name="tactophone-page", niceness=NICENESS
         )
         for listener in listening:
             listener.close()
-
-    @property
-    def url(self) -> str:
-        """The address to open, with the token."""
-        return self.access.url
 
     def __enter__(self) -> Self:
         return self

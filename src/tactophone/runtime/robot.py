@@ -113,7 +113,7 @@ class Robot(Side):
         predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
         detectors = [open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
-        rehearse_encoder(self._group.codec)
+        rehearse_encoder(self._group.encoder.codec)
         rehearse_statistics()
         # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
         # other lock is taken under it, and no thread waits for the network or a device while it holds it.
@@ -163,7 +163,7 @@ class Robot(Side):
         if round_trip is not None:
             self._telemetry.gauge("round_trip", round_trip)
         period = self._source.period if isinstance(self._source, LiveSource) else 0
-        self._update_budget(now, lambda: robot_stages(self._watcher, self._group.codec, period=period))
+        self._update_budget(now, lambda: robot_stages(self._watcher, self._group.encoder.codec, period=period))
         of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
         names = itertools.zip_longest(
             names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
@@ -210,7 +210,7 @@ class Robot(Side):
         sound: Iterable[AudioBlock]
         if isinstance(self._source, LiveSource):
             # Until a packet is complete there is nothing to do, unless predictions are made here.
-            sound = self._source.joined(lambda: 1 if self._endpoint.detectors else self._group.missing)
+            sound = self._source.joined(lambda: 1 if self._endpoint.detectors else self._group.encoder.missing)
         else:
             sound = paced(self._source, skip=recorded)
         for block in sound:
