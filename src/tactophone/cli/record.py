@@ -59,7 +59,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Record until all takes are done, or the user quits."""
     os.umask(0o077)  # no other user of this machine hears what is recorded
-    plan, target = _plan(args), _recorded_object(args)
+    plan = _plan(args)
+    target = RecordedObject(
+        args.object, Touch[args.label.upper()], surface=args.surface, material=args.material, scenario=args.scenario,
+        session=args.session or datetime.date.today().isoformat(),
+    )  # fmt: skip
     with recording_in(plan.root):
         recorder = _session(args, plan, target)
     takes = recorder.recordings
@@ -93,13 +97,6 @@ def _plan(args: argparse.Namespace) -> SessionPlan:
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
     takes = tuple(take for take in TAKES if take.name in selected)
     return SessionPlan(args.out, reference, takes, duration=args.seconds)
-
-
-def _recorded_object(args: argparse.Namespace) -> RecordedObject:
-    return RecordedObject(
-        args.object, Touch[args.label.upper()], surface=args.surface, material=args.material, scenario=args.scenario,
-        session=args.session or datetime.date.today().isoformat(),
-    )  # fmt: skip
 
 
 def _record(recorder: Recorder, audio: AudioInput, plan: SessionPlan, *, unattended: bool) -> None:
