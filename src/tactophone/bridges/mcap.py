@@ -7,7 +7,7 @@ import json
 import math
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -38,7 +38,7 @@ LARGEST_CHUNK = 64 << 20
 more. Nothing of a larger one is made."""
 
 
-class LogFile:
+class LogFile(AbstractContextManager["LogFile", None]):
     """An MCAP file of the library's own writer, with chunks (zstd) and an index; a context manager.
 
     Raises `OSError` when the file cannot be written.
@@ -64,9 +64,6 @@ class LogFile:
             for topic in written
         }  # fmt: skip
         self._file.flush()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         # A full disk has been reported by `end_chunk`; the index is then missing, and the chunks are there.

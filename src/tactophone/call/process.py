@@ -12,7 +12,7 @@ import socket
 import time
 from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from tactophone import __version__
 from tactophone.call.messages import Accepted, Hello, Offer, Refused, Role
@@ -89,7 +89,7 @@ class Found:
     again: bool
 
 
-class CallProcess:
+class CallProcess(contextlib.AbstractContextManager["CallProcess", None]):
     """The handle of a call's process; a context manager, whose end closes the way.
 
     ``keeper`` is for the live side.
@@ -102,9 +102,6 @@ class CallProcess:
         its.close()
         live.close()
         self._ending = False
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._ending = True

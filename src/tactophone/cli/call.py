@@ -10,12 +10,12 @@ import socket
 import sys
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal
 
 from tactophone.cli import audio, live, options, output, page
 from tactophone.errors import ConfigError, TactophoneError
@@ -137,7 +137,7 @@ def _watch(steps: "Iterator[tuple[Step, Any]]", failures: list[str]) -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
 
-class _Side:
+class _Side(AbstractContextManager["_Side", None]):
     """The live side, which starts while the other end is searched for; a context manager."""
 
     def __init__(self, args: argparse.Namespace, settings: Settings, process: "CallProcess") -> None:
@@ -153,9 +153,6 @@ class _Side:
         )
         self.microphone: Connection | None = None
         self._resources = ExitStack()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._resources.close()

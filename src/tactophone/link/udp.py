@@ -12,7 +12,7 @@ import socket
 import struct
 import sys
 from collections.abc import Collection, Iterable, Iterator
-from typing import Any, Self
+from typing import Any
 
 from tactophone.errors import DeviceError
 from tactophone.link.packet import Address, DatagramKind
@@ -136,7 +136,7 @@ _EXPEDITED = 46 << 2
 """DSCP "expedited forwarding" (RFC 3246); Wi-Fi gives such packets the priority of voice."""
 
 
-class UdpSocket:
+class UdpSocket(contextlib.AbstractContextManager["UdpSocket", None]):
     """UDP at one port, of IPv4, IPv6 or both; a context manager.
 
     While a peer is `follow`-ed, two sockets share the port. The system passes the peer's datagrams to one that is
@@ -159,9 +159,6 @@ class UdpSocket:
         self._closed_reads, self._closed = 0, False
         self._turns = 0
         self._target: tuple[Address | None, tuple[Any, ...]] = None, ()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

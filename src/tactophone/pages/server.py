@@ -5,11 +5,11 @@ import importlib.util
 import socket
 import ssl
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor
 from tactophone.errors import TactophoneError
@@ -26,7 +26,7 @@ NICENESS = 5
 """Of the page's process: on a busy machine, the page waits, not the sound."""
 
 
-class Page:
+class Page(AbstractContextManager["Page", None]):
     """A page served by another process while the context lasts: ``with Page(build) as page: print(page.url)``.
 
     Parameters
@@ -59,9 +59,6 @@ class Page:
         )
         for listener in listening:
             listener.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._child.kill()

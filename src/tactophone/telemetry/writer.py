@@ -3,8 +3,8 @@
 import math
 import struct
 from collections.abc import Iterable
-from contextlib import suppress
-from typing import Any, Self
+from contextlib import AbstractContextManager, suppress
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +34,7 @@ REQUEST_AGE = 10.0
 wanted before."""
 
 
-class Telemetry:
+class Telemetry(AbstractContextManager["Telemetry", None]):
     """Writes a run's telemetry; every call is short, takes no lock and never waits.
 
     Each counter, each gauge and each ring has *one* writing thread at most: adding to a counter from two threads
@@ -76,9 +76,6 @@ class Telemetry:
         self._request_counts = self._memory["requests"]["count"]
         self._seen = self._request_counts.tobytes()
         self.state = State()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
