@@ -125,9 +125,8 @@ def test_a_jack_port_by_name_is_connected_alone() -> None:
         listener.open()
         ports = {port.name for port in listener.ports()}
         connected = [entry.name for entry in listener._client.get_all_connections("operator:vibration")]
-        assert eventually(lambda: len(played) > 10)
+        # A busy machine loses periods: those that were heard are looked for among those that were rendered.
+        assert eventually(lambda: len({block.tobytes() for block in rendered} & {b.tobytes() for b in played}) > 5)
         listener.close()
     assert "system:playback_4" in ports
     assert sorted(connected) == ["listener:in", "system:playback_3"]
-    periods = {block.tobytes() for block in rendered}
-    assert sum(block.tobytes() in periods for block in played) > 5

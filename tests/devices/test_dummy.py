@@ -3,7 +3,7 @@ import shutil
 import pytest
 
 from tactophone.devices.dummy import DummyServer
-from tactophone.devices.jack import JackClient, silent
+from tactophone.devices.jack import JackClient
 from tactophone.errors import DeviceError
 
 
@@ -11,7 +11,7 @@ from tactophone.errors import DeviceError
 @pytest.mark.parametrize(("period", "synchronous"), [(64, True), (512, False)])
 def test_a_server_runs_with_the_requested_period(period: int, synchronous: bool) -> None:
     with DummyServer(period, synchronous=synchronous) as server:
-        client = JackClient("probe", silent, inputs={}, outputs={}, server=server.name)
+        client = JackClient("probe", None, inputs={}, outputs={}, server=server.name)
         client.open()
         assert (client.period, client.sample_rate) == (period, 48_000)
         client.close()

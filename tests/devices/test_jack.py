@@ -134,10 +134,10 @@ def test_a_client_leaves_a_server_that_does_not_answer(jack_server: DummyServer)
     client.close()
 
 
-def test_a_client_whose_notifications_are_closed_frees_the_server_and_can_join_again(jack_server: DummyServer) -> None:
+def test_a_client_whose_sockets_are_shut_down_joins_again(jack_server: DummyServer) -> None:
     client = JackClient("robot", Recorder(), inputs={}, outputs={"out": ""}, server=jack_server.name)
     client.open()
-    assert disconnect_from_jack(os.getpid(), client="robot")
+    assert disconnect_from_jack(os.getpid())
     assert eventually(lambda: client.fault != "")
     assert eventually(lambda: client.revive() or client.fault == "")
     client.close()
@@ -146,7 +146,11 @@ def test_a_client_whose_notifications_are_closed_frees_the_server_and_can_join_a
 
 STARVED = """
 import sys, threading, time
-from tactophone.devices.jack import JackClient, silent
+from tactophone.devices.jack import JackClient
+
+def silent(inputs, outputs):
+    for samples in outputs:
+        samples[:] = 0.0
 
 def compute():
     while True:
@@ -164,4 +168,30 @@ for _ in range(3):
 
 def test_a_client_of_a_starved_interpreter_ends(jack_server: DummyServer) -> None:
     """libjack cancels the thread of its callback; one that waits for the interpreter would keep its lock for ever."""
-    subprocess.run([sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=False)
+    subprocess.run([sys.executable, "-c", STARVED, jack_server.name], timeout=30, check=True)
+
+
+SIBLINGS = """
+from tactophone.devices.dummy import DummyServer
+from tactophone.devices.jack import JackClient
+from tests.devices.test_jack import Recorder, eventually
+
+server = DummyServer(128)
+server.start()
+clients = [JackClient(name, Recorder(), inputs={"in": ""}, outputs={}, server=server.name) for name in ("one", "two")]
+for client in clients:
+    client.open()
+server.kill()
+server.start()
+for client in clients:
+    assert eventually(lambda: client.losses == 1)
+    assert eventually(lambda: client.revive() or client.fault == "")
+for client in clients:
+    client.close()
+server.stop()
+"""
+
+
+def test_two_clients_of_one_process_outlive_their_server() -> None:
+    """libjack closes all clients of a process when the first of them joins a new server."""
+    subprocess.run([sys.executable, "-c", SIBLINGS], timeout=30, check=True)

@@ -36,14 +36,16 @@ class Device(Protocol):
     output is silent; `revive`, called regularly, reconnects it as soon as it is available.
     """
 
-    xruns: int
-    """Periods lost since `open`, as counted by the system."""
-
     process_faults: int
     """Periods in which the process raised."""
 
-    losses: int
-    """Times that the device was lost."""
+    @property
+    def xruns(self) -> int:
+        """Periods lost since `open`, as counted by the system."""
+
+    @property
+    def losses(self) -> int:
+        """Times that the device was lost."""
 
     @property
     def sample_rate(self) -> int:

@@ -9,7 +9,7 @@ import tempfile
 import time
 from typing import Self
 
-from tactophone.devices.jack import JackClient, silent
+from tactophone.devices.jack import JackClient
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE
 
@@ -97,7 +97,7 @@ class DummyServer:
             self._process.wait()
 
     def _answers(self) -> bool:
-        probe = JackClient("probe", silent, inputs={}, outputs={}, server=self.name)
+        probe = JackClient("probe", None, inputs={}, outputs={}, server=self.name)
         try:
             probe.open()
         except DeviceError:

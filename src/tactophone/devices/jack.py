@@ -1,50 +1,52 @@
 """JACK clients that outlive their server.
 
-How JACK fails was measured (docs/guide/hardware.md) and explains this file. A process callback that raises is never
+How JACK fails was measured (docs/research/attack.md) and explains this file. A process callback that raises is never
 called again, without a message: so no exception may leave it. A server that ends calls back once and leaves a client
-that returns stale values: so that client is discarded, and a new one made when the server is back. The last period of a
-client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`. A
-client that leaves stops reading what the server sends; where more than 0.2 MB of it waits, as after a second of xruns,
-the server waits for the client and the client for the server: so leaving has a time limit. Its
-callback stops before it leaves, see `Leaving`.
+that returns stale values: so that client is closed, and a new one made when the server is back. The last period of a
+client that *stalls* is repeated for ever: only another process can help, see :mod:`tactophone.runtime.watchdog`.
+
+libjack 1.9.21 cancels the threads of a client that it closes, asynchronously: in the middle of Python, or waiting for
+its lock, a thread would keep that lock for ever, or crash. So its second thread, which reads what the server tells,
+never enters Python (`_Counter`), and its first, which calls the process, ends by itself before the client is closed
+(`_leave`). After a loss, the next client of the process would close all others: so they are closed first.
 """
 
 import contextlib
 import ctypes
-import faulthandler
 import functools
 import os
 import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import IO, Any
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tactophone.devices.device import Process
+from tactophone.devices.device import SILENT_AFTER, Process
 from tactophone.errors import DeviceError
 from tactophone.types import FloatArray
 
-_ABANDONED: list[Any] = []
-"""Clients of dead servers, and those that could not leave: kept, as libjack's threads may still call back into them."""
+_OPEN: set["JackClient"] = set()
+"""Clients of this process; kept until they are closed, as the binding would close them at garbage collection."""
 
-_LEAVING_LIMIT = 0.5
-"""Seconds to wait for the server when a client leaves; a server in order answers within milliseconds."""
+_LEAVING: list[threading.Thread] = []
+"""Threads that close clients, and go on where a server does not answer in time."""
 
-CALLBACK_LIMIT = 0.1
-"""Seconds to wait for the next callback of a client that leaves; none comes where the server has let it go."""
+_LEAVING_LIMIT = 0.7
+"""Seconds to wait for a client to leave; a server in order lets it go within some periods."""
 
-RETURN_TIME = 0.01
-"""Seconds in which a callback that has nothing to do returns to libjack."""
+_CHECK_INTERVAL = 0.01
+"""Seconds between two looks at the thread of a client that leaves."""
 
-THREAD_LIMIT = 0.5
-"""Seconds to wait for a late callback, and for the end of its thread."""
+_QUIET_CHECKS = 5
+"""Looks in a row that find the thread of a lost client outside Python: the server has let it go after 6 to 20 ms."""
 
-_DEAD_AFTER = 2.0
-"""Seconds of a close after which the process ends: libjack has cancelled a thread in Python, and nobody can go on."""
+_FUTEX_PRIVATE = 128
+"""Flag in a wait for memory of this process alone, as for Python's lock; JACK's is shared with the server."""
 
 _PIDFD_GETFD = 438
 """Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
@@ -62,49 +64,23 @@ class JackPort:
     physical: bool
 
 
-@dataclass(slots=True)
-class Leaving:
-    """Whether a client is about to leave, and whether its callback has seen that.
+class _Counter:
+    """Counts calls of libjack by a function of the C library, without Python and its lock."""
 
-    libjack 1.9.21 cancels the thread of a client that is closed, and that of a lost one when the next joins
-    (``CheckContext``), wherever it is. In the middle of Python, or waiting for it, it would keep the interpreter's lock
-    for ever. So the callback of a client that leaves does nothing, and where the interpreter is late, as beside other
-    busy threads, the thread ends by itself before the client is closed.
-    """
+    def __init__(self) -> None:
+        self._memory = (ctypes.c_int64 * 4)()  # as long as a semaphore, which begins with its value
 
-    asked: bool = False
-    ends: bool = False
-    thread: int = 0
-    seen: threading.Event = field(default_factory=threading.Event)
+    @property
+    def value(self) -> int:
+        return self._memory[0] & 0xFFFF_FFFF
 
-    def ask(self, *, lost: bool) -> bool:
-        """Have the callback do nothing more; return whether its thread is out of Python, and the client may be closed.
-
-        The thread of a ``lost`` client ends.
-        """
-        self.ends, self.asked = lost, True
-        answered, began = self.seen.wait(CALLBACK_LIMIT), time.monotonic()
-        time.sleep(RETURN_TIME)
-        late = time.monotonic() - began > 1.5 * RETURN_TIME
-        if not (lost or late):
-            return True  # a server that does not call has no thread in Python
-        # Not always: a synchronous server would wait 50 ms for a client whose thread ends.
-        self.ends = True
-        if not answered and not (late and self.seen.wait(THREAD_LIMIT)):
-            return False
-        until = time.monotonic() + THREAD_LIMIT
-        while (runs := os.path.exists(f"/proc/self/task/{self.thread}")) and time.monotonic() < until:
-            time.sleep(RETURN_TIME)
-        time.sleep(RETURN_TIME)
-        return not runs
-
-    def answer(self, outputs: Iterable[FloatArray]) -> bool:
-        """Silence the outputs, in the callback; returns whether its thread is to end."""
-        for output in outputs:
-            output[:] = 0.0
-        self.thread = threading.get_native_id()
-        self.seen.set()
-        return self.ends
+    def count(self, client: Any, registration: str) -> None:
+        """Count what libjack calls back for a client; ``registration`` is libjack's function that registers it."""
+        jack = _jack()
+        increment = _address("OSAtomicIncrement32" if sys.platform == "darwin" else "sem_post")
+        pointer = ctypes.c_void_p(int(jack._ffi.cast("uintptr_t", client._ptr)))
+        getattr(ctypes.CDLL(jack._libname), registration)(pointer, increment, self._memory)
+        client._keepalive.append(self)
 
 
 class JackClient:
@@ -115,7 +91,7 @@ class JackClient:
     name
         Its name in the JACK graph.
     process
-        Called each period; see `tactophone.devices.device.Process`.
+        Called each period, see `tactophone.devices.device.Process`; None for a client that only inspects the graph.
     inputs, outputs
         Names of the client's ports, each with the port to connect it to; an empty text leaves it free.
     server
@@ -123,18 +99,34 @@ class JackClient:
     """
 
     def __init__(
-        self, name: str, process: Process, *, inputs: Mapping[str, str], outputs: Mapping[str, str], server: str = ""
+        self,
+        name: str,
+        process: Process | None,
+        *,
+        inputs: Mapping[str, str],
+        outputs: Mapping[str, str],
+        server: str = "",
     ) -> None:
-        self.xruns = self.process_faults = self.losses = 0
+        self.process_faults = 0
         self._name, self._process, self._server = name, process, server
         self._targets = {**inputs, **outputs}
         self._inputs, self._outputs = list(inputs), list(outputs)
         self._client: Any = None
-        self._leaving = Leaving()
-        self._lost = False
-        self._rate = 0
+        self._cycle: _Cycle | None = None
+        self._xruns, self._changes, self._shutdowns = _Counter(), _Counter(), _Counter()
+        self._connected_at = 0
+        self._losses = self._rate = 0
         self._other_rate = self._unconnected = ""
-        self._reconnect = True
+
+    @property
+    def xruns(self) -> int:
+        """Periods lost since `open`, as counted by the server."""
+        return self._xruns.value
+
+    @property
+    def losses(self) -> int:
+        """Times that the server was lost."""
+        return self._losses + self._lost
 
     @property
     def sample_rate(self) -> int:
@@ -156,6 +148,8 @@ class JackClient:
         """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
             return f"{self._named()} is gone: start it again, and the client reconnects"
+        if self._stands_still:
+            return f"{self._named()} stands still: if it stays so, start it again, and the client reconnects"
         return self._other_rate or self._unconnected
 
     def open(self) -> None:
@@ -188,35 +182,25 @@ class JackClient:
         A successor of another sample rate is a fault, and the client takes no part in it: it would render other
         frequencies, and read others.
         """
-        if self._lost:
-            self._abandon()
+        # PipeWire does not always tell its end (0.3.65); jackd does, and goes on after it stood still.
+        if self._lost or (self._stands_still and is_pipewire()):
+            self.close()
         with contextlib.suppress(_jack().JackError):
             if self._client is None:
                 self._join(_jack())
-            if self._reconnect:
+            if not self._other_rate and self._connected_at != self._changes.value:
                 self._connect_ports()
 
     def close(self) -> None:
-        if self._lost:
-            self._abandon()
         client, self._client = self._client, None
+        _OPEN.discard(self)
         if client is None:
             return
-        closing = threading.Thread(target=client.close, daemon=True)
-        # Of another rate, it was never activated, and has no callback.
-        if may_close := bool(self._other_rate) or self._leaving.ask(lost=False):
-            faulthandler.dump_traceback_later(_DEAD_AFTER, exit=True, file=_nowhere())
-            closing.start()
-            closing.join(_LEAVING_LIMIT)
-            faulthandler.cancel_dump_traceback_later()
-        if not may_close or closing.is_alive():
-            # A server that is blocked in writing to this client goes on once the client's sockets are closed.
-            disconnect_from_jack(os.getpid(), client=client.name)
-            if may_close:
-                closing.join(_LEAVING_LIMIT)
-        if not may_close or closing.is_alive():
-            self._keep(client)
-        self._lost = False
+        self._losses += self._shutdowns.value > 0 or self._stands_still
+        leaving = threading.Thread(target=_leave, args=(client, self._cycle), daemon=True)
+        _LEAVING.append(leaving)
+        leaving.start()
+        leaving.join(_LEAVING_LIMIT)
 
     def ports(self) -> list[JackPort]:
         """All ports of the graph except this client's, physical ones first."""
@@ -228,25 +212,38 @@ class JackClient:
         ]
         return sorted(ports, key=lambda port: not port.physical)
 
+    @property
+    def _lost(self) -> bool:
+        return self._client is not None and self._shutdowns.value > 0
+
+    @property
+    def _stands_still(self) -> bool:
+        return self._cycle is not None and time.monotonic() - self._cycle.called_at > SILENT_AFTER
+
     def _join(self, jack: Any) -> None:
+        # libjack would close them while it joins again, see the top.
+        for other in list(_OPEN):
+            if other._lost:
+                other.close()
+        for leaving in list(_LEAVING):
+            leaving.join(_LEAVING_LIMIT)
+            if leaving.is_alive():
+                raise jack.JackError("a client has not left yet")
+            _LEAVING.remove(leaving)
         client = jack.Client(self._name, servername=self._server or None, no_start_server=True)
         for name in self._inputs:
             client.inports.register(name)
         for name in self._outputs:
             client.outports.register(name)
-        # Each client has its own: the callback of one that left may still look at the old.
-        self._leaving = Leaving()
-        inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
-        client.set_process_callback(self._cycle(inputs, outputs, self._leaving))
-        client.set_xrun_callback(self._on_xrun)
-        client.set_shutdown_callback(self._on_shutdown)
-        # Polling the connections of a port would do too, but crashes when the server dies meanwhile.
-        client.set_port_connect_callback(self._on_connect)
-        self._client, self._rate = client, self._rate or client.samplerate
-        self._reconnect = client.samplerate == self._rate
+        self._shutdowns = _Counter()  # its own: that of one which left may still count
+        self._xruns.count(client, "jack_set_xrun_callback")
+        self._changes.count(client, "jack_set_graph_order_callback")
+        self._shutdowns.count(client, "jack_on_shutdown")
+        self._client, self._rate, self._cycle = client, self._rate or client.samplerate, None
+        _OPEN.add(self)
         self._other_rate = (
             ""
-            if self._reconnect
+            if client.samplerate == self._rate
             else (
                 f"{self._named()} runs at {client.samplerate} Hz now, but {self._rate} Hz is needed: "
                 + (
@@ -256,36 +253,16 @@ class JackClient:
                 )
             )
         )
-        if self._reconnect:
+        if not self._other_rate:
+            if self._process is not None:
+                inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
+                self._cycle = _Cycle(self, self._process, inputs, outputs)
+                client.set_process_callback(self._cycle)
             client.activate()
-
-    def _abandon(self) -> None:
-        """Discard the client of a dead server: closing it crashes once a new server has taken over its memory."""
-        self._leaving.ask(lost=True)
-        self._keep(self._client)
-        self._client, self._lost = None, False
-
-    def _keep(self, client: Any) -> None:
-        client._ptr = _jack()._ffi.NULL  # otherwise the binding closes it at garbage collection
-        _ABANDONED.append(client)
-
-    def _cycle(self, inputs: "_Arrays", outputs: "_Arrays", leaving: Leaving) -> Callable[[int], None]:
-        def cycle(size: int) -> None:
-            if leaving.asked:
-                if leaving.answer(outputs.now(size)):
-                    raise _jack().CallbackExit
-                return
-            try:
-                self._process(inputs.now(size), outputs.now(size))
-            except Exception:  # JACK must not see any exception: it would never call again
-                self.process_faults += 1
-                for output in outputs.now(size):
-                    output[:] = 0.0
-
-        return cycle
+            self._connected_at = -1
 
     def _connect_ports(self) -> None:
-        self._unconnected, self._reconnect = "", False
+        self._unconnected, self._connected_at = "", self._changes.value
         for port in (*self._client.inports, *self._client.outports):
             target = self._targets[port.shortname]
             if target and not port.connections:
@@ -301,20 +278,59 @@ class JackClient:
                 f"{port.name}: there is no JACK port {target} to connect to; there are "
                 f"{', '.join(candidates) or 'none'}: choose one in the settings"
             )
-            self._reconnect = True
-
-    def _on_xrun(self, _: float) -> None:
-        self.xruns += 1
-
-    def _on_connect(self, _source: Any, _target: Any, connected: bool) -> None:
-        self._reconnect |= not connected
-
-    def _on_shutdown(self, _status: Any, _reason: str) -> None:
-        self._lost = True
-        self.losses += 1
+            self._connected_at = -1
 
     def _named(self) -> str:
         return "PipeWire" if is_pipewire() else f"the JACK server {self._server}".rstrip()
+
+
+class _Cycle:
+    """The callback of one client of a `JackClient`; once ``asked``, it writes silence, and its thread ends."""
+
+    def __init__(self, owner: JackClient, process: Process, inputs: "_Arrays", outputs: "_Arrays") -> None:
+        self.asked = False
+        self.called_at = time.monotonic()
+        self._owner, self._process, self._inputs, self._outputs = owner, process, inputs, outputs
+        self._shutdowns, self._thread = owner._shutdowns, 0
+
+    def __call__(self, size: int) -> None:
+        self.called_at = time.monotonic()
+        self._thread = self._thread or threading.get_native_id()
+        try:
+            if not self.asked:
+                self._process(self._inputs.now(size), self._outputs.now(size))
+                return
+        except Exception:  # JACK must not see any exception: it would never call again
+            self._owner.process_faults += 1
+        for output in self._outputs.now(size):
+            output[:] = 0.0
+        if self.asked:
+            raise _jack().CallbackExit
+
+    @property
+    def lost(self) -> bool:
+        return self._shutdowns.value > 0
+
+    def outside(self) -> bool:
+        """Whether the thread has ended or, of a lost client, waits for the server: anywhere but in Python (Linux)."""
+        if not self._thread:
+            return self.lost
+        try:
+            call = Path(f"/proc/self/task/{self._thread}/syscall").read_text().split()
+        except OSError:
+            return True  # it has ended
+        return self.lost and len(call) > 2 and not int(call[2], 16) & _FUTEX_PRIVATE
+
+
+def _leave(client: Any, cycle: _Cycle | None) -> None:
+    """Close a client once its thread is out of Python; PipeWire cancels no thread."""
+    checks = 0
+    if cycle:
+        cycle.asked = True
+        while not is_pipewire() and checks < (_QUIET_CHECKS if cycle.lost else 1):
+            time.sleep(_CHECK_INTERVAL)
+            checks = checks + 1 if cycle.outside() else 0
+    client.close()
 
 
 class _Arrays:
@@ -343,10 +359,7 @@ class _Arrays:
 
 @functools.cache
 def _jack() -> Any:
-    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages.
-
-    Once: a second call would free the functions of the first, which a thread of the library may be calling.
-    """
+    """Import the JACK binding, which needs an extra and the system library, and silence the library's messages."""
     try:
         import jack
     except ImportError:
@@ -355,8 +368,9 @@ def _jack() -> Any:
         ) from None
     except OSError:
         raise DeviceError("libjack is not installed: `apt install jackd2`, or choose portaudio") from None
-    jack.set_error_function(_ignore)
-    jack.set_info_function(_ignore)
+    # A function of the C library that does nothing: libjack's threads call it too, and must not enter Python.
+    for name in ("jack_set_error_function", "jack_set_info_function"):
+        getattr(ctypes.CDLL(jack._libname), name)(_address("strlen"))
     return jack
 
 
@@ -365,22 +379,12 @@ def is_pipewire() -> bool:
     return "PipeWire" in _jack().version_string()
 
 
-@functools.cache
-def _nowhere() -> IO[str]:
-    return open(os.devnull, "w")  # stays open, for a report that nobody could read
+def _address(name: str) -> ctypes.c_void_p:
+    """Return the address of a function of the C library."""
+    return ctypes.cast(getattr(ctypes.CDLL(None), name), ctypes.c_void_p)
 
 
-def _ignore(_: str) -> None:
-    """Discard a message of libjack; errors arrive as exceptions too."""
-
-
-def silent(_: list[FloatArray], outputs: list[FloatArray]) -> None:
-    """Write silence: a process for clients that only inspect the graph."""
-    for output in outputs:
-        output[:] = 0.0
-
-
-def disconnect_from_jack(pid: int, *, client: str = "") -> bool:
+def disconnect_from_jack(pid: int) -> bool:
     """Disconnect another process from its JACK server, without its help (Linux); returns whether that could be done.
 
     The server repeats the last period of a client that stands still. It cannot be disconnected port by port meanwhile:
@@ -389,25 +393,23 @@ def disconnect_from_jack(pid: int, *, client: str = "") -> bool:
     A client that goes on later finds its server gone, and joins it again (`JackClient.revive`).
 
     The process must be of the same user, and this one or a child of it. If it was stopped in the middle of its
-    callback, it may later write the rest of one period into memory that is another client's by then. With ``client`` it
-    shuts down only the sockets on which the server notifies the client of this name.
+    callback, it may later write the rest of one period into memory that is another client's by then.
     """
     if sys.platform != "linux":
         return False
-    marker = f"{_SOCKET_NAME}{client}_" if client else _SOCKET_NAME
     done = False
     with contextlib.suppress(OSError):
         process = os.pidfd_open(pid)
         try:
             for name in os.listdir(f"/proc/{pid}/fd"):
                 with contextlib.suppress(OSError):  # closed meanwhile, or not connected
-                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}", marker)
+                    done |= _shut_down(process, int(name), f"/proc/{pid}/fd/{name}")
         finally:
             os.close(process)
     return done
 
 
-def _shut_down(process: int, descriptor: int, link: str, marker: str) -> bool:
+def _shut_down(process: int, descriptor: int, link: str) -> bool:
     """Shut down one descriptor of a process, if it is a socket of JACK."""
     if not os.readlink(link).startswith("socket:"):
         return False
@@ -417,7 +419,7 @@ def _shut_down(process: int, descriptor: int, link: str, marker: str) -> bool:
     with socket.socket(fileno=copy) as shared:
         if shared.family != socket.AF_UNIX or shared.type != socket.SOCK_STREAM:
             return False
-        if not any(marker in str(name) for name in (shared.getsockname(), shared.getpeername())):
+        if not any(_SOCKET_NAME in str(name) for name in (shared.getsockname(), shared.getpeername())):
             return False
         shared.shutdown(socket.SHUT_RDWR)
     return True

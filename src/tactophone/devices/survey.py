@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from tactophone.devices.jack import JackClient, is_pipewire, silent
+from tactophone.devices.jack import JackClient, is_pipewire
 from tactophone.devices.portaudio import PortAudioDevice, devices
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES
@@ -41,7 +41,7 @@ def survey(*, jack_server: str = "") -> list[SurveyedDevice]:
 
 
 def _jack(server: str) -> SurveyedDevice:
-    client = JackClient("tactophone-survey", silent, inputs={}, outputs={}, server=server)
+    client = JackClient("tactophone-survey", None, inputs={}, outputs={}, server=server)
     try:
         client.open()
     except DeviceError as error:
