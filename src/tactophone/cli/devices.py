@@ -1,6 +1,7 @@
 """``tactophone devices`` and ``settings``: the sound devices of this machine, what they play, and what can be set."""
 
 import argparse
+import json
 import math
 import time
 from itertools import groupby
@@ -187,10 +188,4 @@ def _input(process: Process, settings: Settings) -> Device:
 
 
 def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    if isinstance(value, float) and math.isnan(value):
-        return "nan"
-    return str(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else str(value)

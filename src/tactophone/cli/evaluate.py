@@ -195,7 +195,7 @@ def _table(corner: str, rows: Mapping[str, Mapping[str, Any]]) -> Iterator[outpu
 
 
 def _vary(args: argparse.Namespace) -> int:
-    from tactophone.benchmark.folds import cross_validate
+    from tactophone.benchmark.folds import cross_validate, run_folds
     from tactophone.benchmark.methods import method_of
     from tactophone.evaluation.bootstrap import estimate
     from tactophone.evaluation.predict import scores_of
@@ -211,7 +211,12 @@ def _vary(args: argparse.Namespace) -> int:
     )
     methods = [(name, method_of(recipe)) for name, recipe in recipes]
     folds, cache = split(dataset, args.split or "5-fold"), cache_of(args)
-    _run_trials([method for _, method in methods], folds, cache, args)
+    todo = [(method, fold) for _, method in methods for fold in folds]
+    with output.progress("varying", len(todo)) as update:
+        run_folds(
+            todo, cache, workers=args.workers, ray=args.ray,
+            report=lambda done, name: update(completed=done, note=name),
+        )  # fmt: skip
     trials: list[dict[str, Any]] = []
     for name, method in methods:
         found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
@@ -220,14 +225,3 @@ def _vary(args: argparse.Namespace) -> int:
     output.show(sorted(trials, key=lambda trial: -trial["score"]), as_json=args.json)
     output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
     return 0
-
-
-def _run_trials(methods: "Sequence[Method]", folds: Sequence[Fold], cache: "Cache", args: argparse.Namespace) -> None:
-    from tactophone.benchmark.folds import run_folds
-
-    todo = [(method, fold) for method in methods for fold in folds]
-    with output.progress("varying", len(todo)) as update:
-        run_folds(
-            todo, cache, workers=args.workers, ray=args.ray,
-            report=lambda done, name: update(completed=done, note=name),
-        )  # fmt: skip
