@@ -198,19 +198,13 @@ def _card(args: argparse.Namespace) -> int:
 
 def _surfaces(dataset: Dataset) -> list[dict[str, Any]]:
     """Return a row for each surface: its name, the values of three columns, and its number of recordings."""
-    values: dict[str, dict[str, set[str]]] = {}
-    for recording in dataset.recordings:
-        columns = values.setdefault(recording.surface, {"label": set(), "tier": set(), "scenario": set()})
-        for key, column in columns.items():
-            column.add(recording.known(key) or "-")
-    counts = Counter(recording.surface for recording in dataset.recordings)
+    takes = {name: [each for each in dataset.recordings if each.surface == name] for name in dataset.surfaces}
+    keys = ("label", "tier", "scenario")
     return [
-        {
-            "surface": surface,
-            **{key: ", ".join(sorted(column)) for key, column in values[surface].items()},
-            "recordings": counts[surface],
-        }
-        for surface in dataset.surfaces
+        {"surface": name}
+        | {key: ", ".join(sorted({take.known(key) or "-" for take in own})) for key in keys}
+        | {"recordings": len(own)}
+        for name, own in takes.items()
     ]
 
 
