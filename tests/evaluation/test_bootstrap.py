@@ -132,3 +132,5 @@ def test_objects_of_one_label_are_scored_on_it_alone() -> None:
 def test_no_contact_is_named() -> None:
     with pytest.raises(DatasetError, match="never opened"):
         compare_models(predicted(0.5, contact=False), predicted(0.5, contact=False), by=by_surface)
+    with pytest.raises(DatasetError, match="never opened"):
+        accuracy_of(predicted(0.5, contact=False))

@@ -206,8 +206,6 @@ def compare_models(
     Raises `DatasetError` if neither model detected contact.
     """
     tables = [_count(predictions, by) for predictions in (before, after)]
-    if not tables[0].any():
-        raise DatasetError("the contact gate never opened on these recordings; lower the threshold, or calibrate")
     rough = tables[0][:, 1].sum(axis=-1) > 0
     strata = [np.flatnonzero(rough == label) for label in (False, True)]
     old, new = (_rates(table.sum(axis=0)) for table in tables)
@@ -235,6 +233,8 @@ def _count(predictions: Sequence[TakePredictions], by: Callable[[Recording], str
         called_rough = rough_score(take.probabilities[take.contact], "two-class") >= 0.5
         row = table[names.index(by(take.recording)), int(take.recording.rough)]
         row += np.bincount(called_rough, minlength=2)
+    if not table.any():
+        raise DatasetError("the contact gate never opened on these recordings; lower the threshold, or calibrate")
     return table
 
 
