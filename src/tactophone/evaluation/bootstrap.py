@@ -221,7 +221,7 @@ def compare_models(
 
 
 def accuracy_of(predictions: Sequence[TakePredictions]) -> float:
-    """Balanced accuracy of a model on recordings, over the classes present, by the two-class rule."""
+    """Balanced accuracy over the classes present, by the two-class rule; raises as :func:`compare_models`."""
     return float(_rates(_count(predictions, lambda recording: "").sum(axis=0))["balanced_accuracy"])
 
 
