@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from tactophone.dataset.values import Recording
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones, row
+from tactophone.simulation.participant import amplified
 from tactophone.simulation.render import touch_segments
 from tactophone.simulation.source import STRUCTURE_DB, SimulatedFinger, SimulatedHand
 from tactophone.simulation.strokes import Script, Visit, explore
@@ -23,6 +25,9 @@ from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlo
 
 STROKING = 3.0
 """Seconds on each stone."""
+
+GAIN_DB = -9.0
+"""Of the contact preamplifier: at 0 dB the finger that slips off the rough stone clips for half a second."""
 
 _START = (-0.03, 0.035)
 
@@ -33,8 +38,13 @@ def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP) -> SimulatedFinger:
     The stones are those of the competition, on which no shipped model was trained.
     """
     script, scene = _script(delay=0.0, stream=[seed])
-    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
+    session = _session(seed, tip)
     return SimulatedFinger(scene, script.moves, session=session, seed=seed, duration=script.time, place=_START)
+
+
+def _session(seed: int, tip: str) -> SessionVariation:
+    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
+    return replace(session, electronics=amplified(session.electronics, GAIN_DB))
 
 
 def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
@@ -44,7 +54,7 @@ def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str 
     """
     scripts = [_script(delay=0.15 * place, stream=[seed, place]) for place in range(len(names))]
     longest = max(script.time for script, _ in scripts)
-    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
+    session = _session(seed, tip)
     hand = SimulatedHand(
         [
             SimulatedFinger(scene, script.moves, session=session, seed=[seed, place], place=_START)
