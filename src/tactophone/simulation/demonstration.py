@@ -4,7 +4,6 @@
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from tactophone.dataset.values import Recording
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones, row
-from tactophone.simulation.participant import amplified
 from tactophone.simulation.render import touch_segments
 from tactophone.simulation.source import STRUCTURE_DB, SimulatedFinger, SimulatedHand
 from tactophone.simulation.strokes import Script, Visit, explore
@@ -43,8 +41,7 @@ def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP) -> SimulatedFinger:
 
 
 def _session(seed: int, tip: str) -> SessionVariation:
-    session = SessionVariation.draw(seed, COMPETITION, tip=tip)
-    return replace(session, electronics=amplified(session.electronics, GAIN_DB))
+    return SessionVariation.draw(seed, COMPETITION.amplified(GAIN_DB), tip=tip)
 
 
 def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
