@@ -6,6 +6,7 @@ import subprocess
 import sys
 import urllib.request
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from tactophone.capture.files import FileSource
 from tactophone.cli import playback
 from tactophone.dataset.values import Segment
 from tactophone.pipeline import open_pipeline
+from tactophone.telemetry.memory import folder
 from tactophone.telemetry.watcher import Watcher
 from tactophone.telemetry.writer import Telemetry
 from tactophone.types import Touch
@@ -56,8 +58,22 @@ def test_a_hand_is_played_finger_beside_finger_under_the_name_of_its_log(recordi
     assert [finger.name for finger in seen[0].state.fingers] == names
 
 
-def test_feel_serves_a_page_until_interrupted(recording: Path) -> None:
-    command = [sys.executable, "-m", "tactophone", "feel", str(recording), "--out", str(recording.parent)]
+@pytest.mark.parametrize(("ending", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 0)])
+def test_feel_serves_a_page_until_ended_and_leaves_no_shared_memory(
+    recording: Path, ending: signal.Signals, code: int
+) -> None:
+    name = f"test-{uuid4().hex[:8]}"
+    command = [
+        sys.executable,
+        "-m",
+        "tactophone",
+        "feel",
+        str(recording),
+        "--out",
+        str(recording.parent),
+        "--name",
+        name,
+    ]
     with subprocess.Popen(
         [*command, "--json", "--dashboard"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -65,7 +81,8 @@ def test_feel_serves_a_page_until_interrupted(recording: Path) -> None:
         address = next(line for line in process.stderr if line.startswith("page: ")).split()[1]
         with urllib.request.urlopen(address) as page:
             assert b"Tactophone" in page.read()
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ending)
         output, _ = process.communicate(timeout=10)
-    assert process.returncode == 130
+    assert process.returncode == code
     assert json.loads(output)[0]["recording"] == str(recording)
+    assert not [path for path in folder().iterdir() if name in path.name]

@@ -18,7 +18,7 @@ from tests.pages.running import Run
 
 pytestmark = pytest.mark.realtime
 
-SECONDS = 4.0
+SECONDS = 2.0
 
 
 class Crowd:
