@@ -91,25 +91,17 @@ def _ros_source(topic: str) -> "Source":
     return source
 
 
-@dataclass(frozen=True, slots=True)
-class PageSource:
-    """What opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources."""
-
-    open: "OpenSource"
-    microphone: Connection | None
-
-
-def source_of(settings: Settings, *, page: bool = True) -> PageSource:
-    """Return how the source of the settings is opened.
+def source_of(settings: Settings, *, page: bool = True) -> "tuple[OpenSource, Connection | None]":
+    """Return what opens the source in the robot's process, and where a page's sound goes; ``None`` for other sources.
 
     Raises `ConfigError` if it is the microphone of a page, and there is none.
     """
     if settings.capture.source != "browser":
-        return PageSource(open_source, None)
+        return open_source, None
     if not page:
         raise ConfigError("--source browser takes the microphone of a page: add --dashboard, or --lan for a phone")
     inbox, microphone = Pipe(duplex=False)
-    return PageSource(partial(_open_browser, inbox), microphone)
+    return partial(_open_browser, inbox), microphone
 
 
 def _open_browser(sound: Connection, _: Settings) -> "Source":

@@ -163,11 +163,10 @@ class _Side(AbstractContextManager["_Side", None]):
         if role == self._role:
             return
         self._resources.close()
-        self._role, source = role, None
+        self._role, open_source = role, None
         if role == "robot":
-            source = audio.source_of(self.settings, page=page.wanted(self._args, self.settings))
-            self.microphone = source.microphone
-        main = partial(_run_side, open_source=source.open if source else None, keeper=self._keeper)
+            open_source, self.microphone = audio.source_of(self.settings, page=page.wanted(self._args, self.settings))
+        main = partial(_run_side, open_source=open_source, keeper=self._keeper)
         self._supervisor = Supervisor(main, self.settings, name=self.name, report=output.note)
         self._resources.push(self._supervisor)
         self._supervisor.begin()

@@ -105,9 +105,9 @@ def _try(args: argparse.Namespace) -> int:
     if settings.output.actuator == "none":  # a stalled process then harms nobody
         settings = change(settings, ["process.watchdog=false"])
     name = settings.process.name or "try"
-    source = audio.source_of(settings)
-    with watch(name, microphone=source.microphone, **page.place(settings)) as served:
+    open_source, microphone = audio.source_of(settings)
+    with watch(name, microphone=microphone, **page.place(settings)) as served:
         page.announce(served, "try", browser=settings.page.open)
-        with both_sides(settings, name=name, open_source=source.open) as sides, live.recorded(args, settings, name):
+        with both_sides(settings, name=name, open_source=open_source) as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)

@@ -49,16 +49,16 @@ def run(args: argparse.Namespace) -> int:
 
         operator = Supervisor(run_operator, settings, name=name, report=output.note)
         return live.follow(args, settings, supervised(operator), name)
-    source = audio.source_of(settings, page=page.wanted(args, settings))
+    open_source, microphone = audio.source_of(settings, page=page.wanted(args, settings))
     if args.verb == "loopback":
-        sides = both_sides(settings, name=name, open_source=source.open)
-        return live.follow(args, settings, sides, name, microphone=source.microphone)
+        sides = both_sides(settings, name=name, open_source=open_source)
+        return live.follow(args, settings, sides, name, microphone=microphone)
     from tactophone.runtime.robot import run_robot
     from tactophone.runtime.supervisor import Supervisor, supervised
 
-    main = partial(run_robot, open_source=source.open)
+    main = partial(run_robot, open_source=open_source)
     robot = Supervisor(main, settings, name=name, report=output.note)
-    return live.follow(args, settings, supervised(robot), name, microphone=source.microphone)
+    return live.follow(args, settings, supervised(robot), name, microphone=microphone)
 
 
 @contextmanager
