@@ -182,8 +182,7 @@ class JackClient:
         A successor of another sample rate is a fault, and the client takes no part in it: it would render other
         frequencies, and read others.
         """
-        # PipeWire does not always tell its end (0.3.65); jackd does, and goes on after it stood still.
-        if self._lost or (self._stands_still and is_pipewire()):
+        if self._lost:
             self.close()
         with contextlib.suppress(_jack().JackError):
             if self._client is None:
@@ -196,7 +195,7 @@ class JackClient:
         _OPEN.discard(self)
         if client is None:
             return
-        self._losses += self._shutdowns.value > 0 or self._stands_still
+        self._losses += self._shutdowns.value > 0
         leaving = threading.Thread(target=_leave, args=(client, self._cycle), daemon=True)
         _LEAVING.append(leaving)
         leaving.start()
@@ -238,7 +237,7 @@ class JackClient:
         self._shutdowns = _Counter()  # its own: that of one which left may still count
         self._xruns.count(client, "jack_set_xrun_callback")
         self._changes.count(client, "jack_set_graph_order_callback")
-        self._shutdowns.count(client, "jack_on_shutdown")
+        self._shutdowns.count(client, "jack_on_shutdown")  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
         self._client, self._rate, self._cycle = client, self._rate or client.samplerate, None
         _OPEN.add(self)
         self._other_rate = (
