@@ -2,12 +2,15 @@ import json
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tactophone.cli import main
 from tactophone.cli.guide import GuidePage
+from tactophone.cli.setup import Fitted
 from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
+from tactophone.training.setup import SHIPPED, Correction, LeftOut, SetUpFit
 
 QUICK = ["setup", "--source", "finger", "--set", "simulation.gain_db=-20", "--seconds", "3", "--yes"]
 
@@ -73,3 +76,11 @@ def test_a_page_that_has_ended_leaves_the_command_to_the_terminal(monkeypatch: p
     with GuidePage(wait=True) as page:
         page.show(instruction="slide")
         assert not page.pressed()
+
+
+@pytest.mark.parametrize(("right", "says"), [(0.6, True), (0.9, False)])
+def test_a_finger_that_no_model_fits_is_told_how_to_get_one(right: float, says: bool) -> None:
+    left_out = tuple(LeftOut(name, rough, right, right) for name, rough in (("tile", False), ("brick", True)))
+    unchanged = Correction(np.zeros(1), np.ones(1), np.zeros(1), 1.0, 0.0)
+    fitted = Fitted(Path("a.onnx"), SetUpFit(unchanged, SHIPPED, left_out), [], -40.0, "rubber", "rubber")
+    assert any("no shipped model fits" in part for part in fitted.parts() if isinstance(part, str)) is says

@@ -118,7 +118,7 @@ class Fitted:
         if fit.keeps:
             yield f"nothing here proves the boundary of {start} wrong: it stays, with tip and threshold of your own"
         yield f"tip {self.tip}; contact from {self.threshold_dbfs:.1f} dBFS; score: {fit.score}"
-        if not fit.keeps and not after >= 0.75:  # also where it is NaN
+        if not after >= 0.75:  # also where it is NaN
             yield f"[yellow]note:[/] {_estimate(fit)}"
         yield f"[green]written:[/] {escape(str(self.file))}; use it as --model of `feel` and `receive`"
 
@@ -325,10 +325,13 @@ def _check_set_up(args: argparse.Namespace) -> int:
 
 def _estimate(fit: "SetUpFit") -> str:
     after = fit.balanced_accuracy
-    if fit.keeps:
-        return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
     if math.isnan(after):
         return "one object of a kind: no estimate; name two smooth and two rough objects to have one"
     if after < 0.75:
-        return "little better than chance: add objects, or check the tip that you named"
+        return (
+            "little better than chance: check the tip that you named, and add objects; if neither helps, no shipped "
+            "model fits this finger: `tactophone record` six objects or more, then `tactophone train --recipe texture`"
+        )
+    if fit.keeps:
+        return f"the shipped boundary stays, right on {output.percent(after)} of this sound over both kinds"
     return f"right on {output.percent(after)} of what it was not fitted to, over both kinds"
