@@ -63,19 +63,9 @@ def test_feel_serves_a_page_until_ended_and_leaves_no_shared_memory(
     recording: Path, ending: signal.Signals, code: int
 ) -> None:
     name = f"test-{uuid4().hex[:8]}"
-    command = [
-        sys.executable,
-        "-m",
-        "tactophone",
-        "feel",
-        str(recording),
-        "--out",
-        str(recording.parent),
-        "--name",
-        name,
-    ]
+    command = [sys.executable, "-m", "tactophone", "feel", str(recording), "--out", str(recording.parent)]
     with subprocess.Popen(
-        [*command, "--json", "--dashboard"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*command, "--name", name, "--json", "--dashboard"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         assert process.stderr
         address = next(line for line in process.stderr if line.startswith("page: ")).split()[1]
