@@ -217,8 +217,11 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
     outputs = OutputFiles.in_folder(args.out, stem, json=args.json)
     passthrough = PASSTHROUGH[profile](pipeline.limits) if profile in PASSTHROUGH else None
     events: list[TouchEvent] = []
+    misfits: dict[str, str] = {}
 
     def follow(step: PipelineStep) -> None:
+        if misfit := getattr(pipeline.detector, "misfit", None):
+            misfits[misfit.code] = misfit.text
         events.extend(event for prediction in step.predictions for event in prediction.events)
         update(completed=step.block.end)
 
@@ -245,7 +248,7 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         )  # fmt: skip
     mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
-    notes = preparation.notes(source.channels) + _missing_treble(source, card)
+    notes = preparation.notes(source.channels) + _missing_treble(source, card) + list(misfits.values())
     scores = score_run(read_timeline(outputs.timeline), truth) if label else None
     return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, scores, counts)
 

@@ -21,6 +21,7 @@ import numpy as np
 from tactophone.errors import ModelError
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, Probabilities, rough_share
+from tactophone.perception.fit import FitCheck, Misfit
 from tactophone.perception.health import InvalidSampleFilter
 from tactophone.perception.levels import LOUDNESS
 from tactophone.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
@@ -90,7 +91,7 @@ def _predict_one_each(due: Sequence[tuple["WindowDetector", int, FloatArray]]) -
     sound = np.empty((len(due), *due[0][2].shape[::-1]), np.float32)
     for place, (_, _, window) in zip(sound, due, strict=True):
         place[:] = window.T
-    measured = [detector.measure(place[CONTACT]) for place, (detector, _, _) in zip(sound, due, strict=True)]
+    measured = [detector.measure(place) for place, (detector, _, _) in zip(sound, due, strict=True)]
     found = due[0][0].classify(sound, [loud for _, loud in measured], [detector.state for detector, _, _ in due])
     return [
         detector.decide(end, *level, *each)
@@ -126,6 +127,8 @@ class WindowDetector:
     hop, bandwidth, latency
         Seconds between two predictions; the highest frequency, in Hz, that the model uses; seconds from a window's end
         until it can be classified.
+    fit
+        Says whether the sound fits the model, where it is not ``None``; it changes no prediction.
     trace
         Called with the features and the prediction of each window, where it is not ``None``: for fitting.
 
@@ -146,6 +149,7 @@ class WindowDetector:
         self.faults: Counter[str] = Counter()
         self.threshold, self.margin_db = ContactThreshold(card.gate.threshold_dbfs), 0.0
         self.floor: NoiseFloor | None = None
+        self.fit: FitCheck | None = None
         self.trace: Callable[[FloatArray, Prediction], None] | None = None
         self._sample_rate = sample_rate
         self._decision = Decision(card.decision)
@@ -179,6 +183,8 @@ class WindowDetector:
         self.state[:] = 0
         if self.floor:
             self.floor.reset()
+        if self.fit:
+            self.fit.reset()
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes.
@@ -230,12 +236,14 @@ class WindowDetector:
         first = AIR if missing and self.card.microphone == "air" else CONTACT
         return samples[:, first : first + self.card.channels]
 
-    def measure(self, contact: FloatArray) -> tuple[float, bool]:
-        """Return the level of a window's first channel, and whether that is contact."""
-        level_dbfs = self._level_of(contact)
+    def measure(self, sound: FloatArray) -> tuple[float, bool]:
+        """Return the level of the first channel of a window, ``(channels, samples)``, and whether that is contact."""
+        level_dbfs = self._level_of(sound[CONTACT])
         loud = level_dbfs >= self.threshold_dbfs
         if self.floor and self.threshold.follows_floor:
             self.floor.push(level_dbfs, touching=loud)
+        if self.fit:
+            self.fit.push(sound, touching=loud)
         return level_dbfs, loud
 
     def decide(
@@ -337,6 +345,11 @@ class TouchDetector:
         self._threshold_dbfs = self.threshold.dbfs  # as it was at the event that is being applied
         self._first = self._next = 0
         self._begin(0)
+
+    @property
+    def misfit(self) -> Misfit | None:
+        """What about the sound does not fit the model now."""
+        return self.detector.fit.misfit if self.detector.fit else None
 
     @property
     def floors(self) -> list[NoiseFloor]:

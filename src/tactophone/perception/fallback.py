@@ -13,6 +13,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from tactophone.perception.detector import Processing, TouchDetector, process_together
+from tactophone.perception.fit import Misfit
 from tactophone.perception.health import FaultDetector, FaultKind, Reference, SensorFault
 from tactophone.perception.models import fallback_model, open_detector
 from tactophone.perception.noise_floor import NoiseFloor
@@ -108,12 +109,20 @@ class FallbackDetector:
 
     def _choose(self) -> None:
         """Choose the fallback for the faults that are present now, and the detector that it uses."""
-        self.sensor_faults = self._fault_detector.faults
+        # A model of one channel does without the second, which with a microphone on both inputs is the first again.
+        single = self._main.detector.card.channels == 1
+        faults = self._fault_detector.faults
+        self.sensor_faults = tuple(each for each in faults if not (single and each.kind is FaultKind.ALIKE))
         self.mode = fallback_mode(self.sensor_faults, spare=self._spare is not None)
         spare = self._spare if self.mode is FallbackMode.ONE_CHANNEL else None
         active = self.active = spare or self._main
         self.name, self.latency = active.name, active.latency
         self.bandwidth, self.faults = active.bandwidth, active.faults
+
+    @property
+    def misfit(self) -> Misfit | None:
+        """What about the sound does not fit the model now; unlike a fault, it changes nothing."""
+        return self._main.misfit
 
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""

@@ -8,6 +8,7 @@ from types import MappingProxyType
 from tactophone.errors import ModelError, did_you_mean
 from tactophone.perception.contact import ContactGate
 from tactophone.perception.detector import TouchDetector, WindowDetector
+from tactophone.perception.fit import FitCheck
 from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, ModelCard, read_model
 from tactophone.perception.noise_floor import HOLD, SPREAD_DB, WINDOW_SPREAD_DB, NoiseFloor
 from tactophone.plugins import DETECTORS, load, registered
@@ -99,6 +100,10 @@ def open_detector(
         If there is no such model, or this version cannot run it.
     """
     detector = WindowDetector(read_model(model_path(name)), sample_rate=sample_rate)
+    card = detector.card
+    if card.kind == "texture":
+        tip = card.tip if name in TIP_MODELS.values() else ""
+        detector.fit = FitCheck(card.name, card.sample_rate, tip=tip, air=card.microphone == "air")
     return (
         with_gate(detector, sample_rate=sample_rate, follow_floor=follow_floor)
         if fast_contact

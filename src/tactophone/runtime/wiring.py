@@ -202,10 +202,12 @@ def open_microphone_check(settings: Settings, *, channels: int) -> FaultDetector
 
 
 def microphone_faults(detector: Detector, *, finger: str = "") -> Iterator[Fault]:
-    """Yield what is wrong with a finger's microphones, and what the detector falls back to."""
+    """Yield what is wrong with a finger's microphones and what the detector falls back to, or what does not fit."""
     if isinstance(detector, FallbackDetector):
         for fault in detector.sensor_faults:
             yield finger_fault(finger, fault.code, f"{fault} ({FALLBACK_MESSAGES[detector.mode]})")
+        if (misfit := detector.misfit) and not detector.sensor_faults:
+            yield finger_fault(finger, *misfit)
 
 
 def finger_fault(finger: str, code: str, text: str) -> Fault:

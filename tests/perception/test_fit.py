@@ -1,0 +1,102 @@
+import functools
+
+import numpy as np
+import pytest
+
+from tactophone.perception.fit import Misfit
+from tactophone.perception.models import default_model, open_detector
+from tactophone.runtime.wiring import microphone_faults, open_pipeline_for
+from tactophone.settings import Settings, change
+from tactophone.simulation.catalogue import find
+from tactophone.simulation.microphones import SessionVariation
+from tactophone.simulation.motion import single
+from tactophone.simulation.source import SimulatedFinger
+from tactophone.simulation.strokes import take_moves
+from tactophone.simulation.takes import TAKES
+from tactophone.types import AudioBlock, FloatArray
+
+RATE, SECONDS = 48_000, 8
+
+
+@functools.cache
+def stroked(tip: str) -> FloatArray:
+    scene = single(find("lava stone"))
+    moves = take_moves(TAKES[1], scene.placed[0], duration=SECONDS, rng=np.random.default_rng(1))
+    session = SessionVariation.of_tip(tip, 1)
+    finger = SimulatedFinger(scene, moves, session=session, seed=1, place=scene.placed[0].centre)
+    return finger.render(SECONDS * RATE).samples
+
+
+def limited(sound: FloatArray, highest: float) -> FloatArray:
+    spectrum = np.fft.rfft(sound, axis=0)
+    spectrum[round(highest * len(sound) / RATE) :] = 0
+    return np.asarray(np.fft.irfft(spectrum, axis=0), np.float32)
+
+
+def misfit(sound: FloatArray, tip: str, model: str = "") -> Misfit | None:
+    detector = open_detector(model or default_model(tip), sample_rate=RATE, follow_floor=True)
+    for start in range(0, len(sound), 4800):
+        detector.push(AudioBlock(sound[start : start + 4800], RATE, start))
+    return detector.misfit
+
+
+@pytest.mark.parametrize("tip", ["pad", "stylus"])
+def test_the_right_sound_fits(tip: str) -> None:
+    assert misfit(stroked(tip), tip) is None
+
+
+@pytest.mark.parametrize(("tip", "highest"), [("pad", 1.2), ("stylus", 1.7)])
+def test_a_missing_band_is_named(tip: str, highest: float) -> None:
+    found = misfit(limited(stroked(tip), 1200), tip)
+    assert found
+    assert found.code == "narrow-band"
+    assert found.text.startswith(f"no sound above {highest} kHz")
+
+
+def test_one_microphone_on_both_channels_is_named_whatever_gain_and_sign() -> None:
+    contact = stroked("pad")[:, :1]
+    found = misfit(np.hstack((contact, -0.3 * contact)), "pad")
+    assert found
+    assert found.code == "alike"
+
+
+def test_one_microphone_is_right_where_the_model_uses_one() -> None:
+    air = stroked("stylus")[:, 1:]
+    assert misfit(np.repeat(air, 2, axis=1), "stylus") is None
+    assert misfit(air, "stylus") is None
+    assert misfit(stroked("pad")[:, :1], "pad") is None
+
+
+def test_noise_that_hides_the_touch_is_named() -> None:
+    sound = np.tile(stroked("pad"), (2, 1))
+    sound = np.float32(sound + 0.07 * np.random.default_rng(0).standard_normal(sound.shape))
+    detector, codes = open_detector("texture", sample_rate=RATE, follow_floor=True), set()
+    for start in range(0, len(sound), 4800):
+        detector.push(AudioBlock(sound[start : start + 4800], RATE, start))
+        codes |= {detector.misfit and detector.misfit.code}
+    assert codes == {None, "noisy"}
+
+
+def test_a_notice_ends_when_the_sound_fits_again_and_changes_no_prediction() -> None:
+    sound = np.concatenate((limited(stroked("pad"), 1200), stroked("pad"), stroked("pad")))
+    checked, plain = (open_detector("texture", sample_rate=RATE, follow_floor=True) for _ in range(2))
+    plain.detector.fit = None
+    codes = []
+    for start in range(0, len(sound), 4800):
+        block = AudioBlock(sound[start : start + 4800], RATE, start)
+        assert checked.push(block) == plain.push(block)
+        codes.append(checked.misfit and checked.misfit.code)
+    assert "narrow-band" in codes
+    assert codes[-1] is None
+
+
+def test_a_notice_reaches_a_live_run_without_muting_it() -> None:
+    pipeline = open_pipeline_for(change(Settings(), ["capture.tip=pad"]), channels=2)
+    sound = limited(stroked("pad"), 1200)
+    amplitudes = [
+        command.amplitude
+        for start in range(0, len(sound), 4800)
+        for command in pipeline.push(AudioBlock(sound[start : start + 4800], RATE, start)).commands
+    ]
+    assert [fault.code for fault in microphone_faults(pipeline.detector)] == ["narrow-band"]
+    assert max(amplitudes[-200:]) > 0
