@@ -47,9 +47,10 @@ def dashboard(browser: webdriver.Chrome, folder: Path, looks: tuple[tuple[int, s
     with tactophone(*arguments, "--name", "pictures") as url:
         browser.get(url)
         time.sleep(15)
-        until = time.monotonic() + 60
-        while browser.find_element(By.ID, "decision").text != "rough" and time.monotonic() < until:
-            time.sleep(0.05)
+        until, in_a_row = time.monotonic() + 60, 0
+        while in_a_row < 12 and time.monotonic() < until:  # within a rough touch
+            in_a_row = in_a_row + 1 if browser.find_element(By.ID, "decision").text == "rough" else 0
+            time.sleep(0.1)
         pictures(browser, folder, "dashboard", looks)
         if looks is not DOCS:
             browser.get(f"{url}try")

@@ -77,7 +77,7 @@ export function showHealth(node, { link, output }, counters, gauges) {
     [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, word],
     [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration, goal ${milliseconds(GOAL, 0)}.`, late ? "fair" : "good"],
     [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
-    [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} periods lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
+    [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
   ];
   if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
   sentences.forEach(([text, mark], k) => {
