@@ -18,8 +18,8 @@ SEEDS-pad     = 21 24 31
 SEEDS-stylus  = 22 25 32
 SEEDS-rubber  = 26 27 33
 SEEDS-plastic = 26 27 34
-.PHONY: sets model-texture model-rubber model-plastic model-stylus model-paper model-paper-mono scores
-model: model-texture model-rubber model-plastic model-stylus model-paper model-paper-mono scores
+.PHONY: sets tips model-texture model-rubber model-plastic model-stylus model-paper model-paper-mono scores
+model: model-texture model-rubber model-plastic model-stylus model-paper model-paper-mono tips scores
 
 sets: $(TIPS:%=sets-%)
 sets-%: $(READY)
@@ -48,3 +48,13 @@ scores: sets
 	for tip in rubber plastic stylus; do \
 	  $(SCORE) $$tip --data $(SETS)/$$tip-test --note "simulated, held out" || exit; \
 	done
+
+# Fits by which sound a wrong tip is noticed, and scores that on objects and seeds that it was not fitted to.
+OBJECTS-201 = $(shell seq -s, 0 3 18),34,37,40,43
+OBJECTS-202 = $(shell seq -s, 1 3 19),35,38,41
+OBJECTS-301 = $(shell seq -s, 23 32)
+tips: sets
+	$(foreach tip,$(TIPS),$(foreach seed,201 202 301,$(RENDER) $(tip) --seconds 5 --gain -12 $(QUIET) \
+	  --objects $(OBJECTS-$(seed)) --seed $(seed) $(SETS)/$(tip)-$(seed) &&)) true
+	$(BIN)/python benchmarks/tip_sounds.py $(foreach set,train 201 202,$(TIPS:%=$(SETS)/%-$(set))) --out $(MODELS)/tips.npz
+	$(BIN)/python benchmarks/tip_sounds.py $(TIPS:%=$(SETS)/%-test) $(TIPS:%=$(SETS)/%-301)

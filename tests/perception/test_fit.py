@@ -53,6 +53,18 @@ def test_a_missing_band_is_named(tip: str, highest: float) -> None:
     assert found.text.startswith(f"no sound above {highest} kHz")
 
 
+@pytest.mark.parametrize(
+    ("sound", "tip", "kinds", "other"),
+    [("stylus", "pad", "hard tip", "--tip plastic or --tip stylus"), ("pad", "stylus", "soft tip", "--tip rubber or")],
+)
+def test_a_tip_of_the_other_kind_is_named(sound: str, tip: str, kinds: str, other: str) -> None:
+    found = misfit(stroked(sound), tip)
+    assert found
+    assert found.code == "other-tip"
+    assert kinds in found.text
+    assert other in found.text
+
+
 def test_one_microphone_on_both_channels_is_named_whatever_gain_and_sign() -> None:
     contact = stroked("pad")[:, :1]
     found = misfit(np.hstack((contact, -0.3 * contact)), "pad")

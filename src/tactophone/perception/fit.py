@@ -1,12 +1,14 @@
-"""Whether the sound of a touch fits the model: one microphone on both channels, a missing band, too much noise.
+"""Whether the sound of a touch fits the model: one microphone on both channels, a missing band, noise, another tip.
 
 The windows that the detector classifies are summed up in half-octave bands, those of touch and those of silence apart.
-Less the noise and the gain, touch is compared with simulated touch of the model's tip. A notice is for people: it
-changes nothing that is rendered, and it ends when the sound fits again.
+Less the noise and the gain, touch is compared with simulated touch of the model's tip, and with touch of soft and of
+hard tips: Gaussians of one covariance, which ``benchmarks/tip_sounds.py`` fits and writes to ``models/tips.npz``. A
+notice is for people: it changes nothing that is rendered, and it ends when the sound fits again.
 """
 
 import functools
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,8 +26,8 @@ EDGES = np.geomspace(100, 7000, 13)
 SPACING = 3
 """Every third window is taken, one in 30 ms: they hardly overlap."""
 
-LEAST, EVERY = 60, 30
-"""Windows of touch before the first verdict (1.8 s), and from one to the next (0.9 s)."""
+LEAST, EVERY = 60, 15
+"""Windows of touch before the first verdict (1.8 s), and from one to the next (0.45 s)."""
 
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
@@ -53,12 +55,29 @@ LEVELS_DB: Mapping[str, tuple[tuple[int, ...], tuple[int, ...]]] = MappingProxyT
 )
 """Levels of touch less noise in the bands, contact and air, less their mean: of each tip on 31 simulated objects."""
 
+RANGE_DB = 40.0
+"""So far under a channel's loudest band, levels are not told apart."""
+
+SOFT, HARD = ("rubber", "pad"), ("plastic", "stylus")
+"""Only these two kinds are told apart: a soft thing under a pad sounds like a hard one under rubber."""
+
+ANOTHER: Mapping[str, float] = MappingProxyType({"both": 4.0, "contact": 2.0, "air": 6.0})
+"""Logarithm of the likelihood ratio from which, twice in a row, sound is of the other kind of tip; under 0 it is the
+model's own again. For both microphones, and for one alone, of a soft tip's model and of a hard one's."""
+
 
 class Misfit(NamedTuple):
     """What does not fit: a code for programs, and a sentence with the next step."""
 
     code: str
     text: str
+
+
+@functools.cache
+def _tips() -> dict[str, Floats]:
+    """Return ``means`` of each microphone's `ANOTHER`, soft tips before hard ones, and the ``precision`` of all."""
+    with np.load(Path(__file__).parent / "models" / "tips.npz") as file:
+        return {name: np.asarray(file[name], np.float64) for name in file.files}
 
 
 @functools.cache
@@ -89,9 +108,9 @@ class FitCheck:
     def reset(self) -> None:
         """Return to the initial state: nothing is known of touch and noise."""
         self.misfit: Misfit | None = None
-        self._number = self._touched = self._quiet = 0
+        self._number = self._touched = self._quiet = self._against = 0
         self._since = RINGING
-        self._touch = self._noise = self._products = np.zeros(1)
+        self._touch = self._level = self._square = self._noise = self._products = np.zeros(1)
 
     def push(self, sound: FloatArray, *, touching: bool) -> None:
         """Take the next window, ``(channels, samples)``."""
@@ -105,12 +124,27 @@ class FitCheck:
             slopes = np.diff(sound[[CONTACT, -1]])
             products = np.vecdot(slopes[[0, 0, 1]], slopes[[1, 0, 1]])
             self._touch = self._touch + weight * (powers - self._touch)
+            level = _decibels(powers)
+            self._level = self._level + weight * (level - self._level)
+            self._square = self._square + weight * (np.square(level) - self._square)
             self._products = self._products + weight * (products - self._products)
             if self._touched >= LEAST and self._touched % EVERY == 0:
                 self.misfit = self._judge(len(sound))
         elif self._since > RINGING:
             self._quiet += 1
             self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (self._powers(sound) - self._noise)
+
+    def description(self) -> Floats:
+        """Return touch less noise, whatever the gains: ``(3 * bands,)`` of each channel that carries a signal, in dB.
+
+        Levels less their mean; the level of the mean power less the mean level; and the standard deviation of levels.
+        """
+        heard, levels = self._heard(), self._levels()
+        shape = np.maximum(levels, levels.max(axis=1, keepdims=True) - RANGE_DB)
+        mean = self._level[heard]
+        deviation = np.sqrt(np.maximum(self._square[heard] - np.square(mean), 0.01))
+        shape -= shape.mean(axis=1, keepdims=True)
+        return np.hstack((shape, _decibels(self._touch[heard]) - mean, deviation)).ravel()
 
     def _powers(self, sound: FloatArray) -> Floats:
         """Return the mean square of each channel in each band, ``(channels, bands)``."""
@@ -147,7 +181,7 @@ class FitCheck:
                     f"touch is only {over.mean():.0f} dB over the noise, too little to tell smooth from rough; press "
                     "harder, turn the gain up, or keep motors and fans away",
                 )
-        return None
+        return self._other_tip() if self._tip in SOFT + HARD else None
 
     def _cut_off(self) -> float:
         """Return the frequency over which each channel lacks what touch has under this tip; 0 if there is none."""
@@ -158,3 +192,21 @@ class FitCheck:
             if (off[:, band:].max(axis=1) < off[:, :band].mean(axis=1) - MISSING_DB).all():
                 return float(EDGES[band])
         return 0.0
+
+    def _other_tip(self) -> Misfit | None:
+        microphones = "both" if self._heard().sum() > 1 else "air" if self._air else "contact"
+        off = self.description() - _tips()[f"{microphones}-means"]
+        likelihoods = -np.einsum("kd,de,ke->k", off, _tips()[f"{microphones}-precision"], off) / 2
+        soft, hard = likelihoods[: len(SOFT)].max(), likelihoods[len(SOFT) :].max()
+        own, other, tips, ratio = ("soft", "hard", HARD, hard - soft)
+        if self._tip in HARD:
+            own, other, tips, ratio = ("hard", "soft", SOFT, soft - hard)
+        self._against = self._against + 1 if ratio > ANOTHER[microphones] else 0
+        noticed = self.misfit is not None and self.misfit.code == "other-tip" and ratio > 0
+        if self._against < 2 and not noticed:
+            return None
+        return Misfit(
+            "other-tip",
+            f"this sounds like a {other} tip, but the model {self._name} is for a {own} one, {self._tip}: if so, "
+            + " or ".join(f"--tip {tip}" for tip in tips),
+        )
