@@ -124,3 +124,11 @@ def test_a_ray_cluster_has_the_results_of_this_process(data: str, tmp_path: Path
         ray.shutdown()
     here, there = (json.loads((tmp_path / name / "results.json").read_text())["datasets"] for name in ("here", "ray"))
     assert here == there
+
+
+def test_what_is_varied_is_a_table_best_first(data: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["evaluate", "--data", data, "--recipe", "level", "--split", "2-fold", "--workers", "1"]
+    assert main([*command, "--vary", "recipe=level", "--cache", str(tmp_path / "cache")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split()[:3] == ["settings", "balanced", "accuracy"]
+    assert lines[1].startswith("recipe level")

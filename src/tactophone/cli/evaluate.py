@@ -222,6 +222,8 @@ def _vary(args: argparse.Namespace) -> int:
         found = estimate(scores_of(cross_validate(method, folds, cache=cache), "two-class"))
         scores = {key: str(found[key]) for key in _HEADLINE[:3]}
         trials.append({"settings": name, **scores, "score": found["balanced_accuracy"].value})
-    output.show(sorted(trials, key=lambda trial: -trial["score"]), as_json=args.json)
+    trials.sort(key=lambda trial: -trial["score"])
+    table = [{name.replace("_", " "): trial[name] for name in ("settings", *_HEADLINE[:3])} for trial in trials]
+    output.show(trials, [table], as_json=args.json)
     output.log().print("the best of many is partly luck: score it again on surfaces that no trial was scored on")
     return 0
