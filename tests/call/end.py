@@ -63,7 +63,7 @@ class End:
     """One end of a call, which prints an object for each thing that happens."""
 
     def __init__(self, pipe: int) -> None:
-        self._lines = os.fdopen(pipe)
+        self._lines = os.fdopen(pipe, "rb", buffering=0)  # a line in a buffer would not wake `select`
         self.gaps: list[float] = []
 
     def ready(self) -> bool:
@@ -73,9 +73,8 @@ class End:
     def next(self, kind: str, timeout: float = TIMEOUT) -> Any:
         """Return the content of the next line, which is of that kind; gaps before it are kept in ``gaps``."""
         while True:
-            # A line comes whole, and none is buffered here: each is read when it is there.
             ready = select.select([self._lines], [], [], timeout)[0]
-            line = self._lines.readline() if ready else ""
+            line = self._lines.readline() if ready else b""
             assert line, f"wanted {kind}, but nothing came within {timeout:g} s"
             found, content = json.loads(line)
             if found == "gap":

@@ -128,6 +128,7 @@ class WaySocket(UdpSocket):
         self.close()
         self.way = way
         self._open()
+        self._silence = -SILENCE  # the other end runs already: without a word of it, this way has died too
         self.follow(followed)
 
     def _open(self) -> None:
