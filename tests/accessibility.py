@@ -29,7 +29,11 @@ def serious_faults(browser: webdriver.Chrome, axe: Path = AXE) -> list[str]:
     found = []
     source = axe.read_text(encoding="utf-8")
     for theme in ("dark", "light"):
-        preferred = [{"name": "prefers-color-scheme", "value": theme}]
+        # Still, as the contrast of a colour on its way to another says nothing.
+        preferred = [
+            {"name": "prefers-color-scheme", "value": theme},
+            {"name": "prefers-reduced-motion", "value": "reduce"},
+        ]
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": preferred})
         for width in SIZES:
             resize(browser, width, 900)
