@@ -163,8 +163,7 @@ def _hand(args: argparse.Namespace) -> int:
 
     names = names_of(with_fingers(Settings(), args.fingers))
     output.make_folder(args.out)
-    for path in demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip):
-        print(path)
+    print(*demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip), sep="\n")
     return 0
 
 

@@ -106,7 +106,8 @@ def _copy(recording: Recording, target: Path, air: Path | None) -> Recording:
         else:
             copy_as_flac(recording.path, target)
     except (soundfile.LibsndfileError, OSError) as error:
-        raise DatasetError(f"{recording.path}: cannot be converted ({error}); `tactophone dataset check`") from None
+        step = "free some space" if isinstance(error, OSError) else "`tactophone dataset check`"  # of copy or source
+        raise DatasetError(f"{recording.path}: cannot be converted ({error}); {step}") from None
     return dataclasses.replace(recording, path=target)
 
 

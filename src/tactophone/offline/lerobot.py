@@ -92,9 +92,8 @@ def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: floa
             f"{log} covers no frame of episode {episode} of {dataset}: give the time of its first frame, in s since "
             f"1970, as --start; the log runs from {fingers[0].times[0]:.1f} to {fingers[0].times[-1]:.1f}"
         )
-    # As many as fall between any two frames, so that each prediction stands in a frame.
-    most = max(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers)
-    most = max(2, most)  # a single one would be a number, not an array
+    # As many as fall between any two frames, so that each stands in a frame; a single one would be a number, no array.
+    most = max(2, *(int(np.diff(np.searchsorted(finger.times, inside)).max(initial=1)) for finger in fingers))
     _copy(dataset, out)
     stats = json.loads((dataset / "meta/stats.json").read_text()) if (dataset / "meta/stats.json").exists() else {}
     collected: dict[str, list[Rows]] = {}
@@ -205,7 +204,11 @@ def _copy(dataset: Path, out: Path) -> None:
         except OSError:
             shutil.copy2(source, target)
 
-    shutil.copytree(dataset, out, copy_function=link)
+    try:
+        shutil.copytree(dataset, out, copy_function=link)
+    except shutil.Error as error:  # of each file: source, target and reason
+        shutil.rmtree(out)
+        raise ConfigError(f"--out {out}: {error.args[0][0][2]}; free some space, or name another folder") from None
 
 
 def _write_sound(log: Path, out: Path, episode: int) -> list[Path]:

@@ -23,6 +23,7 @@ from tactophone.haptics.passthrough import Passthrough
 from tactophone.perception.decision import count_bumps, count_dips
 from tactophone.perception.resample import Resampler
 from tactophone.pipeline import Pipeline
+from tactophone.processes import atomic_write
 from tactophone.telemetry.layout import STEP
 from tactophone.telemetry.prediction_log import RunFollower
 from tactophone.telemetry.timeline import TimelineWriter
@@ -126,8 +127,8 @@ class RunSummary:
 class OfflineRenderer:
     """Runs the pipeline over a recording and writes its output step by step; a context manager.
 
-    Existing files are overwritten. The pipeline is opened for this sound, and its limits bound the waveform too;
-    ``passthrough`` renders the sound itself, in place of its commands.
+    Files appear at the end, if all went well, in place of existing ones. The pipeline is opened for this sound, and its
+    limits bound the waveform too; ``passthrough`` renders the sound itself, in place of its commands.
 
     ``microphones``, ``vibration``: peak envelopes of sound and vibration, for a figure.
     """
@@ -146,21 +147,20 @@ class OfflineRenderer:
         self._counts: Counter[Touch] = Counter()
         self._loudest_dbfs = -np.inf
         self._last: AudioBlock | None = None
-        self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
-        outputs = self._outputs
-        self._timeline = self._resources.enter_context(
-            TimelineWriter(outputs.timeline, json_path=outputs.timeline_json)
-        )
-        self._waveform = self._resources.enter_context(
-            soundfile.SoundFile(outputs.waveform, "w", samplerate=LIVE_SAMPLE_RATE, channels=1, subtype="PCM_24")
-        )
+        with contextlib.ExitStack() as stack:
+            outputs, enter = self._outputs, stack.enter_context
+            json_path = outputs.timeline_json and enter(atomic_write(outputs.timeline_json))
+            self._timeline = enter(TimelineWriter(enter(atomic_write(outputs.timeline)), json_path=json_path))
+            waveform = enter(atomic_write(outputs.waveform))
+            self._waveform = enter(soundfile.SoundFile(waveform, "w", LIVE_SAMPLE_RATE, 1, "PCM_24", format="WAV"))
+            self._resources = stack.pop_all()
         self._began = time.perf_counter()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._resources.close()
+    def __exit__(self, *error: Any) -> None:
+        self._resources.__exit__(*error)
 
     def push(self, block: AudioBlock) -> PipelineStep:
         """Process a block and write its results; returns the step."""

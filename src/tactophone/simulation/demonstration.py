@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tactophone.dataset.metadata import write_metadata
 from tactophone.dataset.values import Recording
+from tactophone.processes import atomic_write
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones, row
@@ -67,7 +68,8 @@ def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str 
     recordings = []
     for place, name in enumerate(names):
         path = folder / f"microphones-{name}.wav"
-        soundfile.write(path, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, subtype="PCM_24")
+        with atomic_write(path) as part:
+            soundfile.write(part, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, "PCM_24", format="WAV")
         segments, _ = touch_segments(np.concatenate([found[place] for found in touched]), hand.fingers[place].scene)
         recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
     write_metadata(folder, recordings)
@@ -90,9 +92,9 @@ def write_demonstration(folder: Path, *, seed: int, tip: str = DEFAULT_TIP) -> P
     """Write the demonstration's sound and its labels as a data set of one recording; return the path of the sound."""
     path, finger = folder / "microphones.wav", demonstration(seed, tip=tip)
     indices = []
-    with soundfile.SoundFile(path, "w", finger.sample_rate, finger.channels, "PCM_24") as file, finger:
+    with atomic_write(path) as part, soundfile.SoundFile(part, "w", LIVE_SAMPLE_RATE, 2, "PCM_24", format="WAV") as wav:
         for block in finger:
-            file.write(block.samples)
+            wav.write(block.samples)
             indices.append(finger.truth.object_index)
     segments, _ = touch_segments(np.concatenate(indices), finger.scene)
     write_metadata(folder, [Recording(path, "competition stones", channels=("contact", "air"), segments=segments)])
