@@ -1,9 +1,7 @@
 """One robot with several operators: its settings, and two at once over the real loopback network."""
 
 import argparse
-import socket
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from uuid import uuid4
 
@@ -12,11 +10,11 @@ import pytest
 
 from tactophone.cli import add_verb, options
 from tactophone.errors import ConfigError
-from tactophone.link.identity import Identity, Peers
 from tactophone.runtime.operator import Operator
+from tactophone.runtime.pairing import with_operator
 from tactophone.runtime.supervisor import ProcessInfo
 from tactophone.runtime.wiring import open_send_group, operators_of
-from tactophone.settings import Link, Settings, change
+from tactophone.settings import Link, change
 from tactophone.telemetry.watcher import Watcher
 
 from ..models import write_tiny_model
@@ -56,21 +54,6 @@ def test_the_flag_may_be_given_for_each_operator() -> None:
     add_verb(parser, "send")
     args = parser.parse_args(["--peer", "trainer", "--peer", "trainee:48471", "--set", "link.port=5000"])
     assert operators_of(options.settings_of(args).link) == [("trainer", 5000), ("trainee", 48471)]
-
-
-def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
-    """Return the robot's settings with one more operator on this machine, and that operator's."""
-    identity = Identity.create(name)
-    identity.save(folder / name)
-    Peers.load(folder / "operator").save(folder / name)
-    Peers.load(folder / "robot").trusting(name, identity.fingerprint).save(folder / "robot")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    calling = replace(robot.link, peer=f"{robot.link.peer}:{robot.link.port},127.0.0.1:{port}")
-    second = replace(operator.link, identity=str(folder / name), port=port)
-    process = replace(operator.process, name=name)
-    return replace(robot, link=calling), replace(operator, link=second, process=process)
 
 
 @pytest.mark.realtime

@@ -47,5 +47,20 @@ def temporary_keys() -> Iterator[Path]:
         yield Path(folder)
 
 
+def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:
+    """Return the robot's settings with one more operator on this machine, and that operator's."""
+    identity = Identity.create(name)
+    identity.save(folder / name)
+    Peers.load(folder / "operator").save(folder / name)
+    Peers.load(folder / "robot").trusting(name, identity.fingerprint).save(folder / "robot")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    calling = replace(robot.link, peer=f"{robot.link.peer}:{robot.link.port},127.0.0.1:{port}")
+    second = replace(operator.link, identity=str(folder / name), port=port)
+    process = replace(operator.process, name=name)
+    return replace(robot, link=calling), replace(operator, link=second, process=process)
+
+
 def _side(settings: Settings, link: Link, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))
