@@ -26,9 +26,7 @@ def pair_on_one_machine(settings: Settings, folder: Path, *, name: str) -> tuple
     operator.save(folder / "operator")
     Peers({operator.fingerprint: "operator"}).save(folder / "robot")
     Peers({robot.fingerprint: "robot"}).save(folder / "operator")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=probe.getsockname()[1])
+    common = replace(settings.link, peer="127.0.0.1", host="127.0.0.1", port=_free_port())
     return (
         _side(settings, replace(common, identity=str(folder / "robot")), f"{name}-robot"),
         _side(settings, replace(common, identity=str(folder / "operator")), name),
@@ -53,14 +51,17 @@ def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: st
     identity.save(folder / name)
     Peers.load(folder / "operator").save(folder / name)
     Peers.load(folder / "robot").trusting(name, identity.fingerprint).save(folder / "robot")
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = _free_port()
     calling = replace(robot.link, peer=f"{robot.link.peer}:{robot.link.port},127.0.0.1:{port}")
     second = replace(operator.link, identity=str(folder / name), port=port)
-    process = replace(operator.process, name=name)
-    return replace(robot, link=calling), replace(operator, link=second, process=process)
+    return replace(robot, link=calling), _side(operator, second, name)
 
 
 def _side(settings: Settings, link: Link, name: str) -> Settings:
     return replace(settings, link=link, process=replace(settings.process, name=name))
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
