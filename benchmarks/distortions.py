@@ -19,7 +19,8 @@ from scipy.linalg import solve_toeplitz
 
 from tactophone.dataset.values import Recording
 from tactophone.link.codec import Codec, encode_and_decode
-from tactophone.types import AIR, LIVE_SAMPLE_RATE
+from tactophone.microphones import AIR
+from tactophone.types import LIVE_SAMPLE_RATE
 
 Sound = NDArray[np.float64]
 Distortion = Callable[[Sound, int, np.random.Generator], Sound]

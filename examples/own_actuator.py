@@ -7,8 +7,7 @@ In a package, `[project.entry-points."tactophone.actuators"]` with `mine = "pack
 import numpy as np
 
 from tactophone import LIVE_SAMPLE_RATE, HapticCommand, Oscillator
-from tactophone.devices.device import ClockedDevice
-from tactophone.haptics.actuator import DeviceActuator, RenderHand
+from tactophone.haptics.actuator import ClockedDevice, DeviceActuator, RenderHand
 
 
 def make(*, render: RenderHand, fingers: int, device: str) -> DeviceActuator:

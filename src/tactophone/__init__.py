@@ -18,9 +18,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from tactophone.errors import ConfigError, DatasetError, DeviceError, ModelError, PacketError, TactophoneError
+from tactophone.microphones import AIR, CONTACT
 from tactophone.types import (
-    AIR,
-    CONTACT,
     LIVE_SAMPLE_RATE,
     AudioBlock,
     ContactThreshold,
@@ -35,7 +34,7 @@ from tactophone.types import (
 
 if TYPE_CHECKING:
     from tactophone.capture.files import FileSource
-    from tactophone.capture.microphones import jack_source, portaudio_source
+    from tactophone.capture.live import jack_source, portaudio_source
     from tactophone.haptics.limits import Limits
     from tactophone.haptics.oscillator import Oscillator
     from tactophone.haptics.profiles import open_profile
@@ -56,7 +55,7 @@ __all__ = [
 ]  # fmt: skip
 
 _MODULES = {
-    "capture.files": ("FileSource",), "capture.microphones": ("jack_source", "portaudio_source"),
+    "capture.files": ("FileSource",), "capture.live": ("jack_source", "portaudio_source"),
     "haptics.limits": ("Limits",), "haptics.oscillator": ("Oscillator",), "haptics.profiles": ("open_profile",),
     "perception.model_file": ("read_model",), "perception.models": ("open_detector",),
     "pipeline": ("Pipeline", "open_pipeline"), "tables": ("Live", "Table", "classify", "live"),

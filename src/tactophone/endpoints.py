@@ -20,9 +20,10 @@ from tactophone.link.packet import Address
 from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSession
 from tactophone.link.send import Datagrams, SendGroup
 from tactophone.link.stream import DecodedAudio
+from tactophone.microphones import fingers_of
 from tactophone.perception.detector import push_together
 from tactophone.pipeline import Hand, Pipeline, split_fingers
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction, fingers_of
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, PipelineStep, Prediction
 
 EventStep: TypeAlias = tuple[ReceiveEvent, PipelineStep | None]
 """What the session received, and a step that it led to, of each finger in turn; none for a connection made or lost."""

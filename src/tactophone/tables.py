@@ -11,19 +11,11 @@ from numpy.typing import NDArray
 
 from tactophone.capture.files import FileSource
 from tactophone.pipeline import Pipeline, open_pipeline
+from tactophone.prediction_fields import PREDICTION_FIELDS
 from tactophone.settings import Settings, change
 from tactophone.telemetry.layout import PREDICTION
 from tactophone.telemetry.timeline import TimelineWriter
-from tactophone.types import (
-    DEFAULT_TIP,
-    PREDICTION_FIELDS,
-    HapticCommand,
-    PipelineStep,
-    Prediction,
-    Source,
-    Touch,
-    TouchEvent,
-)
+from tactophone.types import DEFAULT_TIP, HapticCommand, PipelineStep, Prediction, Source, Touch, TouchEvent
 
 
 @dataclass(frozen=True, slots=True, eq=False)

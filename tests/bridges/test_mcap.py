@@ -29,12 +29,13 @@ from tactophone.errors import ConfigError, DatasetError
 from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.packet import PayloadType
 from tactophone.offline.replay import Comparison, Replay, add_sound, decoded_sessions, joined, write_replay, write_sound
+from tactophone.prediction_fields import prediction_of
 from tactophone.settings import change
 from tactophone.simulation.network import NetworkProfile
 from tactophone.telemetry import layout
 from tactophone.telemetry.layout import PREDICTION, FingerState, State
 from tactophone.telemetry.writer import Telemetry
-from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, prediction_of
+from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch
 from tests.bridges.recorded_run import RecordedOperator, decoded, messages, record
 from tests.models import write_tiny_model
 from tests.node import NODE, needs_node

@@ -3,7 +3,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tactophone.capture.microphones import jack_source
+from tactophone.capture.live import jack_source
 from tactophone.devices.dummy import DummyServer
 from tactophone.errors import DeviceError
 

@@ -3,7 +3,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tactophone.capture.microphones import portaudio_source
+from tactophone.capture.live import portaudio_source
 
 from . import contract
 

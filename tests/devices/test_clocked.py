@@ -1,6 +1,6 @@
 import threading
 
-from tactophone.devices.device import ClockedDevice
+from tactophone.haptics.actuator import ClockedDevice
 from tactophone.types import FloatArray
 
 

@@ -6,7 +6,7 @@ from multiprocessing import Pipe
 
 import numpy as np
 
-from tactophone.capture.microphones import browser_source
+from tactophone.capture.live import browser_source
 from tactophone.devices.device import StreamDevice
 
 from .test_jack import eventually

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from tactophone.microphones import AIR, CONTACT
 from tactophone.perception.fallback import FallbackDetector, FallbackMode, fallback_mode
 from tactophone.perception.health import FAULTS, FaultDetector, FaultKind, Reference, SensorFault
 from tactophone.perception.models import open_detector
@@ -13,7 +14,7 @@ from tactophone.simulation.motion import single
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.strokes import take_moves
 from tactophone.simulation.takes import TAKES
-from tactophone.types import AIR, CONTACT, AudioBlock, Prediction, Touch
+from tactophone.types import AudioBlock, Prediction, Touch
 
 RATE = 48_000
 REFERENCE = Reference(threshold_dbfs=-25.0, floor_dbfs=(-28.0, -60.0), hum_dbfs=(-31.0, -77.0), contrast_db=16.0)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tactophone.microphones import AIR, CONTACT
 from tactophone.simulation.catalogue import SimulatedObject, find
 from tactophone.simulation.finger import Electronics, Finger
 from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.motion import five_stones, single
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.takes import shuffled
-from tactophone.types import AIR, CONTACT
 
 PLACE = (0.04, 0.035)
 QUIET = Electronics(

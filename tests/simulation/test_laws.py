@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
+from tactophone.microphones import AIR
 from tactophone.perception.resample import Resampler
 from tactophone.simulation.catalogue import SimulatedObject, catalogue, find
 from tactophone.simulation.finger import TIPS, Electronics
@@ -16,7 +17,6 @@ from tactophone.simulation.surface import SIZE, SPACING, Surface, envelope, heig
 from tactophone.training.features import describe
 from tactophone.training.recipes import BAND_COUNT
 from tactophone.training.tracks import FeatureSpec
-from tactophone.types import AIR
 
 QUIET = Electronics(
     contact_hum_dbfs=-200, contact_noise_dbfs=-200, contact_rumble_dbfs=-200, air_noise_dbfs=-200, room_dbfs=-200,

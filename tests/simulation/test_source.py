@@ -3,13 +3,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from tactophone.microphones import CONTACT
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import SessionVariation
 from tactophone.simulation.motion import Scene, five_stones, single
 from tactophone.simulation.source import SimulatedFinger
 from tactophone.simulation.strokes import take_moves
 from tactophone.simulation.takes import TAKES, shuffled
-from tactophone.types import CONTACT, Touch
+from tactophone.types import Touch
 from tests.capture import contract
 
 PLACE = (0.04, 0.035)

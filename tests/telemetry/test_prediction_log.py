@@ -15,21 +15,13 @@ import pytest
 import soundfile
 
 from tactophone.errors import ConfigError, DatasetError
+from tactophone.prediction_fields import prediction_of
 from tactophone.telemetry import layout, memory, prediction_log
 from tactophone.telemetry.prediction_log import PredictionLog
 from tactophone.telemetry.timeline import COLUMNS, TimelineWriter, read_timeline, row
 from tactophone.telemetry.watcher import Watcher
 from tactophone.telemetry.writer import Telemetry
-from tactophone.types import (
-    EVENT_KINDS,
-    AudioBlock,
-    HapticCommand,
-    PipelineStep,
-    Prediction,
-    Touch,
-    TouchEvent,
-    prediction_of,
-)
+from tactophone.types import EVENT_KINDS, AudioBlock, HapticCommand, PipelineStep, Prediction, Touch, TouchEvent
 
 BLOCK = AudioBlock(np.zeros((1, 1), np.float32), 48_000)
 

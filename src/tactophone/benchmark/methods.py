@@ -21,13 +21,13 @@ from tactophone.dataset.values import Dataset, Recording, open_sound
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.evaluation.predict import Predictor, TakePredictions, model_predictor
 from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.microphones import AIR
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
 from tactophone.training.export import tip_of
 from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
 from tactophone.training.tracks import extract_features
-from tactophone.types import AIR
 
 if TYPE_CHECKING:
     from tactophone.training.trainer import NetworkRecipe

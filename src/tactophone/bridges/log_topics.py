@@ -12,9 +12,9 @@ from typing import Any
 
 import msgspec
 
+from tactophone.prediction_fields import PREDICTION_FIELDS
 from tactophone.telemetry.layout import State
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
-from tactophone.types import PREDICTION_FIELDS
 
 
 @dataclass(frozen=True, slots=True)

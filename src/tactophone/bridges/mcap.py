@@ -19,8 +19,9 @@ from tactophone.bridges import log_topics
 from tactophone.bridges.log_topics import Message, Topic, topics_of
 from tactophone.bridges.reader import RunReader
 from tactophone.errors import ConfigError, DatasetError
+from tactophone.prediction_fields import prediction_of
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
-from tactophone.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch, prediction_of
+from tactophone.types import EVENT_KINDS, MOST_FINGERS, HapticCommand, Prediction, Touch
 
 READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps 10 s of packets and over a minute of predictions."""

@@ -10,10 +10,11 @@ import msgspec
 
 from tactophone.bridges import log_topics
 from tactophone.bridges.log_topics import Message, of_finger
+from tactophone.prediction_fields import PREDICTION_FIELDS, prediction_of
 from tactophone.telemetry.layout import FingerState, State
 from tactophone.telemetry.records import EventBatch, RunStart, read_records
 from tactophone.telemetry.watcher import Watcher
-from tactophone.types import PREDICTION_FIELDS, HapticCommand, Prediction, Touch, prediction_of
+from tactophone.types import HapticCommand, Prediction, Touch
 
 HEALTH_INTERVAL = 5.0
 """Seconds between two messages with counters and gauges."""

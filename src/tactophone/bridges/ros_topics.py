@@ -15,7 +15,8 @@ from cyclonedds.idl import IdlStruct, types
 
 from tactophone.bridges.reader import Passed
 from tactophone.errors import ConfigError
-from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, MICROPHONES, FloatArray
+from tactophone.microphones import MICROPHONES
+from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
 
 
 def _name(package: str, message: str) -> str:

@@ -22,8 +22,9 @@ from tactophone.link.packet import (
     parse_packet,
     split_streams,
 )
+from tactophone.microphones import fingers_of
 from tactophone.telemetry.records import RunStart
-from tactophone.types import LIVE_SAMPLE_RATE, fingers_of
+from tactophone.types import LIVE_SAMPLE_RATE
 
 JOINED = 0.02
 """Seconds of sound in a message, about as much as the schemas of Foxglove ask for."""

@@ -9,7 +9,8 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, ChangedSource, FloatArray, LabelledSource
+from tactophone.microphones import MICROPHONES
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, ChangedSource, FloatArray, LabelledSource
 
 LOWEST_RATE = 2000
 """Hz, the lowest rate at which a detector works (the paper's works at 2 kHz)."""

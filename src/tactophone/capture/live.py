@@ -1,17 +1,22 @@
-"""Sound from a device, block by block, through losses and overflows.
+"""Microphones as sources: on JACK ports, on a PortAudio device, in a browser; through losses and overflows.
 
 The device's own thread copies a period into a queue and returns; the iterator takes it out. When the queue holds more
 than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by the time it is rendered.
 """
 
 import queue
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
+from multiprocessing.connection import Connection
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
 
-from tactophone.devices.device import Device, Process, open_at_rate
+from tactophone.devices.device import Device, Process, StreamDevice, open_at_rate
+from tactophone.devices.jack import JackClient
+from tactophone.devices.portaudio import PortAudioStream
+from tactophone.microphones import MICROPHONES
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray
 
 LONGEST_WAIT = 0.06
@@ -19,6 +24,8 @@ LONGEST_WAIT = 0.06
 
 REVIVE_INTERVAL = 0.25
 """Seconds without sound between two attempts to reconnect the device."""
+
+ABSENT = "no page sends sound: open the page on the phone or laptop that listens, and press Use this microphone"
 
 
 def _any() -> int:
@@ -142,3 +149,68 @@ def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
         else:
             samples = np.concatenate([block.samples for block in blocks[begin:end]])
             yield AudioBlock(samples, first.sample_rate, first.start)
+
+
+def jack_source(
+    *, contact: str = "system:capture_1", air: str = "system:capture_2",
+    fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}), server: str = "", name: str = "tactophone-robot",
+    sample_rate: int = LIVE_SAMPLE_RATE,
+) -> LiveSource:  # fmt: skip
+    """Open the microphones at the ports of a JACK server.
+
+    Parameters
+    ----------
+    contact
+        Port of the sound card; ``"-"`` leaves it unconnected, for a patch bay.
+    air
+        Likewise; empty makes a one-channel source.
+    fingers
+        Of a hand: contact and air of each finger by its name, in place of the two above; an empty air port is silence.
+    server
+        The JACK server's name; empty for the default one.
+    """
+    targets, order = dict[str, str](), list[int]()
+    for finger, ports in fingers.items() or [("", (contact, air))]:
+        for port, kind in zip(ports, MICROPHONES, strict=True):
+            order.append(len(targets) if port or kind == "contact" else -1)
+            if order[-1] >= 0:
+                targets[f"{finger}-{kind}".removeprefix("-")] = port.removeprefix("-")
+    if not fingers:
+        order = order[: len(targets)]
+    return LiveSource(
+        lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
+        channels=len(order),
+        sample_rate=sample_rate,
+        order=order,
+    )
+
+
+def portaudio_source(
+    device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = (), sample_rate: int = LIVE_SAMPLE_RATE
+) -> LiveSource:
+    """Open the microphones on a PortAudio device.
+
+    Parameters
+    ----------
+    device
+        Its number or part of its name; empty for the system's default.
+    channels
+        How many of its first channels: 1 (contact) or 2 (contact, air).
+    fingers
+        Of a hand: contact and air channel of each finger, counted from 1, in place of the first two; an air channel of
+        0 is silence.
+    """
+    order = [channel - 1 for pair in fingers for channel in pair] or list(range(channels))
+    return LiveSource(
+        lambda process: PortAudioStream(
+            process, "input", device=device, channels=max(order) + 1, sample_rate=sample_rate
+        ),
+        channels=len(order),
+        sample_rate=sample_rate,
+        order=order,
+    )
+
+
+def browser_source(sound: Connection) -> LiveSource:
+    """Open the air microphone of the page whose messages ``sound`` delivers (a `StreamDevice`)."""
+    return LiveSource(lambda process: StreamDevice(sound, process, absent=ABSENT), channels=1)

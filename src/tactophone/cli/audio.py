@@ -105,7 +105,7 @@ def source_of(settings: Settings, *, page: bool = True) -> "tuple[OpenSource, Co
 
 
 def _open_browser(sound: Connection, _: Settings) -> "Source":
-    from tactophone.capture.microphones import browser_source
+    from tactophone.capture.live import browser_source
 
     return browser_source(sound)
 

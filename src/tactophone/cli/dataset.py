@@ -22,8 +22,8 @@ from tactophone.dataset.read import find_importable, open_dataset
 from tactophone.dataset.splits import SPLITS, split
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording
 from tactophone.errors import ConfigError
+from tactophone.microphones import MICROPHONES
 from tactophone.perception.calibration import Calibration
-from tactophone.types import MICROPHONES
 
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""

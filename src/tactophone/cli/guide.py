@@ -20,7 +20,8 @@ from rich.text import Text
 from tactophone.cli import console, output
 from tactophone.cli.audio import SETTLING, AudioInput, SimulatedAct
 from tactophone.errors import DatasetError, TactophoneError
-from tactophone.types import CONTACT, MICROPHONES, AudioBlock, FloatArray
+from tactophone.microphones import CONTACT, MICROPHONES
+from tactophone.types import AudioBlock, FloatArray
 
 LAST_LOOK = 0.3
 """Seconds for which the page of a command that waits for nobody stays, so that it shows the end."""

@@ -17,11 +17,12 @@ from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import GuidePage, GuideScreen, Meters, record_step
 from tactophone.cli.options import Within
 from tactophone.errors import ConfigError, ModelError
+from tactophone.microphones import MICROPHONES
 from tactophone.perception.calibration import CalibrationResult, CalibrationSounds, Finding, measure_calibration
 from tactophone.perception.model_file import Model, read_model
 from tactophone.perception.models import default_model, model_path
 from tactophone.perception.noise_floor import measure_floor
-from tactophone.types import MICROPHONES, TIP_NAMES, AudioBlock, FloatArray
+from tactophone.types import TIP_NAMES, AudioBlock, FloatArray
 
 if TYPE_CHECKING:
     from tactophone.training.setup import SetUpFit

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from tactophone.dataset.values import READ_SIZE, Dataset, Problem, Recording, channel_order, open_sound
 from tactophone.errors import DatasetError
+from tactophone.microphones import CONTACT
 from tactophone.perception.health import CLIPPED_SHARE, clipped_samples
-from tactophone.types import CONTACT, SURFACE_LABELS
+from tactophone.types import SURFACE_LABELS
 
 MIN_RATE = 2000
 """Hz; the paper's detector works at this rate, and upsampling to it adds nothing."""

@@ -30,7 +30,8 @@ from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
 from tactophone.errors import DatasetError
-from tactophone.types import DEFAULT_TIP, MICROPHONES, SURFACE_LABELS, Touch
+from tactophone.microphones import MICROPHONES
+from tactophone.types import DEFAULT_TIP, SURFACE_LABELS, Touch
 
 MANIFEST = "manifest.csv"
 SEGMENTS = "segments.csv"

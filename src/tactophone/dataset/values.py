@@ -13,7 +13,8 @@ import numpy as np
 import soundfile
 
 from tactophone.errors import DatasetError
-from tactophone.types import MICROPHONES, SURFACE_LABELS, AudioBlock, FloatArray, Touch
+from tactophone.microphones import MICROPHONES
+from tactophone.types import SURFACE_LABELS, AudioBlock, FloatArray, Touch
 
 READ_SIZE = 1 << 15
 """Samples read at once: more is no faster, and memory must not grow with a recording's length."""

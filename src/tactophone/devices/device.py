@@ -1,14 +1,10 @@
-"""The contract of a sound device, which calls periodically and may be lost at any time; and those without a sound card.
-
-A clocked device keeps time by the system's clock, and one that is fed by another process by the messages that arrive.
-"""
+"""The contract of a sound device, which calls periodically and may be lost at any time; and a page's microphone."""
 
 import threading
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from pathlib import Path
-from typing import Any, Protocol, TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -117,53 +113,6 @@ class ThreadedDevice:
         except Exception:
             self.process_faults += 1
             waveform[:] = 0.0
-
-
-class ClockedDevice(ThreadedDevice):
-    """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
-
-    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
-    """
-
-    _LONGEST_DELAY = 0.1
-
-    def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
-        super().__init__(process, thread="actuator")
-        self.latency = period / self.sample_rate
-        self.fault = ""
-        self._period, self._path, self._outputs = period, path, outputs
-
-    def open(self) -> None:
-        """Start; the file, if any, is overwritten."""
-        self._file = self._open_file() if self._path else None
-        super().open()
-
-    def _open_file(self) -> Any:
-        import soundfile
-
-        try:
-            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
-        except (OSError, soundfile.LibsndfileError) as error:
-            raise DeviceError(
-                f"{self._path} cannot be written ({error}): choose another file for output.device"
-            ) from None
-
-    def _run(self) -> None:
-        waveform = np.zeros((self._outputs, self._period), np.float32)
-        due = time.monotonic()
-        while not self._ended.wait(max(0.0, due - time.monotonic())):
-            if time.monotonic() - due > self._LONGEST_DELAY:
-                self.xruns += 1
-                due = time.monotonic()
-            self._render(waveform)
-            due += self.latency
-            if self._file is not None and not self.fault:
-                try:
-                    self._file.write(waveform.T)
-                except Exception as error:  # a full disk is not written to again
-                    self.fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"
-        if self._file is not None:
-            self._file.close()
 
 
 class StreamDevice(ThreadedDevice):

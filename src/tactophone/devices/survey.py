@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from tactophone.devices.jack import JackClient, is_pipewire
 from tactophone.devices.portaudio import PortAudioDevice, devices
 from tactophone.errors import DeviceError
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES
+from tactophone.microphones import MICROPHONES
+from tactophone.types import LIVE_SAMPLE_RATE
 
 TOO_SLOW = 0.02
 """Delay of a device in s above which it is called slow: a third of what is noticed in texture."""

@@ -3,15 +3,19 @@
 An actuator requests the waveform, period by period, in a thread of its own, and plays it. All five obey one contract.
 """
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, Protocol, Self, TypeAlias
 
-from tactophone.devices.device import ClockedDevice, Device, Process, open_at_rate
+import numpy as np
+
+from tactophone.devices.device import Device, Process, ThreadedDevice, open_at_rate
 from tactophone.devices.gamepad import GamepadDevice
 from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioStream
+from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 Render: TypeAlias = Callable[[FloatArray], None]
@@ -41,6 +45,53 @@ class DeviceActuator:
 
     def __exit__(self, *_: object) -> None:
         self.device.close()
+
+
+class ClockedDevice(ThreadedDevice):
+    """A device without hardware that requests one period after another in step with the clock; into a WAV file, if any.
+
+    After a stall it catches up with at most `_LONGEST_DELAY` s; a longer stall counts as one lost period.
+    """
+
+    _LONGEST_DELAY = 0.1
+
+    def __init__(self, process: Process, *, period: int, path: Path | None = None, outputs: int = 1) -> None:
+        super().__init__(process, thread="actuator")
+        self.latency = period / self.sample_rate
+        self.fault = ""
+        self._period, self._path, self._outputs = period, path, outputs
+
+    def open(self) -> None:
+        """Start; the file, if any, is overwritten."""
+        self._file = self._open_file() if self._path else None
+        super().open()
+
+    def _open_file(self) -> Any:
+        import soundfile
+
+        try:
+            return soundfile.SoundFile(self._path, "w", self.sample_rate, self._outputs, "FLOAT")
+        except (OSError, soundfile.LibsndfileError) as error:
+            raise DeviceError(
+                f"{self._path} cannot be written ({error}): choose another file for output.device"
+            ) from None
+
+    def _run(self) -> None:
+        waveform = np.zeros((self._outputs, self._period), np.float32)
+        due = time.monotonic()
+        while not self._ended.wait(max(0.0, due - time.monotonic())):
+            if time.monotonic() - due > self._LONGEST_DELAY:
+                self.xruns += 1
+                due = time.monotonic()
+            self._render(waveform)
+            due += self.latency
+            if self._file is not None and not self.fault:
+                try:
+                    self._file.write(waveform.T)
+                except Exception as error:  # a full disk is not written to again
+                    self.fault = f"{self._path} can no longer be written ({error}): free the disk, and start again"
+        if self._file is not None:
+            self._file.close()
 
 
 def jack_hand_actuator(

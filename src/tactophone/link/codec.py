@@ -44,7 +44,8 @@ from tactophone.link.packet import (
     frame_length,
     split_streams,
 )
-from tactophone.types import MICROPHONES, MOST_FINGERS, FloatArray, fingers_of
+from tactophone.microphones import MICROPHONES, fingers_of
+from tactophone.types import MOST_FINGERS, FloatArray
 
 NARROW_BAND = 4_000.0
 """The lowest bandwidth of Opus, in Hz: more than a model at a sample rate of 2 kHz uses."""

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.hand import names_of
+from tactophone.microphones import MICROPHONES
 from tactophone.runtime.operator import run_operator
 from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
 from tactophone.runtime.robot import run_robot
@@ -27,7 +28,7 @@ from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Finger, Settings
 from tactophone.telemetry.layout import MARKS, STAGES
 from tactophone.telemetry.watcher import Watcher
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 BURST = 0.03
 """Seconds of an impulse: the shortest burst that is felt as vibration (Sci. Rep. 2025, 15:5057)."""

@@ -24,7 +24,7 @@ from tactophone.offline.replay import write_sound
 from tactophone.types import EVENT_KINDS, LIVE_SAMPLE_RATE, Touch
 
 COLUMNS = ("none", "smooth", "rough", "touch", "contact", "roughness", "level_dbfs", "amplitude", "frequency", "event")
-"""Numbers of a prediction, as in `tactophone.types.PREDICTION_FIELDS`."""
+"""Numbers of a prediction, as in `tactophone.prediction_fields.PREDICTION_FIELDS`."""
 
 LOWEST_DBFS = -200.0
 """Stands for the level of digital silence, as a mean over -inf is of no use."""

@@ -32,6 +32,7 @@ from tactophone.link.packet import Address
 from tactophone.link.receive import ReceiveSession
 from tactophone.link.session import Session
 from tactophone.link.stream import DecodedAudio
+from tactophone.microphones import MICROPHONES
 from tactophone.offline.plot import draw_recording
 from tactophone.offline.vibration_wav import OfflineRenderer, OutputFiles, RunSummary
 from tactophone.perception.models import default_model, model_path, shipped_models
@@ -41,7 +42,7 @@ from tactophone.runtime.wiring import open_pipeline_for
 from tactophone.settings import Finger, Settings, change, set_value
 from tactophone.telemetry.layout import Request
 from tactophone.telemetry.records import Controls, EventBatch, RunStart
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, FloatArray, HapticCommand, PipelineStep
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, FloatArray, HapticCommand, PipelineStep
 
 Change = Callable[[Settings], Settings]
 

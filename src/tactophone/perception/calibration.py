@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import ConfigError
+from tactophone.microphones import AIR, CONTACT, MICROPHONES
 from tactophone.perception.contact import CLEAR_DB, FAST, SLOW
 from tactophone.perception.health import (
     HARMLESS_HUM_DBFS,
@@ -33,7 +34,7 @@ from tactophone.perception.levels import LoudnessRule
 from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.perception.noise_floor import WINDOW as LEVEL_WINDOW
 from tactophone.processes import atomic_write
-from tactophone.types import AIR, CONTACT, MICROPHONES, AudioBlock, FloatArray
+from tactophone.types import AudioBlock, FloatArray
 
 CLIPPED = 0.05
 """Share of clipped samples in a half second that is a fault once the gain was found good: a knob was turned."""

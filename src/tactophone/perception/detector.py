@@ -19,6 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tactophone.errors import ModelError
+from tactophone.microphones import AIR, CONTACT
 from tactophone.perception.contact import Contact, ContactGate
 from tactophone.perception.decision import Decision, Probabilities, rough_share
 from tactophone.perception.fit import FitCheck, Misfit
@@ -27,7 +28,7 @@ from tactophone.perception.levels import LOUDNESS
 from tactophone.perception.model_file import KINDS, SUPPORTS_MISSING_CHANNEL, Engine, Model
 from tactophone.perception.noise_floor import NoiseFloor
 from tactophone.perception.resample import LOWEST_RATE, Resampler, Windower
-from tactophone.types import AIR, CONTACT, AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
+from tactophone.types import AudioBlock, ContactThreshold, Detector, FloatArray, Prediction, Touch
 
 PendingWindows: TypeAlias = "tuple[WindowDetector, list[tuple[int, FloatArray]]]"
 """A detector and the windows that it waits for, oldest first: the sample after the last, and the sound."""

@@ -22,7 +22,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, CONTACT, DEFAULT_TIP, AudioBlock, FloatArray, Prediction, Touch, TouchEvent
+from tactophone.microphones import AIR, CONTACT
+from tactophone.types import DEFAULT_TIP, AudioBlock, FloatArray, Prediction, Touch, TouchEvent
 
 STEPS_PER_SECOND = 400
 """A step of 2.5 ms: an onset must be reported within 5 ms of the contact."""

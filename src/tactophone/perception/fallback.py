@@ -12,12 +12,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 
+from tactophone.microphones import AIR, CONTACT
 from tactophone.perception.detector import Processing, TouchDetector, process_together
 from tactophone.perception.fit import Misfit
 from tactophone.perception.health import FaultDetector, FaultKind, Reference, SensorFault
 from tactophone.perception.models import fallback_model, open_detector
 from tactophone.perception.noise_floor import NoiseFloor
-from tactophone.types import AIR, CONTACT, AudioBlock, Prediction, Touch
+from tactophone.types import AudioBlock, Prediction, Touch
 
 REMEMBERED_CELLS = 12
 """Measures, 1.5 s, for which noise floors are kept: a fault is found within a second of its beginning."""

@@ -15,8 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.microphones import AIR, CONTACT
 from tactophone.perception.health import MAX_CORRELATION, FaultKind, SensorFault
-from tactophone.types import AIR, CONTACT, FloatArray
+from tactophone.types import FloatArray
 
 Floats = NDArray[np.float64]
 

@@ -23,7 +23,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, CONTACT, MICROPHONES, AudioBlock, FloatArray
+from tactophone.microphones import AIR, CONTACT, MICROPHONES
+from tactophone.types import AudioBlock, FloatArray
 
 PLAUSIBLE_PEAK = 8.0
 """Times full scale. Float files and mixers may exceed 1 a little; 18 dB over it is a broken driver or decoder."""
@@ -92,7 +93,7 @@ _BASS_RATE = 1000
 _TREBLE_STEPS = 8
 _HARMONICS = 7
 FULL_SCALE = 0.999
-"""From here a sample is at full scale; the page's lamps have the same figure (``pages/static/gauges.js``)."""
+"""From here a sample is at full scale; the page's lamps have the same figure (``pages/static/meter.js``)."""
 
 CLIPPED_SHARE = 5e-3
 """A recording is clipped when more than this share of one channel is: more than single peaks of hard strokes."""

@@ -16,8 +16,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from tactophone.microphones import CONTACT
 from tactophone.perception.health import find_invalid
-from tactophone.types import CONTACT, AudioBlock, FloatArray
+from tactophone.types import AudioBlock, FloatArray
 
 LoudnessRule: TypeAlias = Literal["rms", "mean_absolute", "banded"]
 

@@ -25,9 +25,10 @@ import msgspec
 import numpy as np
 
 from tactophone.errors import ModelError
+from tactophone.microphones import MICROPHONES
 from tactophone.perception.decision import DecisionRule, Probabilities
 from tactophone.perception.levels import LOUDNESS, LoudnessRule
-from tactophone.types import MICROPHONES, FloatArray, Touch
+from tactophone.types import FloatArray, Touch
 
 if TYPE_CHECKING:
     import onnxruntime

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tactophone.microphones import CONTACT
 from tactophone.perception.health import (
     CLIPPED_SHARE,
     ChannelStatistics,
@@ -16,7 +17,7 @@ from tactophone.perception.health import (
     clipped_samples,
 )
 from tactophone.simulation.takes import TAKES, Take
-from tactophone.types import CONTACT, AudioBlock
+from tactophone.types import AudioBlock
 
 MIN_CONTACT = 0.1
 """Share of a take: on the paper's set-up, light strokes on smooth objects exceed the threshold for a fifth of it."""

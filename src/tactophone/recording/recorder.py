@@ -4,12 +4,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tactophone.dataset.values import Dataset, Recording
+from tactophone.microphones import MICROPHONES
 from tactophone.perception.health import Reference
 from tactophone.recording.protocol import COUNTDOWN, DURATION, Key, Protocol, Stage
 from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
 from tactophone.recording.safe_writer import TakeWriter
 from tactophone.simulation.takes import TAKES, Take
-from tactophone.types import MICROPHONES, AudioBlock, Touch
+from tactophone.types import AudioBlock, Touch
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from tactophone.hand import channels_of, each_finger, names_of
 from tactophone.link.events import Event
 from tactophone.link.udp import UdpSocket
 from tactophone.link.way import Keeper
+from tactophone.microphones import MICROPHONES
 from tactophone.runtime.latency import robot_stages
 from tactophone.runtime.priority import name_thread, prioritize_thread
 from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
@@ -40,7 +41,7 @@ from tactophone.runtime.wiring import (
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import MARKS, Fault, FingerState, State
 from tactophone.telemetry.records import ARRIVAL_DIGITS
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, LabelledSource, PipelineStep, Source
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, LabelledSource, PipelineStep, Source
 
 HOUSEKEEPING_INTERVAL = 0.05
 """Seconds between two checks of devices, counters and the parent process."""

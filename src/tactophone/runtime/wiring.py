@@ -15,7 +15,7 @@ from typing import cast
 import numpy as np
 
 from tactophone import __version__
-from tactophone.capture.microphones import jack_source, portaudio_source
+from tactophone.capture.live import jack_source, portaudio_source
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, ModelError, PacketError
 from tactophone.hand import channels_of, each_finger, names_of
@@ -40,6 +40,7 @@ from tactophone.link.session import Session
 from tactophone.link.stream import RedundancyRule
 from tactophone.link.udp import UdpSocket, resolve
 from tactophone.link.way import Keeper, WaySocket
+from tactophone.microphones import MICROPHONES
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.detector import TouchDetector
 from tactophone.perception.fallback import FALLBACK_MESSAGES, FallbackDetector, with_fallback
@@ -50,7 +51,7 @@ from tactophone.pipeline import Hand, Pipeline, open_events
 from tactophone.plugins import ACTUATORS, DETECTORS, load, registered
 from tactophone.settings import Link, Settings
 from tactophone.telemetry.layout import Fault
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, AudioBlock, Detector, FloatArray, Source
+from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock, Detector, FloatArray, Source
 
 OpenSource = Callable[[Settings], Source]
 """Opens the source that the settings name; must be importable by a new process."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tactophone.errors import ConfigError
-from tactophone.types import AIR, CONTACT, AudioBlock, ChangedSource, Source
+from tactophone.microphones import AIR, CONTACT
+from tactophone.types import AudioBlock, ChangedSource, Source
 
 HUM_DBFS, MAINS = -15.0, 50.0
 OFFSET = 0.2

@@ -24,7 +24,9 @@ from typing import Literal, Self, TypeAlias, get_args
 import msgspec
 import numpy as np
 
-from tactophone.types import LIVE_SAMPLE_RATE, MICROPHONES, PREDICTION_FIELDS
+from tactophone.microphones import MICROPHONES
+from tactophone.prediction_fields import PREDICTION_FIELDS
+from tactophone.types import LIVE_SAMPLE_RATE
 
 COUNTERS: dict[str, str] = {
     "packets_sent": "packets sent to the peer",

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any, Self
 
 from tactophone.errors import ConfigError
+from tactophone.prediction_fields import prediction_of
 from tactophone.telemetry.timeline import TimelineWriter
 from tactophone.telemetry.watcher import Watcher
-from tactophone.types import prediction_of
 
 READ_INTERVAL = 0.2
 """Seconds between two reads: telemetry keeps the newest 2.7 s of vibration, and far more steps and predictions."""

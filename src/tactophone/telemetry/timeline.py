@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
-from tactophone.types import PREDICTION_FIELDS, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.prediction_fields import PREDICTION_FIELDS
+from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
 COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
 """Of the CSV file, and the keys of each entry of the JSON file; without a touch event the last two are empty."""

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from tactophone.prediction_fields import PREDICTION_FIELDS
 from tactophone.telemetry import layout
 from tactophone.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Request, State
 from tactophone.telemetry.memory import Memory
-from tactophone.types import EVENT_KINDS, PREDICTION_FIELDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
+from tactophone.types import EVENT_KINDS, FloatArray, HapticCommand, PipelineStep, Prediction, Touch
 
 _COUNTER = {name: index for index, name in enumerate(COUNTERS)}
 _GAUGE = {name: index for index, name in enumerate(GAUGES)}

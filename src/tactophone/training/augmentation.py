@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.types import AIR, FloatArray
+from tactophone.microphones import AIR
+from tactophone.types import FloatArray
 
 _FASTEST_ROOM, _SLOWEST_ROOM = 0.05, 0.3
 """Seconds in which a room's sound falls by 60 dB."""

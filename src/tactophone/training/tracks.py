@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from tactophone.dataset.values import Recording
 from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec, encode_and_decode
+from tactophone.microphones import CONTACT
 from tactophone.perception.levels import SILENCE_DBFS
 from tactophone.perception.resample import Resampler
 from tactophone.training.augmentation import Augmentation
 from tactophone.training.recipes import BAND_VALUES, MEMORY, NETWORK_RATE, FeatureKind, Microphone, silent
-from tactophone.types import CONTACT, LIVE_SAMPLE_RATE, FloatArray
+from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
 
 FEATURE_RATE = 16_000
 """Sample rate in Hz that all of these features are computed at."""

@@ -1,6 +1,6 @@
 // The controls. The page shows the settings that the run reports, never those requested.
 
-import { dbfs, percent, put } from "./gauges.js";
+import { dbfs, percent, put } from "./text.js";
 
 const HOLD = 1000; // ms for which a slider stays where it was set, until the run has answered
 

@@ -1,22 +1,24 @@
-// The operator's page: receives the feed's messages and redraws once per screen frame.
+// The dashboard: charts, meters, link with loss and jitter, latency; receives the feed's messages, redraws each frame.
 
 import { Chart, line } from "./charts.js";
 import { Controls } from "./controls.js";
-import { FULL_SCALE, formatNumber, put, showFaults, showHealth, showLatency, showLink } from "./gauges.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
-import { Meter } from "./meter.js";
+import { FULL_SCALE, Meter } from "./meter.js";
 import { Record } from "./record.js";
 import { StateBar } from "./statebar.js";
+import { formatNumber, list, milliseconds, percent, put, showFaults } from "./text.js";
 import { AMPLITUDE, FREQUENCY, LONGEST, ROUGH, ROUGHNESS, SMOOTH, Timeline, TOUCH, TOUCHES } from "./timeline.js";
 import { Track } from "./track.js";
 
 const SOUND_SPAN = 5; // s
 const PREDICTION_SPAN = 10; // s
-const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; message.py sends 4 kHz
+const SCOPE = { span: 0.1, step: 1 / 4000 }; // s; feed.py sends 4 kHz
 const REWOUND = 0.5; // s; a jump back by more means another recording or run
 const CALM = 250; // ms between frames when the system asks for reduced motion
+const GOAL = 0.025; // s: the latency that a hand does not notice
 const VIEW = "tactophone-view";
+const STAGES = ["capture", "encode", "network", "playout", "decode", "detect", "render", "device"];
 const FINGER = Number(new URLSearchParams(location.search).get("finger") ?? 0);
 
 const $ = (id) => document.getElementById(id);
@@ -149,6 +151,72 @@ function showState({ state: newest, counters, gauges }) {
   showLatency({ stack: $("stack"), stages: $("stages"), total: $("total") }, gauges);
   timeline.threshold = state.threshold_dbfs;
   document.body.classList.toggle("mono", state.channels === 1);
+}
+
+/** Statistics of the link. */
+function showLink(node, counters, gauges) {
+  const total = counters.packets_received + counters.packets_lost;
+  const warn = (count) => (count > 0.01 * total ? "warn" : "");
+  list(node, [
+    ["received", formatNumber(counters.packets_received), "authentic packets received"],
+    ["lost", `${formatNumber(counters.packets_lost)} · ${percent(gauges.loss_ratio ?? ratio(counters.packets_lost, total), 1)}`,
+      "packets never received, or too late; share of the last seconds", warn(counters.packets_lost)],
+    ["recovered", formatNumber(counters.packets_recovered), "lost packets recovered from redundancy in the next ones"],
+    ["concealed", formatNumber(counters.packets_concealed), "lost packets whose sound was concealed", warn(counters.packets_concealed)],
+    ["late", formatNumber(counters.packets_late), "packets received after their place was filled, and dropped", warn(counters.packets_late)],
+    ["duplicated", formatNumber(counters.packets_duplicated), "packets received more than once"],
+    ["rejected", formatNumber(counters.packets_rejected), "datagrams that failed authentication", warn(counters.packets_rejected)],
+    ["skipped", formatNumber(counters.packets_skipped), "packets too old for a prediction, after a stall"],
+    ["jitter", milliseconds(gauges.jitter, 2), "RFC 3550"],
+    ["playout delay", milliseconds(gauges.playout_delay), "time that sound waits for late packets"],
+    ["clock skew", formatNumber(gauges.clock_skew_ppm, 0, "ppm"), "how much faster the peer's sound clock runs"],
+    ["bitrate", formatNumber(gauges.bitrate_bps === null ? null : gauges.bitrate_bps / 1000, 0, "kbit/s"), "all headers included"],
+    ["round trip", milliseconds(gauges.round_trip), "to the peer and back"],
+    ["redundancy", formatNumber(gauges.redundancy), "earlier packets carried in each packet"],
+  ]);
+}
+
+/** Link, latency and device as sentences. */
+function showHealth(node, { link, output }, counters, gauges) {
+  const total = counters.packets_received + counters.packets_lost;
+  const loss = gauges.loss_ratio ?? ratio(counters.packets_lost, total);
+  const word = loss > 0.05 ? "bad" : loss > 0.01 ? "fair" : "good";
+  const jitter = gauges.jitter === null ? "" : `, ${milliseconds(gauges.jitter)} jitter`;
+  const late = gauges.latency_total > GOAL;
+  const sentences = [
+    [total ? `Link ${word}: ${percent(loss, 1)} lost lately, ${formatNumber(counters.packets_lost)} of ${formatNumber(total)} in all${jitter}.` : `Link: ${link || "none, this run is local"}.`, word],
+    [gauges.latency_total === null ? "Latency: not measured yet." : `Latency ${late ? "fair" : "good"}: ${milliseconds(gauges.latency_total)} from touch to vibration, goal ${milliseconds(GOAL, 0)}.`, late ? "fair" : "good"],
+    [`Actuator: ${!output || output === "none" ? "none; press Feel it here to feel this run on this device" : output}.`, "good"],
+    [counters.xruns ? `Sound device: ${formatNumber(counters.xruns)} ${counters.xruns === 1 ? "period" : "periods"} lost.` : "Sound device: no period lost.", counters.xruns ? "fair" : "good"],
+  ];
+  if (node.children.length !== sentences.length) node.replaceChildren(...sentences.map(() => document.createElement("li")));
+  sentences.forEach(([text, mark], k) => {
+    put(node.children[k], text);
+    node.children[k].dataset.mark = mark;
+  });
+}
+
+/** The latency budget: a bar of stages, its key, and the end-to-end latency, which is measured independently. */
+function showLatency({ stack, stages, total }, gauges) {
+  const budget = STAGES.map((stage) => [stage, gauges[`latency_${stage}`]]);
+  const known = budget.filter(([, seconds]) => seconds !== null);
+  const sum = known.reduce((subtotal, [, seconds]) => subtotal + seconds, 0);
+  put(total, gauges.latency_total === null ? "not measured yet" : `${milliseconds(gauges.latency_total)} end to end`);
+  if (stack.children.length !== budget.length) {
+    stack.replaceChildren(...budget.map(([stage]) => Object.assign(document.createElement("i"), { className: stage })));
+  }
+  budget.forEach(([, seconds], k) => { stack.children[k].style.flexGrow = sum ? (seconds ?? 0) / sum : 0; });
+  stack.ariaLabel = known.length
+    ? `Latency budget: ${known.map(([stage, seconds]) => `${stage} ${milliseconds(seconds)}`).join(", ")}`
+    : "Latency budget: not measured yet";
+  list(stages, [
+    ...budget.map(([stage, seconds]) => [stage, milliseconds(seconds, 2), "median", stage]),
+    ["sum of stages", known.length ? milliseconds(sum, 2) : "–", "compare with the end-to-end latency", "sum"],
+  ]);
+}
+
+function ratio(part, whole) {
+  return whole ? part / whole : null;
 }
 
 function showNow() {

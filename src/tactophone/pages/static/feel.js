@@ -1,6 +1,6 @@
 // *Feel it here*: the button, the way it is rendered, and the feed of commands while it is on.
 
-import { put } from "./gauges.js";
+import { put } from "./text.js";
 import { Feed } from "./live.js";
 import { Fingertip } from "./fingertip.js";
 

@@ -1,6 +1,6 @@
 // The page of a guided command: its steps, the button of each step, meters, and the result; it decides nothing itself.
 
-import { percent, put } from "./gauges.js";
+import { percent, put } from "./text.js";
 import { socketTo } from "./live.js";
 import { Meter } from "./meter.js";
 

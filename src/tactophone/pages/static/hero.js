@@ -1,6 +1,6 @@
 // The fingertip: lights and shakes as it vibrates; the word, roughness as a dial, and the vibration in numbers.
 
-import { formatNumber, percent, put } from "./gauges.js";
+import { formatNumber, percent, put } from "./text.js";
 import { TOUCHES } from "./timeline.js";
 
 const RIDGES = [16, 28, 40, 52].map((r) => `<path d="M${100 - 0.8 * r} ${98 + r * 0.5} C${100 - r} ${98 - r} ${100 + r} ${98 - r} ${100 + 0.8 * r} ${98 + r * 0.5}"/>`).join("");

@@ -1,9 +1,9 @@
-// The feed: one WebSocket, binary messages in (their layout: message.py), requests out.
+// The feed: one WebSocket, binary messages in (their layout: feed.py), requests out.
 
 const RETRY = 1000; // ms
-const TAKEN = 4001; // close code of admission.py: another window took over
+const TAKEN = 4001; // close code of views.py: another window took over
 const OTHER_VERSION = 4002;
-const VERSION = "1"; // of the messages: as in admission.py
+const VERSION = "1"; // of the messages: as in views.py
 
 export const NO_RETRY = 1000; // close code of a socket that the page closed itself
 

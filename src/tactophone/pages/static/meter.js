@@ -1,7 +1,8 @@
 // A level meter: bar, threshold, slowly falling peak, and a lamp that stays lit after clipping.
 
-import { FULL_SCALE, dbfs, put } from "./gauges.js";
+import { dbfs, put } from "./text.js";
 
+export const FULL_SCALE = 0.999; // as perception/health.py
 const LOWEST = -100; // dBFS
 const LAMP = 3000; // ms
 const FALL = 0.25; // dB a frame

@@ -1,6 +1,6 @@
 // The button Record: a log of the run from now on, written at the machine; the page shows what the machine reports.
 
-import { put } from "./gauges.js";
+import { put } from "./text.js";
 
 export class Record {
   #button = null;

@@ -1,6 +1,6 @@
 // The state bar of every page that can vibrate: live, muted, stopped, no data or ended; why; and the buttons Mute and Stop.
 
-import { formatNumber, put } from "./gauges.js";
+import { formatNumber, put } from "./text.js";
 import { listenForStop } from "./stop.js";
 
 const STALE = 400; // ms without anything new, after which what is shown is greyed

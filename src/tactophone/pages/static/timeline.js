@@ -1,7 +1,7 @@
 // The touch timeline: sound, contact, roughness in the colours of the classes, the truth where it is known, and events.
 
 import { Chart, line } from "./charts.js";
-import { dbfs, formatNumber, percent, put } from "./gauges.js";
+import { dbfs, formatNumber, percent, put } from "./text.js";
 
 /** Columns of the table of steps: time, then STEP_COLUMNS of feed.py. */
 export const [TIME, NONE, SMOOTH, ROUGH, TOUCH, LEVEL, ROUGHNESS, FREQUENCY, AMPLITUDE, TRUTH] = Array(10).keys();

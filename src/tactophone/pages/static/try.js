@@ -1,6 +1,6 @@
 // Try it: the microphone of this device, what the run detects, and a task: something smooth, then something rough.
 
-import { dbfs, put, showFaults } from "./gauges.js";
+import { dbfs, put, showFaults } from "./text.js";
 import { Hero } from "./hero.js";
 import { Feed } from "./live.js";
 import { Meter } from "./meter.js";

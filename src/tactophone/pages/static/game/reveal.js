@@ -1,6 +1,6 @@
 // The curtain is lifted: the stones, the path of the finger, and the signals of the round.
 
-import { list, put, formatNumber } from "../static/gauges.js";
+import { list, put, formatNumber } from "../static/text.js";
 import { Timeline, TRUTH } from "../static/timeline.js";
 import { lay, place } from "./stage.js";
 

@@ -1,6 +1,6 @@
 // The curtain: the finger's place in the box, in metres, by pointer or keys.
 
-export const PITCH = 0.11; // m, as in rounds.py
+export const PITCH = 0.11; // m, as in game.py
 export const WIDTH = 0.085;
 export const DEPTH = 0.07;
 const MARGIN = 0.015;

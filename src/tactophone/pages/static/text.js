@@ -1,0 +1,46 @@
+// How every page formats numbers, and puts texts into the document.
+
+const MINUS = "−";
+const formats = [0, 1, 2].map((digits) => new Intl.NumberFormat("en", { minimumFractionDigits: digits, maximumFractionDigits: digits }));
+
+/** Format a number with 0 to 2 digits after the point, or a dash where there is none. */
+export function formatNumber(value, digits = 0, unit = "") {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const text = formats[digits].format(Math.abs(value));
+  return `${value < 0 && /[1-9]/.test(text) ? MINUS : ""}${text}${unit && `\u202f${unit}`}`;
+}
+
+export const percent = (share, digits = 0) => formatNumber(share === null ? null : 100 * share, digits, "%");
+export const milliseconds = (seconds, digits = 1) => formatNumber(seconds === null ? null : 1000 * seconds, digits, "ms");
+export const dbfs = (value) => formatNumber(value, 0, "dBFS");
+
+/** Set the rows of a definition list; unchanged rows are left alone. */
+export function list(node, rows) {
+  if (node.children.length !== rows.length) {
+    node.replaceChildren(...rows.map(() => {
+      const row = document.createElement("div");
+      row.append(document.createElement("dt"), document.createElement("dd"));
+      return row;
+    }));
+  }
+  rows.forEach(([name, value, hint, mark], k) => {
+    const row = node.children[k];
+    put(row.firstChild, name);
+    put(row.lastChild, value);
+    if (row.title !== (hint ?? "")) row.title = hint ?? "";
+    row.dataset.mark = mark ?? "";
+  });
+}
+
+/** Set a text only if it changed, so that a screen reader does not repeat it. */
+export function put(node, text) {
+  if (node.textContent !== text) node.textContent = text;
+}
+
+/** Faults as texts with the next step; empty without faults. */
+export function showFaults(node, faults) {
+  const texts = faults.map((fault) => fault.text);
+  if (node.dataset.texts === texts.join("\n")) return;
+  node.dataset.texts = texts.join("\n");
+  node.replaceChildren(...texts.map((text) => Object.assign(document.createElement("p"), { textContent: text })));
+}
