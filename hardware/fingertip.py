@@ -41,9 +41,9 @@ class Finger:
     ----------
     width, length
         Of the pad; a person's index finger is 16 to 18 mm wide.
-    crown
-        Radius of the side that touches, across the finger: nearly flat, so that grains and meshes shake the pad, yet
-        without an edge that could catch.
+    nose
+        Radius of the ball that touches, that of the simulated tip ``pad``. From it the pad recedes on all sides,
+        convex, so that nothing can catch.
     disc
         Diameter of the piezo disc that is glued to the pad's inside.
     bed
@@ -56,14 +56,17 @@ class Finger:
 
     width: float = 18.0
     length: float = 32.0
-    crown: float = 16.0
+    nose: float = 3.0
     disc: float = 12.0
     bed: float = 1.5
     hole: float = 2.4
     pin: float = 8.0
 
     seat = -3.3
-    """Height of the disc's seat: 2.7 mm of plastic under its middle, 1.3 mm under its rim."""
+    """Height of the disc's seat: 3.7 mm of plastic under its middle, 1.6 mm under its rim."""
+
+    touching = -7.0
+    """Height of the nose's lowest point."""
 
     rim = 3.6
     """Height of the pad's upper rim."""
@@ -83,17 +86,30 @@ class Finger:
         return self.width / 2
 
     @property
+    def floor(self) -> float:
+        """Height of the pad's underside without its nose."""
+        return self.seat + 0.3 - SHELL
+
+    @property
     def disc_centre(self) -> float:
         """Distance of the disc's centre from the pad's rear edge."""
         return self.disc / 2 + 4
 
     def outline(self) -> CrossSection:
-        """Return the pad's section from outside: crowned below, rounded at the sides, flat at the rim."""
-        crowned = CrossSection.circle(self.crown, 192).translate((0, self.crown - 6))
-        box = CrossSection.square((self.width, 6 + self.rim)).translate((-self.width / 2, -6))
-        rounded = (crowned ^ box).offset(-2.5).offset(2.5)
+        """Return the section of the pad without its nose, from outside: rounded at the sides, flat at the rim."""
+        box = CrossSection.square((self.width, self.rim - self.floor)).translate((-self.width / 2, self.floor))
         upright = CrossSection.square((self.width, self.rim)).translate((-self.width / 2, 0))
-        return rounded + (upright ^ crowned)
+        return box.offset(-2.5).offset(2.5) + upright
+
+    def outside(self) -> Manifold:
+        """Return the pad as if it were solid: the hull of its shell and of a ball under the disc's middle."""
+        shell = _rounded_end(self.outline(), self.length - self.tip, self.tip)
+        # From the seat's end on the underside rises by 18 degrees, so that the nose also touches with the tip down.
+        rise, end = np.radians(18), self.disc_centre + 0.75 * self.disc
+        up = 0.0, float(np.cos(rise)), -float(np.sin(rise))
+        shell = shell.trim_by_plane(up, up[1] * self.floor + up[2] * end)
+        ball = Manifold.sphere(self.nose).translate((0, self.touching + self.nose, self.disc_centre))
+        return Manifold.batch_hull([shell, ball])
 
     def cavity(self) -> CrossSection:
         """Return the pad's inside, open above, with a flat floor for the disc."""
@@ -103,8 +119,7 @@ class Finger:
 
     def pad(self) -> Manifold:
         """Return the pad: it touches, and carries the piezo disc on its inside."""
-        body, tip = self.length - self.tip, self.tip
-        outer = _rounded_end(self.outline(), body, tip)
+        body = self.length - self.tip
         inner = self.cavity()
         # The cavity closes towards a point over the open side, so that its ceiling prints without support.
         above = self.rim + 4.4
@@ -114,7 +129,7 @@ class Finger:
             .translate((0, above, 0))
         )
         hollow = inner.extrude(body - 5).translate((0, 0, -0.01)) + closing.translate((0, 0, body - 5.02))
-        pad = outer - hollow
+        pad = self.outside() - hollow
         above = Manifold.cube((40, 40, 80)).translate((-20, self.seat, -20))
         seat = _teardrop(self.disc / 2 + FIT).translate((0, 0, self.disc_centre)) ^ above
         wires = Manifold.cube((4, 4, self.disc_centre)).translate((-2, self.seat, -0.01))
@@ -178,12 +193,12 @@ class Finger:
         """Return the bed of silicone, for pictures and for its volume."""
         filled = self.outline() + self.cavity()
         block = (filled ^ self._under(self.rim + 1)).extrude(self.length - self.tip + 4)
-        return block - self.phalanx() - self.pad() - self.shell_outside()
+        whole = Manifold.batch_hull([self.phalanx(), self.outside()])
+        return (block ^ whole) - self.phalanx() - self.pad() - self.shell_outside()
 
     def shell_outside(self) -> Manifold:
         """Return what lies around the pad."""
-        outer = _rounded_end(self.outline(), self.length - self.tip, self.tip)
-        return Manifold.cube((60, 60, 80), center=True).translate((0, self.rim - 30.01, 0)) - outer
+        return Manifold.cube((60, 60, 80), center=True).translate((0, self.rim - 30.01, 0)) - self.outside()
 
 
 @dataclass(frozen=True)
@@ -211,7 +226,7 @@ class Bracket:
         bottom, top = -11.0, -6.0
         collar = (outer - neck).extrude(top - bottom).translate((0, 0, bottom))
         side, depth = self.capsule + 2 * SHELL, 6.0
-        port = self.lift - 6
+        port = self.lift + finger.touching
         holder = Manifold.cube((side, depth, side + 1.8)).translate(
             (self.distance - side / 2, port, finger.disc_centre - side / 2)
         )
@@ -301,12 +316,20 @@ class CoilCase:
         )
 
 
-def soft_pad(radius: float = 9.0, side: float = 3.0, dome: float = 4.0, disc: float = 12.0) -> Manifold:
-    """Return the second recipe's pad: a soft dome, 3 mm over the disc, that itself touches."""
+def soft_pad(
+    radius: float = 9.0,
+    side: float = 3.6,
+    dome: float = 2.6,
+    nose: float = 6.0,
+    height: float = 7.0,
+    disc: float = 12.0,
+) -> Manifold:
+    """Return the second recipe's pad: soft, 3 mm over the disc; it touches with the radius of the tip ``rubber``."""
     arc = [(radius * np.cos(turn), side + dome * np.sin(turn)) for turn in np.linspace(0, np.pi / 2, 16)]
     outline = CrossSection([[(0.0, 0.0), (radius, 0.0), *arc]])
-    pocket = Manifold.cylinder(side + dome - 3.0, disc / 2 + FIT)
-    return outline.revolve() - pocket.translate((0, 0, -0.01))
+    ball = Manifold.sphere(nose).translate((0, 0, height - nose)).trim_by_plane((0, 0, 1), 0)
+    pocket = Manifold.cylinder(height - 3.0, disc / 2 + FIT)
+    return Manifold.batch_hull([outline.revolve(), ball]) - pocket.translate((0, 0, -0.01))
 
 
 def parts() -> dict[str, Manifold]:

@@ -33,19 +33,18 @@ def robot_parts(spread: float) -> dict[str, Manifold]:
     """Return the robot's fingertip in the finger's coordinates, pulled apart by ``spread`` mm."""
     finger, bracket = Finger(), Bracket()
     disc = Manifold.cylinder(0.5, finger.disc / 2).rotate((-90, 0, 0)).translate((0, finger.seat, finger.disc_centre))
-    capsule = (
-        Manifold.cylinder(6, 3).rotate((-90, 0, 0)).translate((bracket.distance, bracket.lift - 6, finger.disc_centre))
-    )
+    port = bracket.distance, bracket.lift + finger.touching, finger.disc_centre
+    capsule = Manifold.cylinder(6, 3).rotate((-90, 0, 0)).translate(port)
     adapter = adapter_to_stick(finger)
     top = adapter.bounding_box()[5]
     adapter = adapter.translate((0, finger.socket_height, -4 - top))
     return {
-        "pad": finger.pad().translate((0, -3.6 * spread, 0)),
-        "piezo disc": disc.translate((0, -2.5 * spread, 0)),
-        "silicone bed": finger.silicone().translate((0, -1.3 * spread, 0)),
+        "pad": finger.pad().translate((0, -4.6 * spread, 0)),
+        "piezo disc": disc.translate((0, -3.4 * spread, 0)),
+        "silicone bed": finger.silicone().translate((0, -2.0 * spread, 0)),
         "phalanx": finger.phalanx(),
         "microphone bracket": bracket.solid(finger).translate((0, 0, -4.2 * spread)),
-        "MEMS capsule": capsule.translate((0, -1.2 * spread, -4.2 * spread)),
+        "MEMS capsule": capsule.translate((0, -1.5 * spread, -4.2 * spread)),
         "stick adapter": adapter.translate((0, 0, -5.6 * spread)),
     }
 
@@ -71,7 +70,7 @@ def draw(parts: dict[str, Manifold], path: Path, *, labels: bool) -> None:
     surfaces, spots = [], {}
     for name, part in parts.items():
         # Printed upright, along z; drawn lying: -z right, x towards the viewer, y up.
-        faces = triangles(part.refine_to_length(0.8))[:, :, [2, 0, 1]] * [-1, -1, 1]
+        faces = triangles(part.refine_to_length(0.4))[:, :, [2, 0, 1]] * [-1, -1, 1]
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         seen = normals @ away < 0

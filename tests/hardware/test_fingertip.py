@@ -8,6 +8,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tactophone.simulation.finger import TIPS
+
 pytest.importorskip("manifold3d")
 
 ROOT = Path(__file__).parents[2]
@@ -66,7 +68,7 @@ def test_no_face_overhangs_by_more_than_45_degrees(name: str) -> None:
 def test_the_pad_has_the_size_of_a_finger_and_a_seat_for_the_disc() -> None:
     finger = fingertip.Finger()
     low, high = np.split(np.array(finger.pad().bounding_box()), 2)
-    assert high - low == pytest.approx([18.0, 9.6, 32.0], abs=0.1)
+    assert high - low == pytest.approx([18.0, 10.6, 32.0], abs=0.1)
     disc = fingertip.Manifold.cylinder(0.5, finger.disc / 2).rotate((-90, 0, 0))
     disc = disc.translate((0, finger.seat + 0.01, finger.disc_centre))
     assert (disc ^ finger.pad()).volume() < 0.1
@@ -74,6 +76,22 @@ def test_the_pad_has_the_size_of_a_finger_and_a_seat_for_the_disc() -> None:
         fingertip.Finger(disc=20.0)
     with pytest.raises(ValueError, match="lengthen it"):
         fingertip.Finger(length=25.0)
+
+
+@pytest.mark.parametrize(("name", "tip"), [("pad", "pad"), ("soft_pad", "rubber")])
+def test_each_pad_is_convex_and_touches_with_a_ball_of_the_radius_that_is_simulated(name: str, tip: str) -> None:
+    part = PARTS[name] if name == "pad" else PARTS[name].rotate((90, 0, 0))
+    # Up to 11 degrees from flat on all sides. A ball's support in a direction is its centre along it plus the radius.
+    lean, turn = np.radians(11 * np.arange(1, 5) / 4)[:, None], np.radians(np.arange(0, 360, 15))
+    away = np.stack((np.sin(lean) * np.cos(turn), -np.cos(lean) + 0 * turn, np.sin(lean) * np.sin(turn)), axis=-1)
+    away = away.reshape(-1, 3)
+    support = (fingertip.triangles(part).reshape(-1, 3) @ away.T).max(axis=0)
+    *centre, radius = np.linalg.lstsq(np.column_stack((away, np.ones(len(away)))), support)[0]
+    assert radius == pytest.approx(1e3 * TIPS[tip].finger.tip_radius, rel=0.02)
+    assert away @ centre + radius == pytest.approx(support, abs=0.005)
+    assert centre[0] == pytest.approx(0, abs=0.02)
+    outside = fingertip.Finger().outside()
+    assert outside.hull().volume() == pytest.approx(outside.volume(), rel=1e-6)
 
 
 def test_silicone_lies_between_pad_and_phalanx_everywhere() -> None:
