@@ -95,21 +95,20 @@ class Finger:
         """Distance of the disc's centre from the pad's rear edge."""
         return self.disc / 2 + 4
 
-    def outline(self) -> CrossSection:
+    def outline(self, *, rise: float = 0.0) -> CrossSection:
         """Return the section of the pad without its nose, from outside: rounded at the sides, flat at the rim."""
-        box = CrossSection.square((self.width, self.rim - self.floor)).translate((-self.width / 2, self.floor))
+        floor = self.floor + rise
+        box = CrossSection.square((self.width, self.rim - floor)).translate((-self.width / 2, floor))
         upright = CrossSection.square((self.width, self.rim)).translate((-self.width / 2, 0))
         return box.offset(-2.5).offset(2.5) + upright
 
     def outside(self) -> Manifold:
         """Return the pad as if it were solid: the hull of its shell and of a ball under the disc's middle."""
-        shell = _rounded_end(self.outline(), self.length - self.tip, self.tip)
         # From the seat's end on the underside rises by 18 degrees, so that the nose also touches with the tip down.
-        rise, end = np.radians(18), self.disc_centre + 0.75 * self.disc
-        up = 0.0, float(np.cos(rise)), -float(np.sin(rise))
-        shell = shell.trim_by_plane(up, up[1] * self.floor + up[2] * end)
+        body, end = self.length - self.tip, self.disc_centre + 0.75 * self.disc
+        raised = _rounded_end(self.outline(rise=float(np.tan(np.radians(18))) * (body - end)), body, self.tip)
         ball = Manifold.sphere(self.nose).translate((0, self.touching + self.nose, self.disc_centre))
-        return Manifold.batch_hull([shell, ball])
+        return Manifold.batch_hull([self.outline().extrude(end), raised, ball])
 
     def cavity(self) -> CrossSection:
         """Return the pad's inside, open above, with a flat floor for the disc."""
