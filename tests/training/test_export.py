@@ -1,10 +1,7 @@
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import onnx
-import onnx.utils
 import onnxruntime
 import pytest
 import torch
@@ -12,13 +9,11 @@ import torch
 from tactophone import AudioBlock, ModelError
 from tactophone.dataset.read import open_dataset
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.model_file import CARD_KEY, FEATURES, LOG_PROBABILITIES, Gate, read_model
-from tactophone.perception.models import model_path
+from tactophone.perception.model_file import FEATURES, Gate, read_model
 from tactophone.training.export import (
     Storage,
     add_scores,
     build_graph,
-    convert,
     make_card,
     read_graph,
     read_weights,
@@ -29,7 +24,6 @@ from tactophone.training.recipes import network_settings
 from tactophone.training.trainer import NetworkRecipe
 from tactophone.types import FloatArray
 from tests.dataset.folders import audiofolder
-from tests.sounds import noise
 
 GATE = Gate(-60.0)
 
@@ -129,24 +123,3 @@ def test_a_row_of_zeros_is_stored_as_zeros() -> None:
     weights = weights_of(PaperNetwork(channels=1))
     weights["layer1.weight"][0] = 0
     assert not read_graph(build_graph(weights, storage="int8"))["layer1.weight"][0].any()
-
-
-@pytest.mark.parametrize("name", ["texture", "paper"])
-def test_a_model_of_format_1_is_converted_and_predicts_the_same(tmp_path: Path, name: str) -> None:
-    model = onnx.load(str(model_path(name)))
-    old, new = tmp_path / "old.onnx", tmp_path / "new.onnx"
-    constants = {each.name: onnx.numpy_helper.to_array(each).tolist() for each in model.graph.initializer}
-    card = json.loads(read_model(model_path(name)).card.to_json()) | {"format": 1}
-    card["settings"] |= {key: constants[key] for key in ("prior", "change_metric") if key in constants}
-    first = onnx.utils.Extractor(model).extract_model([FEATURES], [LOG_PROBABILITIES])
-    onnx.helper.set_model_props(first, {CARD_KEY: json.dumps(card)})
-    onnx.save(first, str(old))
-    convert(old, new)
-    assert read_model(new).card == read_model(model_path(name)).card
-    sound = AudioBlock(noise(), 48_000)
-    found, expected = (
-        WindowDetector(read_model(path), sample_rate=48_000).push(sound) for path in (new, model_path(name))
-    )
-    assert [each.probabilities for each in found] == [each.probabilities for each in expected]
-    with pytest.raises(ModelError, match="format 2"):
-        convert(new, old)

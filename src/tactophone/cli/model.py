@@ -44,27 +44,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}")  # fmt: skip
     options.add_json(show, "print the card as JSON")
     words = (
-        "convert a model file of format 1 (FILE.onnx), or a model that the paper's authors published (general.pt, "
-        "fine_tuned.pt, piezo_only.pt) or that their notebook saved (model.pt, with its threshold; model_script.pt); a "
-        "TorchScript file is a program that torch runs while loading: import it only from a source you trust"
+        "convert a model that the paper's authors published (general.pt, fine_tuned.pt, piezo_only.pt) or that their "
+        "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
+        "runs while loading: import it only from a source you trust"
     )
     published = actions.add_parser("import", help=words, description=words)
     published.set_defaults(run=_import)
-    published.add_argument("source", type=Path, metavar="FILE", help="the ONNX or TorchScript file, or model.pt")
+    published.add_argument("source", type=Path, metavar="FILE", help="the TorchScript file, or model.pt")
     published.add_argument("--out", type=Path, metavar="FILE",
         help="the model file to write (default: FILE.onnx, in this folder)")  # fmt: skip
 
 
 def _import(args: argparse.Namespace) -> int:
+    from tactophone.training.paper_models import import_published
+
     out = args.out or Path(args.source.stem + ".onnx")
-    if args.source.suffix == ".onnx":
-        from tactophone.training.export import convert
-
-        convert(args.source, out)
-    else:
-        from tactophone.training.paper_models import import_published
-
-        import_published(args.source, out)
+    import_published(args.source, out)
     print(out)
     return 0
 

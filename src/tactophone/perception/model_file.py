@@ -227,15 +227,10 @@ def _card(path: Path, session: "onnxruntime.InferenceSession") -> ModelCard:
         raise ModelError(f"{path}: its metadata is not text in UTF-8; export it again") from None
     if text is None:
         raise ModelError(f"{path}: an ONNX model without a Tactophone card; make one with `tactophone train`")
-    if _FORMAT_1.search(text):
-        raise ModelError(
-            f"{path}: of format 1, which lacks the features; train again, or convert it with `tactophone model import "
-            f"{path}`"
-        )
     try:
         return ModelCard.from_json(text)
     except (ValueError, KeyError, TypeError) as error:
-        raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); export it again") from None
+        raise ModelError(f"{path}: its card cannot be used ({_first_line(error)}); train the model again") from None
 
 
 def _options() -> "onnxruntime.SessionOptions":
@@ -278,7 +273,6 @@ TOO_SLOW = "the model is too slow: {:.2f} s of processor time for a window"
 CONTROL_FLOW = frozenset({"Loop", "If", "Scan", "SequenceMap"})
 """Operators that hold graphs of their own: how long they run cannot be known beforehand."""
 
-_FORMAT_1 = re.compile(r'"format": 1\b')
 _FRACTION = re.compile(r"\d{1,9}(/0*[1-9]\d{0,8}|\.\d{1,9})?")
 
 _GRAPH, _FUNCTION, _NODE, _OPERATOR, _ATTRIBUTE = 7, 25, 1, 4, 5

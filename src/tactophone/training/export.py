@@ -1,4 +1,4 @@
-"""Writes model files: ONNX graphs of the classifiers and the paper's network, with their cards. `convert` needs torch.
+"""Writes model files: ONNX graphs of the classifiers and the paper's network, with their cards.
 
 A model's graph is two joined: one from sound to features (`tactophone.training.features`; the paper's is here), and a
 classifier's, which takes features and returns log-probabilities of none, smooth and rough. A channel whose features are
@@ -12,15 +12,13 @@ bits too, block by block, each by the block's own maximum. Blocks of the spectru
 mains hum (under 125 Hz) does not round all other bins to zero.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import onnx
-from google.protobuf.message import DecodeError  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 from onnx import NodeProto, TensorProto, helper, numpy_helper
 
@@ -30,7 +28,6 @@ from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import (
     CARD_KEY,
     FEATURES,
-    FORMAT_VERSION,
     LOG_PROBABILITIES,
     SOUND,
     STATE,
@@ -40,14 +37,7 @@ from tactophone.perception.model_file import (
     read_model,
 )
 from tactophone.processes import atomic_write
-from tactophone.training.recipes import (
-    BAND_VALUES,
-    MEMORY,
-    NETWORK_HOP,
-    NETWORK_RATE,
-    NETWORK_WINDOW_SIZE,
-    FeatureKind,
-)
+from tactophone.training.recipes import NETWORK_HOP, NETWORK_RATE, NETWORK_WINDOW_SIZE
 from tactophone.types import FloatArray, Touch
 
 if TYPE_CHECKING:
@@ -135,43 +125,6 @@ def magnitudes(channels: int) -> onnx.ModelProto:
     ]
     stored = [numpy_helper.from_array(value, name) for name, value in tensors.items()]
     return _checked(nodes, stored, (SOUND, (1, channels, NETWORK_WINDOW_SIZE)), (FEATURES, (1, channels * BINS)))
-
-
-def convert(source: Path, target: Path) -> None:
-    """Write a model file of format 1, a classifier alone, with the features that its card names joined to it.
-
-    Raises `ModelError` if it is no such file.
-    """
-    from tactophone.training.features import front  # here, as it needs torch
-    from tactophone.training.tracks import FeatureSpec
-
-    try:
-        classifier = onnx.load(str(source))
-        text = next(entry.value for entry in classifier.metadata_props if entry.key == CARD_KEY)
-        entries = json.loads(text)
-        if entries["format"] != 1:
-            raise ValueError(f"format {entries['format']}")
-        settings = entries["settings"]
-        constants = {name: np.array(settings.pop(name)) for name in ("prior", "change_metric") if name in settings}
-        card = ModelCard.from_json(json.dumps(entries | {"format": FORMAT_VERSION}))
-        spec = FeatureSpec(
-            cast(FeatureKind, card.kind), card.channels, memory=settings.get("memory", MEMORY),
-            unevenness=constants["prior"].shape[-1] > BAND_VALUES if constants else False,
-        )  # fmt: skip
-        if constants:
-            constants["fading"] = np.array(spec.fading)
-        joined = join(magnitudes(card.channels) if card.kind == "paper" else front(spec, constants), classifier)
-    except (
-        OSError,
-        StopIteration,
-        ValueError,
-        KeyError,
-        TypeError,
-        DecodeError,
-        onnx.checker.ValidationError,
-    ) as error:
-        raise ModelError(f"{source}: not a Tactophone model of format 1 ({error}); train again") from None
-    write_graph(target, joined, card)
 
 
 def add_scores(path: Path, name: str, scores: Mapping[str, Any]) -> None:
