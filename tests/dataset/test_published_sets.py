@@ -1,4 +1,4 @@
-"""Made-up folders in the layouts of published sets."""
+"""A made-up folder in the layout of published BioTac sets."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ import soundfile
 from tactophone import Touch
 from tactophone.cli import main
 from tactophone.dataset.checks import check
-from tactophone.dataset.layouts import PAC, import_biotac, import_cluster
+from tactophone.dataset.layouts import PAC, import_biotac
 from tactophone.dataset.read import open_dataset
 from tactophone.errors import DatasetError
-from tests.dataset.folders import write_sound, write_text
+from tests.dataset.folders import write_text
 
 
 def biotac(root: Path) -> Path:
@@ -36,26 +36,6 @@ def test_the_vibration_of_a_biotac_becomes_sound(tmp_path: Path) -> None:
     assert (rate, sound.shape) == (2200, (2200,))
     assert np.abs(np.fft.rfft(sound)).argmax() == 110
     assert np.abs(sound).max() == pytest.approx(200 / 2048, rel=0.01)
-
-
-def test_the_cluster_databases_names_bring_surface_speed_and_force(tmp_path: Path) -> None:
-    for name in ("001_0_20_1_1", "001_45_40_2_1", "002_0_20_1_1"):
-        write_sound(tmp_path / "theirs" / "audio" / f"{name}.wav", channels=1)
-    write_sound(tmp_path / "theirs" / "odd.wav")
-    made, problems = import_cluster(tmp_path / "theirs", tmp_path / "ours")
-    assert [problem.path.name for problem in problems] == ["odd.wav"]
-    assert made.surfaces == ("001", "002")
-    second = open_dataset(tmp_path / "ours").recordings[1]
-    assert (second.known("direction"), second.known("speed"), second.known("force")) == ("45", "40", "2")
-    assert (second.channels, second.label) == (("air",), None)
-
-
-def test_of_a_sound_with_and_without_noise_cancelling_one_is_taken(tmp_path: Path) -> None:
-    for name in ("audio/1_0_20_500_0", "raw_audio/1_0_20_500_0", "raw_audio/2_0_20_500_0"):
-        write_sound(tmp_path / "theirs" / "sensor_data" / f"{name}.wav")
-    made, problems = import_cluster(tmp_path / "theirs", tmp_path / "ours")
-    assert [take.path.parent.name for take in made.recordings] == ["audio", "raw_audio"]
-    assert (made.surfaces, problems) == (("1", "2"), ())
 
 
 def test_the_command_names_the_format(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.dataset.checks import DEFAULT_CONTACT_DBFS, check, check_consistency
 from tactophone.dataset.convert import convert, set_columns, write_card
-from tactophone.dataset.layouts import FORMATS
+from tactophone.dataset.layouts import import_biotac
 from tactophone.dataset.metadata import FILE_NAME
 from tactophone.dataset.plots import draw_dataset
 from tactophone.dataset.read import find_importable, open_dataset
@@ -65,10 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )  # fmt: skip
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    sub.add_argument(
-        "--format", choices=FORMATS,
-        help="of a published set: biotac (CSV files with pac1 to pac22), or cluster (Cluster Haptic Texture Database)",
-    )  # fmt: skip
+    sub.add_argument("--format", choices=("biotac",), help="of a published set: CSV files with pac1 to pac22")
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
@@ -159,7 +156,7 @@ def _import(args: argparse.Namespace) -> int:
     if is_mcap(Path(args.folder)):
         return _import_log(args, Path(args.folder))
     if args.format:
-        return _import_published(args)
+        return _import_biotac(args)
     found = find_importable(args.folder)
     for problem in found.dataset.problems:
         output.note(f"{'left out' if problem.fatal else 'warning'}: {problem}")
@@ -180,9 +177,9 @@ def _import(args: argparse.Namespace) -> int:
     return 0
 
 
-def _import_published(args: argparse.Namespace) -> int:
+def _import_biotac(args: argparse.Namespace) -> int:
     with output.progress("converting") as update:
-        made, problems = FORMATS[args.format](Path(args.folder), args.out, progress=lambda done: update(completed=done))
+        made, problems = import_biotac(Path(args.folder), args.out, progress=lambda done: update(completed=done))
     for problem in problems:
         output.note(f"left out: {problem}")
     _print_count(len(made.recordings), args.out)

@@ -1,4 +1,4 @@
-"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders, published sets.
+"""Layouts other than ``metadata.csv``: ``manifest.csv``, the paper's authors', lab folders, BioTac vibration.
 
 **The authors'** is ``opus/stereo/NN_variant.wav`` with channel 0 contact and 1 air, and
 ``finals_recordings/day_D_LABEL.wav``. Which objects are rough, and which are for training, is in their notebooks
@@ -9,9 +9,8 @@
 microphone (``x_contact.wav`` beside ``x_air.wav``). What is left names the surface and the take. Two mono files with
 all else equal are a pair, which conversion joins into a file of two channels.
 
-**Published sets** are BioTac vibration as CSV and the Cluster Haptic Texture Database. Neither has labels rough and
-smooth as people give them. A file ``labels.csv`` with the columns ``surface`` and ``label`` in the folder adds
-them; without it recordings are imported without a label.
+**BioTac** vibration is published as CSV, without the labels rough and smooth that people give. A file ``labels.csv``
+with the columns ``surface`` and ``label`` in the folder adds them.
 """
 
 import re
@@ -19,14 +18,12 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.checks import pair_fault
-from tactophone.dataset.convert import copy_as_flac
 from tactophone.dataset.metadata import PARTS, inside, parse_label, rows, write_metadata
 from tactophone.dataset.values import LABEL_NAMES, Dataset, Problem, Recording, Segment, open_sound
 from tactophone.errors import DatasetError
@@ -299,18 +296,9 @@ BIOTAC_FULL_SCALE = 2048
 
 PAC = tuple(f"pac{number}" for number in range(1, 23))
 
-CLUSTER_NAME = re.compile(r"(?P<surface>[^_]+)_(?P<direction>[^_]+)_(?P<speed>[^_]+)_(?P<force>[^_]+)_(?P<take>[^_.]+)")
-"""Surface, direction, speed, force and repetition, as the database's own description has it."""
-
-RAW_AUDIO = "raw_audio"
-"""Folder of the Cluster database with the sound before its noise was cancelled."""
-
 LABELS = "labels.csv"
 
 Imported = tuple[Dataset, tuple[Problem, ...]]
-
-Found: TypeAlias = tuple[str, Mapping[str, str], NDArray[np.float64] | None]
-"""The surface of a file, what else its name says, and its sound at `BIOTAC_RATE` where the file itself holds none."""
 
 
 def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
@@ -318,72 +306,26 @@ def import_biotac(folder: Path, out: Path, *, progress: Callable[[int], None] = 
 
     ``folder`` is searched to any depth; the folder of a file names its surface.
     """
-
-    def find(path: Path) -> Found | Problem:
-        pac = _read_pac(path)
-        if pac is None:
-            return Problem(path, "columns", "lacks the columns pac1 to pac22; left out")
-        return path.parent.name, {}, pac
-
-    return _import(folder, out, _files(folder, {".csv"}), find, "contact", progress)
-
-
-def import_cluster(folder: Path, out: Path, *, progress: Callable[[int], None] = lambda done: None) -> Imported:
-    """Convert files named ``surface_direction_speed_force_repetition.wav`` or ``.flac``; see :func:`import_biotac`.
-
-    Of a sound that is there before and after its noise was cancelled, the latter is taken.
-    """
-
-    def find(path: Path) -> Found | Problem:
-        match = CLUSTER_NAME.fullmatch(path.stem)
-        if not match:
-            return Problem(path, "name", "is not surface_direction_speed_force_repetition; left out")
-        return match["surface"], {key: match[key] for key in ("direction", "speed", "force")}, None
-
-    files = _files(folder, {".wav", ".flac"})
-    cleaned = {path.stem for path in files if RAW_AUDIO not in path.parts}
-    chosen = [path for path in files if RAW_AUDIO not in path.parts or path.stem not in cleaned]
-    # Its second microphone records the noise of the machine; neither lies on the finger.
-    return _import(folder, out, chosen, find, "air", progress)
-
-
-FORMATS: Mapping[str, Callable[..., Imported]] = {"biotac": import_biotac, "cluster": import_cluster}
-"""Importers by the name that `dataset import --format` takes."""
-
-
-def _files(folder: Path, suffixes: set[str]) -> list[Path]:
     if not folder.is_dir():
         raise DatasetError(f"{folder}: no such folder; name the one that holds the published files")
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in suffixes and path.name != LABELS)
-
-
-def _import(
-    folder: Path, out: Path, files: list[Path], find: Callable[[Path], Found | Problem], microphone: str,
-    progress: Callable[[int], None],
-) -> Imported:  # fmt: skip
     problems: list[Problem] = []
     labels: dict[str, Touch | None] = {}
     if (folder / LABELS).is_file():
         for _, row in rows(folder / LABELS, required=("surface", "label")):
             labels[row["surface"]] = LABEL_NAMES[parse_label(row["label"], path=folder / LABELS, problems=problems)]
     recordings = []
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() == ".csv" and path.name != LABELS)
     for done, path in enumerate(files, 1):
         progress(done)
-        found = find(path)
-        if isinstance(found, Problem):
-            problems.append(found)
+        sound = _read_pac(path)
+        if sound is None:
+            problems.append(Problem(path, "columns", "lacks the columns pac1 to pac22; left out"))
             continue
-        surface, properties, sound = found
         target = (out / path.relative_to(folder)).with_suffix(".flac")
         target.parent.mkdir(parents=True, exist_ok=True)
-        if sound is None:
-            copy_as_flac(path, target)
-        else:
-            soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
-        channels = (microphone,) * int(soundfile.info(target).channels)
-        recordings.append(
-            Recording(target, surface, labels.get(surface), channels, take=path.stem, properties=properties)
-        )
+        soundfile.write(target, sound, BIOTAC_RATE, "PCM_24")
+        surface = path.parent.name
+        recordings.append(Recording(target, surface, labels.get(surface), ("contact",), take=path.stem))
     if not recordings:
         raise DatasetError(f"{folder}: nothing to import: {problems[0] if problems else 'it holds no such files'}")
     write_metadata(out, recordings)
