@@ -204,9 +204,7 @@ def cost_of_model(path: Path, *, duration: float = COST_DURATION) -> Cost:
         graph = onnx.load(str(path)).graph
         first = next(place for place, node in enumerate(graph.node) if FEATURES in node.output)
         used = {name for node in graph.node[first + 1 :] for name in node.input}
-        trees = [len(entry.floats) for node in graph.node for entry in node.attribute if entry.name == "nodes_values"]
         count = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer if tensor.name in used)
-        count += sum(trees)
     return Cost(count, path.stat().st_size, 1e6 * spent / max(updates, 1))
 
 

@@ -23,14 +23,14 @@ COLUMNS = (
 _STYLES: Mapping[str, tuple[str, str]] = {
     "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
     "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
-    "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"), "boosting": (ORANGE, "--"),
+    "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"),
     "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
     "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
 }  # fmt: skip
 """A colour for each family of methods and a dash for each member, the same in every figure."""
 
-NAMED_CURVES = ("texture", "paper/general", "boosting", "level")
-"""Methods whose curves are drawn in colour and named: what ships, the paper's, trees on cues, and the least."""
+NAMED_CURVES = ("texture", "paper/general", "logistic", "level")
+"""Methods whose curves are drawn in colour and named: what ships, the paper's, a standard classifier, and the least."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""

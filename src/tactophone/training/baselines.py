@@ -4,14 +4,13 @@ The only place where level and median frequency are turned into detectors; their
 :mod:`tactophone.training.features`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
-from onnx import NodeProto, helper
+from onnx import helper
 
 from tactophone.errors import DatasetError
 from tactophone.training.export import Floats, build_known, build_linear, fill_missing
@@ -93,46 +92,6 @@ def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]
     return model.coef_ / scale, centre, float(model.intercept_), spread
 
 
-def build_boosting(training_set: TrainingSet) -> onnx.ModelProto:
-    """Fit scikit-learn's histogram gradient boosting with mild settings, and convert its trees."""
-    from sklearn.ensemble import HistGradientBoostingClassifier
-
-    examples = training_set.examples.thinned()
-    centre, _ = examples.moments()
-    features = np.where(np.isnan(examples.features), centre, examples.features)
-    model = HistGradientBoostingClassifier(
-        max_iter=150, max_leaf_nodes=15, learning_rate=0.05, min_samples_leaf=100, l2_regularization=5.0,
-        max_features=0.3, class_weight="balanced", early_stopping=False, random_state=0,
-    )  # fmt: skip
-    model.fit(features, examples.rough)
-    trees = [stage[0].nodes for stage in model._predictors]
-    nodes = [*fill_missing("centre"), _trees_node(trees, base=float(model._baseline_prediction[0, 0]))]
-    return build_known(nodes, {"centre": centre}, features=features.shape[1])
-
-
-def _trees_node(trees: Sequence[NDArray[np.void]], *, base: float) -> NodeProto:
-    """Write trees as ONNX stores them: node by node, children by number, a value at each leaf."""
-    every = np.concatenate(trees)
-    number = np.concatenate([np.arange(len(tree)) for tree in trees])
-    tree = np.repeat(np.arange(len(trees)), [len(tree) for tree in trees])
-    leaf = every["is_leaf"].astype(bool)
-    thresholds = every["num_threshold"].astype(np.float32)
-    # Rounded down, because features are float32 and those over a threshold must stay over it.
-    below = np.nextafter(thresholds, np.float32(-np.inf))
-    thresholds = np.where(thresholds > every["num_threshold"], below, thresholds)
-    return helper.make_node(
-        "TreeEnsembleRegressor", ["whole"], ["logit"], domain="ai.onnx.ml", n_targets=1, base_values=[base],
-        nodes_treeids=tree.tolist(), nodes_nodeids=number.tolist(),
-        nodes_modes=np.where(leaf, "LEAF", "BRANCH_LEQ").tolist(),
-        nodes_featureids=np.where(leaf, 0, every["feature_idx"]).tolist(),
-        nodes_values=thresholds.tolist(),
-        nodes_truenodeids=np.where(leaf, 0, every["left"]).tolist(),
-        nodes_falsenodeids=np.where(leaf, 0, every["right"]).tolist(),
-        target_treeids=tree[leaf].tolist(), target_nodeids=number[leaf].tolist(),
-        target_ids=[0] * int(leaf.sum()), target_weights=every["value"][leaf].tolist(),
-    )  # fmt: skip
-
-
 def _single_cue(training_set: TrainingSet, *, cue: str) -> onnx.ModelProto:
     """Fit a threshold of one cue between smooth and rough."""
     from sklearn.linear_model import LogisticRegression
@@ -153,7 +112,6 @@ BUILDERS: Mapping[str, Callable[[TrainingSet], onnx.ModelProto]] = MappingProxyT
         "median-frequency": partial(_single_cue, cue="median_octaves"),
         "surface": build_surface,
         "logistic": build_logistic,
-        "boosting": build_boosting,
     }
 )
 """What fits the classifier of each recipe on features and returns the graph of a model file, by the recipe's name."""

@@ -327,7 +327,6 @@ _LISTED = (
         "surface", "texture features to Ra by ridge regression, then a boundary", "texture", version=3, requires="ra_um"
     ),
     Recipe("logistic", "logistic regression on texture features", "texture", version=3),
-    Recipe("boosting", "gradient boosted trees on texture features", "texture", version=3),
 )  # fmt: skip
 
 RECIPES: Mapping[str, Recipe] = MappingProxyType({recipe.name: recipe for recipe in _LISTED})
