@@ -3,11 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import soundfile
 
 from tactophone import Touch
-from tactophone.benchmark.methods import NetworkMethod, RegressionMethod, method_of, recipe_method
-from tactophone.benchmark.regression import HIGH_BAND_CONTROL, RENDERERS
+from tactophone.benchmark.methods import RENDERERS, NetworkMethod, RendererMethod, method_of, recipe_method
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Recording
 from tactophone.evaluation.metrics import measure
@@ -62,12 +60,12 @@ def test_a_regression_learns_separable_features_and_predicts_every_window(monkey
     ]
     rng = np.random.default_rng(0)
 
-    def features(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    def features(recording: Recording, renderer: str) -> tuple[np.ndarray, np.ndarray]:
         rough = recording.label is Touch.ROUGH
         return np.arange(50) / 100, rng.normal(3.0 * rough, 1.0, (50, 2))
 
-    monkeypatch.setattr("tactophone.benchmark.methods.REGRESSION_FEATURES", {"normal": features})
-    predict = RegressionMethod("normal").fit(recordings[:4])
+    monkeypatch.setattr("tactophone.benchmark.methods.vibration_features", features)
+    predict = RendererMethod("direct").fit(recordings[:4])
     smooth, rough = (predict(recording) for recording in recordings[4:])
     assert smooth.contact.all()
     assert smooth.time.tolist() == (np.arange(50) / 100).tolist()
@@ -79,29 +77,5 @@ def test_a_regression_learns_separable_features_and_predicts_every_window(monkey
 @pytest.mark.parametrize("name", RENDERERS)
 def test_a_renderers_vibration_separates_plainly_different_surfaces(name: str, tmp_path: Path) -> None:
     recordings = surfaces(tmp_path).recordings
-    predict = RegressionMethod(name).fit(recordings[:4])
+    predict = RendererMethod(name).fit(recordings[:4])
     assert measure(scores_of(map(predict, recordings[4:]), "two-class"))["balanced_accuracy"] > 0.6
-
-
-def whistling(folder: Path, *, whistle: bool) -> list[Recording]:
-    """Surfaces of equal sound, but for a faint whistle at 12 kHz on the days when rough ones were recorded."""
-    rate, made = 44_100, []
-    for number in range(8):
-        rough = number % 2 == 1
-        time = np.arange(rate) / rate
-        sound = 0.05 * np.random.default_rng(number).standard_normal(rate)
-        sound += 0.01 * np.sin(2 * np.pi * 12_000 * time) * (whistle and rough)
-        path = folder / f"{number}.wav"
-        soundfile.write(path, sound, rate)
-        made.append(Recording(path, f"stone {number}", Touch.ROUGH if rough else Touch.SMOOTH))
-    return made
-
-
-def test_the_high_band_control_detects_a_days_noise_and_nothing_else(tmp_path: Path) -> None:
-    for whistle, least, most in ((True, 0.95, 1.0), (False, 0.2, 0.8)):
-        folder = tmp_path / str(whistle)
-        folder.mkdir()
-        made = whistling(folder, whistle=whistle)
-        predict = RegressionMethod(HIGH_BAND_CONTROL).fit(made[:4])
-        score = measure(scores_of(map(predict, made[4:]), "two-class"))["balanced_accuracy"]
-        assert least <= score <= most

@@ -30,7 +30,7 @@ from tactophone.types import Touch
 
 TRAINING_CODE = (
     "perception", "training", "haptics/passthrough.py", "link/codec.py", "types.py", "dataset/values.py",
-    "benchmark/methods.py", "benchmark/regression.py",
+    "benchmark/methods.py",
 )  # fmt: skip
 """Folders and files of the package that train detectors or run them."""
 

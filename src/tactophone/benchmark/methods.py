@@ -1,33 +1,42 @@
 """What a benchmark compares, by name: methods behind one protocol, :class:`tactophone.benchmark.folds.Method`.
 
-Every recipe of :data:`tactophone.training.recipes.RECIPES` is a method through :func:`method_of`. Renderers without a
-detector and the high-band control are :class:`RegressionMethod`.
+Every recipe of :data:`tactophone.training.recipes.RECIPES` is a method through :func:`method_of`.
 
-Besides what the protocol wants, each has ``rule``, the decision rule of the live system; ``latency``, the seconds from
-a window's end to its prediction; and ``control``, true for what should be at chance.
+A renderer of :data:`~tactophone.haptics.passthrough.PASSTHROUGH` has no detector: the finger itself must separate rough
+from smooth. In :class:`RendererMethod` a regression takes its place, on what a finger can perceive of the vibration:
+its level, its peaks, and its strength in bands from 35 Hz to 1 kHz.
+
+Besides what the protocol wants, each has ``rule``, the decision rule of the live system, and ``latency``, the seconds
+from a window's end to its prediction.
 """
 
+import functools
+import itertools
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
 
 import numpy as np
 import onnxruntime
+from numpy.lib.stride_tricks import sliding_window_view
 
-from tactophone.benchmark.regression import HIGH_BAND_CONTROL, HIGH_BAND_EDGES, REGRESSION_FEATURES, RENDERERS
-from tactophone.dataset.values import Dataset, Recording, open_sound
+from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import ConfigError, did_you_mean
+from tactophone.evaluation.metrics import Floats
 from tactophone.evaluation.predict import Predictor, TakePredictions, model_predictor
-from tactophone.haptics.passthrough import PASSTHROUGH
+from tactophone.haptics.limits import Limits
+from tactophone.haptics.passthrough import PASSTHROUGH, STEP_SIZE
 from tactophone.microphones import AIR
 from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import FEATURES, LOG_PROBABILITIES, read_model
+from tactophone.perception.resample import Resampler
 from tactophone.training.export import tip_of
 from tactophone.training.recipes import FEATURE_RECIPES, RECIPES, VARIANTS, ConfiguredRecipe, TrainingOptions
 from tactophone.training.sets import FeatureRecipe, TrainingSet, even_weights
 from tactophone.training.tracks import extract_features
+from tactophone.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:
     from tactophone.training.trainer import NetworkRecipe
@@ -51,14 +60,32 @@ NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
 """Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
 
 
+FULL_DRIVE = Limits(ceiling=1.0)
+
+WINDOW_SIZE, HOP = 1024, 128 / 3
+"""Samples of a vibration, at 4 kHz: the paper's 256 and 10.67 ms."""
+
+BAND_EDGES = np.geomspace(35, 1000, 9)
+"""Hz, of the bands of a vibration."""
+
+FAINT = 1e-8
+"""Power added to each of its powers."""
+
+RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
+"""The renderer of each method: a name that a recipe has too gets ``/felt``."""
+
+
 @dataclass(frozen=True, slots=True)
 class NetworkMethod:
-    """A recipe that ends in a model file, which runs as the live system runs it: the paper's network."""
+    """The paper's network: as a model file, which runs as the live system runs it, or with a choice undone, by torch.
 
-    recipe: ConfiguredRecipe
-    rule: DecisionRule = field(default_factory=DecisionRule)
+    An ablation has no model file, since none holds it.
+    """
+
+    recipe: "NetworkRecipe"
+    ablation: bool = False
+    rule: ClassVar[DecisionRule] = DecisionRule()
     latency: ClassVar[float] = NETWORK_LATENCY
-    control: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -66,35 +93,18 @@ class NetworkMethod:
 
     @property
     def identity(self) -> str:
-        return f"model file {VERSION} {self.recipe.identity}"
+        return f"{'ablation' if self.ablation else 'model file'} {VERSION} {self.recipe.identity}"
 
     def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        """Train, write the model file and read it back."""
+        if self.ablation:
+            from tactophone.training.trainer import predictor  # here: it imports torch
+
+            predict = predictor(self.recipe, self.recipe.fit(self.recipe.read_windows(recordings)))
+            return lambda recording: TakePredictions(recording, *predict(recording))
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "fold.onnx"
             self.recipe.train(path, Dataset("fold", Path(folder), tuple(recordings)))
             return model_predictor(read_model(path))
-
-
-@dataclass(frozen=True, slots=True)
-class NetworkAblation:
-    """The paper's network with a choice undone, run by torch: no model file holds it."""
-
-    recipe: "NetworkRecipe"
-
-    @property
-    def name(self) -> str:
-        return self.recipe.name
-
-    @property
-    def identity(self) -> str:
-        return f"ablation {VERSION} {self.recipe.identity}"
-
-    def fit(self, recordings: Sequence[Recording]) -> Predictor:
-        from tactophone.training.trainer import predictor  # here: it imports torch
-
-        predict = predictor(self.recipe, self.recipe.fit(self.recipe.read_windows(recordings)))
-        return lambda recording: TakePredictions(recording, *predict(recording))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +120,6 @@ class FeatureMethod:
     """An ablation: this channel is silent after training. The same weights, one microphone less."""
     rule: DecisionRule = field(default_factory=DecisionRule)
     latency: ClassVar[float] = FEATURE_LATENCY
-    control: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -129,20 +138,16 @@ class FeatureMethod:
 
 
 @dataclass(frozen=True, slots=True)
-class RegressionMethod:
-    """A logistic regression on the features of `REGRESSION_FEATURES`; always in contact."""
+class RendererMethod:
+    """A logistic regression on the vibration that a renderer makes; always in contact."""
 
     name: str
-    """Of the features."""
+    """One of `RENDERERS`."""
     rule: ClassVar[DecisionRule] = DecisionRule()
 
     @property
     def latency(self) -> float:
-        return 0.0 if self.control else PASSTHROUGH[RENDERERS[self.name]](None).latency
-
-    @property
-    def control(self) -> bool:
-        return self.name == HIGH_BAND_CONTROL
+        return PASSTHROUGH[RENDERERS[self.name]](None).latency
 
     @property
     def identity(self) -> str:
@@ -154,8 +159,7 @@ class RegressionMethod:
         from sklearn.pipeline import make_pipeline
         from sklearn.preprocessing import StandardScaler
 
-        features = REGRESSION_FEATURES[self.name]
-        rows = [features(recording)[1] for recording in recordings]
+        rows = [vibration_features(recording, RENDERERS[self.name])[1] for recording in recordings]
         sizes, names = [len(windows) for windows in rows], sorted({recording.surface for recording in recordings})
         rough = np.repeat([recording.rough for recording in recordings], sizes)
         surface = np.repeat([names.index(recording.surface) for recording in recordings], sizes)
@@ -163,7 +167,7 @@ class RegressionMethod:
         model.fit(np.concatenate(rows), rough, logisticregression__sample_weight=even_weights(rough, surface))
 
         def predict(recording: Recording) -> TakePredictions:
-            time, windows = features(recording)
+            time, windows = vibration_features(recording, RENDERERS[self.name])
             share = model.predict_proba(windows)[:, 1].astype(np.float32)
             probabilities = np.stack([np.zeros_like(share), 1 - share, share], axis=1)
             return TakePredictions(recording, time, probabilities, np.ones(len(time), bool))
@@ -171,7 +175,29 @@ class RegressionMethod:
         return predict
 
 
-BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RegressionMethod
+@functools.lru_cache(maxsize=1 << 13)
+def vibration_features(recording: Recording, renderer: str) -> tuple[Floats, Floats]:
+    """Log of eight band powers, level and crest of the vibration that a renderer makes of a recording.
+
+    Returns the end of each window in s, and features of shape ``(windows, 10)``.
+    """
+    sound = recording.read(channels=1)
+    resampler = Resampler(sound.sample_rate, LIVE_SAMPLE_RATE, channels=1)
+    contact = np.concatenate([resampler.push(sound.samples), resampler.flush()])
+    vibration = PASSTHROUGH[renderer](FULL_DRIVE).render_whole(contact)[STEP_SIZE - 1 :: STEP_SIZE]
+    rate = LIVE_SAMPLE_RATE // STEP_SIZE
+    starts = np.floor(np.arange(max(0, int((len(vibration) - WINDOW_SIZE) / HOP) + 1)) * HOP).astype(np.intp)
+    windows = sliding_window_view(vibration, WINDOW_SIZE)[starts].astype(np.float64)
+    powers = np.square(np.abs(np.fft.rfft(windows * np.hanning(WINDOW_SIZE))))
+    bins = np.fft.rfftfreq(WINDOW_SIZE, 1 / rate)
+    pairs = itertools.pairwise(BAND_EDGES)
+    bands = np.stack([powers[:, (bins >= low) & (bins < high)].mean(axis=1) for low, high in pairs], axis=1)
+    power, peak = np.square(windows).mean(axis=1), np.square(windows).max(axis=1)
+    rows = np.log10(np.column_stack([bands / WINDOW_SIZE, power, (peak + FAINT) / (power + FAINT)]) + FAINT)
+    return (starts + WINDOW_SIZE) / rate, rows
+
+
+BenchmarkMethod: TypeAlias = NetworkMethod | FeatureMethod | RendererMethod
 
 
 def method_of(recipe: ConfiguredRecipe) -> NetworkMethod | FeatureMethod:
@@ -191,7 +217,7 @@ def method_names(channels: int) -> tuple[str, ...]:
 
 
 def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = False) -> tuple[BenchmarkMethod, ...]:
-    """Make the methods for a data set, all by default, and the control where its sound has a band over 8 kHz.
+    """Make the methods for a data set, all by default.
 
     With ``fast`` the paper's network is trained for :data:`FAST_STEPS`. Raises `ConfigError` if a name is unknown.
     """
@@ -203,10 +229,7 @@ def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = Fal
     needs = {name: RECIPES[name].requires for name in allowed if name in RECIPES and RECIPES[name].requires}
     lacking = {name for name, key in needs.items() if not any(take.known(key) for take in dataset.recordings)}
     chosen = [name for name in allowed if name in (names or allowed) and name not in lacking]
-    with open_sound(dataset.recordings[0].path) as file:
-        has_high_band = file.samplerate >= 2 * HIGH_BAND_EDGES[-1]
-    controls = (RegressionMethod(HIGH_BAND_CONTROL),) if has_high_band else ()
-    return (*(make_method(name, dataset, fast=fast) for name in chosen), *controls)
+    return tuple(make_method(name, dataset, fast=fast) for name in chosen)
 
 
 def channels_of(dataset: Dataset) -> int:
@@ -217,7 +240,7 @@ def channels_of(dataset: Dataset) -> int:
 def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = False) -> BenchmarkMethod:
     """Make one of :func:`method_names`; only the paper's networks have a seed."""
     if name in RENDERERS:
-        return RegressionMethod(name)
+        return RendererMethod(name)
     if name.startswith("paper/"):
         from tactophone.training.trainer import fastest_precision
 

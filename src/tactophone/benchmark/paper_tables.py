@@ -25,8 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.benchmark.folds import Cache, cross_validate
-from tactophone.benchmark.methods import NetworkAblation, methods_for
-from tactophone.benchmark.regression import FULL_DRIVE
+from tactophone.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
 from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.splits import Fold, split
 from tactophone.dataset.values import Dataset, Recording, Segment
@@ -135,12 +134,11 @@ def predict_held_out(
     )
     predictions = {}
     for method in methods_for(replace(kept, recordings=recordings), names or METHODS):
-        if not method.control:
-            report(method.name)
-            train, with_kin = training_takes(recordings, method.name)
-            test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
-            name = method.name + KIN_NOTE * with_kin
-            predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
+        report(method.name)
+        train, with_kin = training_takes(recordings, method.name)
+        test = tuple(take for take in recordings if take.known("split") not in ("train", ""))
+        name = method.name + KIN_NOTE * with_kin
+        predictions[name] = cross_validate(method, [Fold("held out", train, test)], cache=cache)
     return predictions
 
 
@@ -211,7 +209,7 @@ def table_two(predictions: Mapping[str, Sequence[TakePredictions]]) -> list[Tabl
 ABLATION_COLUMNS = ("balanced_accuracy", "auc", "rough_accuracy", "false_positive_rate")
 
 
-def ablations_in(folder: Path) -> list[NetworkAblation]:
+def ablations_in(folder: Path) -> list[NetworkMethod]:
     """Read the recipe files of a folder; raises `ConfigError` unless all are of the paper's network."""
     recipes = {path: RecipeFile.read(path).configured() for path in sorted(folder.glob("*.toml"))}
     if not recipes:
@@ -220,12 +218,12 @@ def ablations_in(folder: Path) -> list[NetworkAblation]:
     for path, recipe in recipes.items():
         if isinstance(recipe, FeatureRecipe):
             raise ConfigError(f"{path}: recipe {recipe.name}, but ablations are of the paper's network: paper-fast")
-        methods.append(NetworkAblation(recipe))
+        methods.append(NetworkMethod(recipe, ablation=True))
     return methods
 
 
 def ablation_rows(
-    methods: Sequence[NetworkAblation], dataset: Dataset, name: str, cache: Cache, *,
+    methods: Sequence[NetworkMethod], dataset: Dataset, name: str, cache: Cache, *,
     report: Callable[[int, str], None] = lambda done, name: None,
 ) -> list[TableRow]:  # fmt: skip
     """Cross-validate ablations on a split of this name; scores of windows in true contact."""

@@ -10,19 +10,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import onnx
 
 from tactophone.benchmark.folds import Cache, Method, cross_validate, permute_labels, run_folds
 from tactophone.benchmark.methods import (
     NO_AIR,
     REFERENCE_SEEDS,
+    RENDERERS,
     BenchmarkMethod,
     channels_of,
     make_method,
     methods_for,
     recipe_method,
 )
-from tactophone.benchmark.regression import RENDERERS
 from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
 from tactophone.dataset.splits import KIN_SPLIT, Fold, kin_of, split
 from tactophone.dataset.values import Dataset
@@ -31,10 +30,9 @@ from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import in_true_contact, scores_of
 from tactophone.haptics.passthrough import PASSTHROUGH
 from tactophone.perception.detector import WindowDetector
-from tactophone.perception.model_file import FEATURES, read_model
+from tactophone.perception.model_file import read_model
 from tactophone.perception.models import model_path
 from tactophone.simulation.render import read_render_metadata
-from tactophone.training.export import read_weights
 from tactophone.training.recipes import FEATURE_RECIPES
 from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
@@ -180,7 +178,7 @@ def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
         # A renderer has neither weights nor a file; its update is a sound buffer of 10.7 ms.
         renderer = PASSTHROUGH[RENDERERS[name]](None)
         buffers, spent = _time(lambda block: int(len(renderer.push(block.samples)) > 0), 1, COST_DURATION)
-        return Cost(0, 0, 1e6 * spent / max(buffers, 1))
+        return Cost(0, 1e6 * spent / max(buffers, 1))
     if name not in FEATURE_RECIPES:
         return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
     recipe = recipe_method(name, channels=channels).recipe
@@ -197,15 +195,7 @@ def cost_of_model(path: Path, *, duration: float = COST_DURATION) -> Cost:
     model = read_model(path)
     detector = WindowDetector(model, sample_rate=LIVE_SAMPLE_RATE)
     updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
-    if model.card.kind == "paper":
-        count = sum(weight.size for weight in read_weights(path).values())
-    else:
-        # What was trained, in the classifier behind the features: neither transforms nor scales of weights in 8 bits.
-        graph = onnx.load(str(path)).graph
-        first = next(place for place, node in enumerate(graph.node) if FEATURES in node.output)
-        used = {name for node in graph.node[first + 1 :] for name in node.input}
-        count = sum(int(np.prod(tensor.dims)) for tensor in graph.initializer if tensor.name in used)
-    return Cost(count, path.stat().st_size, 1e6 * spent / max(updates, 1))
+    return Cost(path.stat().st_size, 1e6 * spent / max(updates, 1))
 
 
 def _time(step: Callable[[AudioBlock], int], channels: int, duration: float) -> tuple[int, float]:

@@ -17,7 +17,7 @@ COLUMNS = (
     "method", "balanced accuracy as rendered", "smooth as rough", "time wrong", "gaps", "windows: balanced accuracy",
     "AUC", "recall at 1 %", "false positives", "at the reference's recall", "false bumps a minute",
     "contact, ms: p50 / p95 (never)", "edge, ms: p50 / p95 (never)", "calibration error",
-    "rank with Ra", "p (corrected)",
+    "p (corrected)",
 )  # fmt: skip
 
 _STYLES: Mapping[str, tuple[str, str]] = {
@@ -45,12 +45,11 @@ def write_report(
         parts.append(f"## {of_dataset.dataset}: {of_dataset.origin}")
         if of_costs := costs.get(of_dataset.dataset):
             rows = [
-                (name, f"{cost.parameters:,}", f"{cost.byte_count / 1000:,.0f}", f"{cost.update_us:.0f}")
-                for name, cost in of_costs.items()
+                (name, f"{cost.byte_count / 1000:,.0f}", f"{cost.update_us:.0f}") for name, cost in of_costs.items()
             ]
             parts += [
                 "Cost of running each method, resampling and FFT included, in a hot loop.",
-                _table(("method", "parameters", "file (kB)", "processor time of an update (us)"), rows),
+                _table(("method", "file (kB)", "processor time of an update (us)"), rows),
             ]
         for split, results in groupby(of_dataset.results, key=lambda result: result.split):
             parts += _section(folder, list(results), split, of_dataset)
@@ -112,7 +111,7 @@ def row_of(result: MethodResult) -> tuple[str, ...]:
         str(scores["balanced_accuracy"]), str(scores["auc"]), str(scores["recall_at_1"]),
         _number(scores["false_positive_rate"].value, ".3f"), _number(result.false_positives_at_reference, ".3f"),
         _number(result.bumps_per_minute, ".1f"), format_delay(result.contact_ms), format_delay(result.edge_ms),
-        _number(result.calibration_error, ".3f"), _number(result.height_correlation, ".2f"),
+        _number(result.calibration_error, ".3f"),
         f"{_number(difference.p, '.3f')} ({_number(difference.corrected, '.3f')})" if difference else "-",
     )  # fmt: skip
 
@@ -162,9 +161,8 @@ def draw_scores(results: Sequence[MethodResult]) -> Any:
     for place, result in enumerate(rows):
         score = result.scores["two-class"]["balanced_accuracy"]
         colour, _ = _style(result)
-        face = "white" if result.control else None
         axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
-        axis.plot(score.value, place, "o", color=colour, markersize=6, markerfacecolor=face)
+        axis.plot(score.value, place, "o", color=colour, markersize=6)
     axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
     axis.text(0.502, len(rows) - 0.4, "chance", color="#555555", fontsize=8)
     axis.set(yticks=range(len(rows)), yticklabels=[result.method for result in rows], ylim=(-0.6, len(rows) - 0.1))
@@ -255,7 +253,7 @@ def draw_surfaces(results: Sequence[MethodResult]) -> Any:
 
 
 def _style(result: MethodResult) -> tuple[str, str]:
-    return ("black", ":") if result.control else _STYLES.get(result.method, (GREY, "-."))
+    return _STYLES.get(result.method, (GREY, "-."))
 
 
 def _line(result: MethodResult) -> dict[str, Any]:

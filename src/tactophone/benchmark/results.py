@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tactophone.benchmark.methods import BenchmarkMethod
-from tactophone.benchmark.regression import height_correlation
 from tactophone.dataset.values import Dataset
 from tactophone.errors import DatasetError
 from tactophone.evaluation.bootstrap import Difference, Estimate, correct_for_number, estimate, paired_difference
@@ -25,7 +24,6 @@ class MethodResult:
     method: str
     dataset: str
     split: str
-    control: bool
     rendered: Rendered
     """What the operator gets, contact gate, abstention and decision rule inside: the headline."""
     scores: dict[str, dict[str, Estimate]]
@@ -45,8 +43,6 @@ class MethodResult:
     """Share of updates classified correctly."""
     curve: tuple[tuple[float, float], ...]
     """Points of the ROC curve: false positive rate, recall."""
-    height_correlation: float
-    """Spearman's over surfaces, of mean P(rough) and true Ra; NaN where Ra is unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +62,8 @@ class DatasetResults:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Number of weights, size of the model file in bytes, and processor time of an update in microseconds."""
+    """Size of the model file in bytes, and processor time of an update in microseconds."""
 
-    parameters: int
     byte_count: int
     update_us: float
 
@@ -88,22 +83,11 @@ def compare_methods(
             results.append(_result(dataset, method, split, predictions[method.name], scores[method.name], reference))
         except DatasetError as error:
             raise DatasetError(f"{dataset.name}, {split}, {method.name}: {error}") from error
-    # P-values are corrected for the number of comparisons; controls are no comparisons.
-    compared = {
-        (result.method, name): difference
-        for result in results
-        if not result.control
-        for name, difference in result.differences.items()
-    }
+    # P-values are corrected for the number of comparisons.
+    compared = {(result.method, name): each for result in results for name, each in result.differences.items()}
     corrected = correct_for_number(compared)
     return [
-        replace(
-            result,
-            differences={
-                name: corrected.get((result.method, name), difference)
-                for name, difference in result.differences.items()
-            },
-        )
+        replace(result, differences={name: corrected[result.method, name] for name in result.differences})
         for result in results
     ]
 
@@ -119,14 +103,14 @@ def _result(
     estimates = {rule: estimate(scores_of(labelled, rule)) for rule in RULES}
     kept = (*MEASURES, "smooth_accuracy", "rough_accuracy")
     return MethodResult(
-        method.name, dataset.name, split, method.control, rendered_scores(predictions, method.rule),
+        method.name, dataset.name, split, rendered_scores(predictions, method.rule),
         {rule: {name: of_rule[name] for name in kept} for rule, of_rule in estimates.items()},
         false_positives_at_recall(scores, recall), false_bumps_per_minute(predictions, method.rule),
         calibration_error(labelled), _summary(contact_delays(predictions, method.rule, latency=method.latency)),
         _summary(edge_delays(predictions, method.rule, latency=method.latency)),
         {name: differences[name] for name in MEASURES if name in differences},
         {name: float(correct[scores.surface == number].mean()) for number, name in enumerate(scores.names)},
-        _curve(scores), height_correlation(labelled),
+        _curve(scores),
     )  # fmt: skip
 
 

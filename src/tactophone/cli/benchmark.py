@@ -32,10 +32,9 @@ NOTES = (
     "method; in brackets corrected (Holm) for all methods and measures of the table.",
     "As rendered: what the operator gets, contact gate, abstention and decision rule inside; a gap counts as wrong. "
     "Scores of windows are of updates in true contact, whatever a method's own contact gate reports. Delays are over "
-    "all changes: those without a correct decision within 0.6 s count as infinite. Two controls should be at chance: "
-    "one uses only the band over 8 kHz, which carries nothing of the surface; the other is texture, "
-    "trained and scored on labels permuted over the surfaces. What it scores over 0.5 it scores by recognising "
-    "surfaces, not by roughness.",
+    "all changes: those without a correct decision within 0.6 s count as infinite. The control, texture trained "
+    "and scored on labels permuted over the surfaces, should be at chance: what it scores over 0.5 it scores by "
+    "recognising surfaces, not by roughness.",
 )
 
 
@@ -91,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     costs: dict[str, dict[str, Cost]] = {}
     for dataset in _datasets(args, cache):
         results.append(_run(dataset, cache, args))
-        names = dict.fromkeys(result.method for result in results[-1].results if not result.control)
+        names = dict.fromkeys(result.method for result in results[-1].results)
         costs[dataset.name] = measure_costs(dataset, list(names), cache.folder / "costs")
     summary = {
         "datasets": [asdict(of_dataset) for of_dataset in results],
@@ -163,7 +162,7 @@ def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str
             yield f"{of_dataset.dataset} ({of_dataset.origin}), {split}"
             rows = [
                 {
-                    "method": result.method.removeprefix("control: "),
+                    "method": result.method,
                     "as rendered": str(result.rendered.balanced_accuracy),
                     "AUC": f"{result.scores['two-class']['auc'].value:.2f}",
                     "s as r": f"{result.rendered.smooth_as_rough.value:.2f}",
