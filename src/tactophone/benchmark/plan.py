@@ -1,4 +1,4 @@
-"""A benchmark of one data set: every method on the same splits, with controls; simulated and real sound never mix.
+"""A benchmark of one data set: every method on the same splits, with a control; simulated and real sound never mix.
 
 What a method costs to run is measured from sound at 48 kHz to its prediction, in the paper's sound buffers.
 """
@@ -6,7 +6,7 @@ What a method costs to run is measured from sound at 48 kHz to its prediction, i
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ from tactophone.benchmark.methods import (
     NO_AIR,
     REFERENCE_SEEDS,
     RENDERERS,
-    BenchmarkMethod,
     channels_of,
     make_method,
     methods_for,
@@ -55,37 +54,6 @@ COST_DURATION = 5.0
 """Seconds of noise that a cost is measured on."""
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What runs on one data set."""
-
-    dataset: Dataset
-    """Labelled, usable recordings."""
-    methods: tuple[BenchmarkMethod, ...]
-    """The first is the reference that the others are compared with."""
-    splits: tuple[str, ...]
-    """Names, as ``--splits`` takes them."""
-    permuted: Method
-    """Method that learns permuted labels, as a control."""
-    seeds: tuple[Method, ...] = ()
-    """The reference's method with each further seed."""
-
-
-def plan_for(dataset: Dataset, names: Sequence[str], splits: Sequence[str], *, fast: bool = False) -> Plan:
-    """Plan a benchmark of the named methods, all if there are no names, with its controls.
-
-    The reference runs with several seeds; with ``fast``, with one, and fewer steps. Raises `ConfigError` if a name is
-    unknown.
-    """
-    channels = channels_of(dataset)
-    permuted = recipe_method("texture", channels=channels)
-    methods = methods_for(dataset, names, fast=fast)
-    name = methods[0].name
-    seeds = REFERENCE_SEEDS[1:] if name.startswith("paper/") and not fast else ()
-    others = tuple(make_method(name, dataset, seed=seed) for seed in seeds)
-    return Plan(dataset, methods, tuple(splits), permuted, others)
-
-
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
     """Return the splits that a data set allows: by kin always, by other keys where there are two values or more."""
     if fast:
@@ -106,41 +74,42 @@ def origin_of(dataset: Dataset) -> str:
     return "SIMULATED sound" if simulated else "as recorded"
 
 
-def run_plan(
-    plan: Plan, cache: Cache, *, workers: int = 1, ray: bool = False,
-    report: Callable[[int, int, str], None] = lambda done, of, name: None,
+def run_benchmark(
+    dataset: Dataset, names: Sequence[str], splits: Sequence[str], cache: Cache, *, fast: bool = False,
+    workers: int = 1, ray: bool = False, report: Callable[[int, int, str], None] = lambda done, of, name: None,
 ) -> DatasetResults:  # fmt: skip
-    """Run a plan, with ``workers`` and ``ray`` as in `run_folds`, and score it.
+    """Score the named methods, all if there are no names, and the control on splits of labelled, usable recordings.
 
-    ``report`` is called with the number of folds done, the most that there can be, and the name of the last one.
+    The first method is the reference that the others are compared with, and runs with several seeds; with ``fast``,
+    with one, and fewer steps. ``workers`` and ``ray`` are as in `run_folds`; ``report`` is called with the number of
+    folds done, the most that there can be, and the name of the last one. Raises `ConfigError` if a name is unknown.
     """
-    folds = {name: folds_with_edges(plan.dataset, name, cache.folder / "edges") for name in plan.splits}
+    methods = methods_for(dataset, names, fast=fast)
+    control = recipe_method("texture", channels=channels_of(dataset))
+    seeds = REFERENCE_SEEDS[1:] if methods[0].name.startswith("paper/") and not fast else ()
+    others = [make_method(methods[0].name, dataset, seed=seed) for seed in seeds]
+    folds = {name: folds_with_edges(dataset, name, cache.folder / "edges") for name in splits}
     permuted = {
-        name: [split(permute_labels(plan.dataset, seed=seed), name) for seed in PERMUTATION_SEEDS]
-        for name in plan.splits
+        name: [split(permute_labels(dataset, seed=seed), name) for seed in PERMUTATION_SEEDS] for name in splits
     }
-    methods: list[Method] = [*plan.methods, *plan.seeds]
-    todo = [(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
-    todo += [(plan.permuted, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
+    todo = [(method, fold) for of_split in folds.values() for method in (*methods, *others) for fold in of_split]
+    todo += [(control, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
     run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(todo), name))
 
     # All predictions are cached by now: what follows only reads and scores them.
     results: list[MethodResult] = []
     for name, of_split in folds.items():
-        predictions = {method.name: cross_validate(method, of_split, cache=cache) for method in plan.methods}
-        results += compare_methods(plan.dataset, plan.methods, name, predictions)
+        predictions = {method.name: cross_validate(method, of_split, cache=cache) for method in methods}
+        results += compare_methods(dataset, methods, name, predictions)
     return DatasetResults(
-        plan.dataset.name,
-        origin_of(plan.dataset),
+        dataset.name,
+        origin_of(dataset),
         tuple(results),
+        {name: tuple(_window_scores(control, of_set, cache)[0] for of_set in sets) for name, sets in permuted.items()},
         {
-            name: tuple(_window_scores(plan.permuted, of_set, cache)[0] for of_set in sets)
-            for name, sets in permuted.items()
-        },
-        {
-            name: tuple(_window_scores(method, of_split, cache) for method in (plan.methods[0], *plan.seeds))
+            name: tuple(_window_scores(method, of_split, cache) for method in (methods[0], *others))
             for name, of_split in folds.items()
-            if plan.seeds
+            if others
         },
     )
 

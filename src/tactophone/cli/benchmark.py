@@ -142,13 +142,13 @@ def _simulated(folder: Path, workers: int) -> Path:
 
 
 def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "DatasetResults":
-    from tactophone.benchmark.plan import plan_for, run_plan, splits_of
+    from tactophone.benchmark.plan import run_benchmark, splits_of
 
     splits = args.splits.split(",") if args.splits else splits_of(dataset, fast=args.fast)
-    plan = plan_for(dataset, args.methods.split(",") if args.methods else (), splits, fast=args.fast)
+    names = args.methods.split(",") if args.methods else ()
     with output.progress(dataset.name) as update:
-        return run_plan(
-            plan, cache, workers=args.workers, ray=args.ray,
+        return run_benchmark(
+            dataset, names, splits, cache, fast=args.fast, workers=args.workers, ray=args.ray,
             report=lambda done, of, name: update(completed=done, total=of, note=name),
         )  # fmt: skip
 
