@@ -171,6 +171,8 @@ class Operator:
     """An ideal observer, trained on the percepts of rough and smooth through a method."""
 
     def __init__(self, practice: dict[Touch, tuple[Percepts, ...]], *, seed: int = 0) -> None:
+        from sklearn.linear_model import LogisticRegression
+
         rng = np.random.default_rng([0x0B5E, seed])
         rows = {
             label: [observations(add_internal_noise(visit, rng)) for visit in visits for _ in range(4)]
@@ -183,7 +185,9 @@ class Operator:
         self._weights = np.zeros(features.shape[1] + 1)
         if 0 < rough.sum() < rough.size:  # otherwise a label was never perceived, and there is nothing to learn
             self._mean, self._scale = features.mean(axis=0), features.std(axis=0) + 1e-9
-            self._weights = _logistic((features - self._mean) / self._scale, rough)
+            model = LogisticRegression(class_weight="balanced", solver="newton-cholesky", tol=1e-8)
+            model.fit((features - self._mean) / self._scale, rough)
+            self._weights = np.append(model.intercept_, model.coef_)
 
     def evidence(self, percepts: Percepts) -> NDArray[np.float64]:
         """Return the log-odds of rough that each observation adds."""
@@ -254,20 +258,3 @@ def _round(operator: Operator, visits: Visits[Percepts], rng: np.random.Generato
         found=order[int(np.argmax(odds))] is Touch.ROUGH,
         duration=float(stroked + travel),
     )
-
-
-def _logistic(features: NDArray[np.float64], rough: NDArray[np.bool_], *, ridge: float = 1.0) -> NDArray[np.float64]:
-    """Fit a class-balanced logistic regression by Newton's method; return its weights, the bias first."""
-    rows = np.column_stack([np.ones(len(features)), features])
-    share = np.where(rough, 0.5 / max(rough.sum(), 1), 0.5 / max((~rough).sum(), 1)) * len(rough)
-    weights = np.zeros(rows.shape[1])
-    penalty = ridge * np.diag([0.0] + [1.0] * features.shape[1])
-    for _ in range(25):
-        probability = 1 / (1 + np.exp(-np.clip(rows @ weights, -30, 30)))
-        slope = rows.T @ (share * (rough - probability)) - penalty @ weights
-        curvature = (rows * (share * probability * (1 - probability))[:, None]).T @ rows + penalty
-        step = np.linalg.solve(curvature + 1e-9 * np.eye(rows.shape[1]), slope)
-        weights += step
-        if np.abs(step).max() < 1e-6:
-            break
-    return weights
