@@ -196,7 +196,7 @@ def compare(folder: Path, source: str, rounds: int, listen: float) -> None:
 
 
 def stones(folder: Path) -> None:
-    sound = write_demonstration(folder, seed=0)
+    (sound,) = write_demonstration(folder, seed=0)
     with FileSource(sound) as source:
         truth = ground_truth(source.path, duration=source.duration)
     with Networks("changes", "changes") as networks:

@@ -156,15 +156,15 @@ def _with_sound(args: argparse.Namespace, settings: Settings) -> Settings:
         if sound is None:
             from tactophone.simulation.demonstration import write_demonstration
 
-            sound = write_demonstration(args.out, seed=seed, tip=tip)
+            (sound,) = write_demonstration(args.out, seed=seed, tip=tip)
         return change(settings, [f"capture.device={sound}"])
     if args.recording:
         raise ConfigError("--recording is of one finger: name each finger's in its table, as in device = FILE")
     if all(own.capture.device for own in each_finger(settings)):
         return settings
-    from tactophone.simulation.demonstration import demonstrate_hand
+    from tactophone.simulation.demonstration import write_demonstration
 
-    paths = demonstrate_hand(args.out, names_of(settings), seed=seed, tip=tip)
+    paths = write_demonstration(args.out, names_of(settings), seed=seed, tip=tip)
     fingers = zip(settings.fingers, paths, strict=True)
     return replace(
         settings,

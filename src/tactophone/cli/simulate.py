@@ -159,11 +159,11 @@ def _objects_named(names: str) -> "list[SimulatedObject]":
 def _hand(args: argparse.Namespace) -> int:
     from tactophone.hand import names_of, with_fingers
     from tactophone.settings import Settings
-    from tactophone.simulation.demonstration import demonstrate_hand
+    from tactophone.simulation.demonstration import write_demonstration
 
     names = names_of(with_fingers(Settings(), args.fingers))
     output.make_folder(args.out)
-    print(*demonstrate_hand(args.out, names, seed=args.seed, tip=args.tip), sep="\n")
+    print(*write_demonstration(args.out, names, seed=args.seed, tip=args.tip), sep="\n")
     return 0
 
 

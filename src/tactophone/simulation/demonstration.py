@@ -15,12 +15,12 @@ from tactophone.dataset.values import Recording
 from tactophone.processes import atomic_write
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.simulation.motion import Scene, five_stones, row
+from tactophone.simulation.motion import five_stones, row
 from tactophone.simulation.render import touch_segments
-from tactophone.simulation.source import STRUCTURE_DB, SimulatedFinger, SimulatedHand
+from tactophone.simulation.source import SimulatedFinger, SimulatedHand
 from tactophone.simulation.strokes import Script, Visit, explore
 from tactophone.simulation.takes import shuffled
-from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray, Touch
 
 STROKING = 3.0
 """Seconds on each stone."""
@@ -28,77 +28,50 @@ STROKING = 3.0
 GAIN_DB = -9.0
 """Of the contact preamplifier: at 0 dB the finger that slips off the rough stone clips for half a second."""
 
+BLOCK_SIZE = 4800
+"""Samples rendered at once."""
+
 _START = (-0.03, 0.035)
 
 
-def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP) -> SimulatedFinger:
+def demonstration(seed: int = 0, *, tip: str = DEFAULT_TIP, place: int | None = None) -> SimulatedFinger:
     """Return a finger with this tip and a script of about ten seconds, drawn from the seed.
 
-    The stones are those of the competition, on which no shipped model was trained.
+    The stones are those of the competition, on which no shipped model was trained. ``place`` is that of a finger in a
+    hand, of which each begins a moment after the one before.
     """
-    script, scene = _script(delay=0.0, stream=[seed])
-    session = _session(seed, tip)
-    return SimulatedFinger(scene, script.moves, session=session, seed=seed, duration=script.time, place=_START)
-
-
-def _session(seed: int, tip: str) -> SessionVariation:
-    return SessionVariation.draw(seed, COMPETITION.amplified(GAIN_DB), tip=tip)
-
-
-def demonstrate_hand(folder: Path, names: Sequence[str], *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
-    """Write the demonstration by the fingers of a hand, each a moment after the one before; one recording for each.
-
-    All stroke the same stones, and each sounds faintly in the microphones of the others (`SimulatedHand`).
-    """
-    scripts = [_script(delay=0.15 * place, stream=[seed, place]) for place in range(len(names))]
-    longest = max(script.time for script, _ in scripts)
-    session = _session(seed, tip)
-    hand = SimulatedHand(
-        [
-            SimulatedFinger(scene, script.moves, session=session, seed=[seed, place], place=_START)
-            for place, (script, scene) in enumerate(scripts)
-        ]
-    )
-    blocks: list[AudioBlock] = []
-    touched: list[list[NDArray[np.int16]]] = []
-    while not blocks or blocks[-1].end < longest * hand.sample_rate:
-        blocks.append(hand.render(4800))
-        touched.append([finger.truth.object_index for finger in hand.fingers])
-    samples = np.concatenate([block.samples for block in blocks])
-    recordings = []
-    for place, name in enumerate(names):
-        path = folder / f"microphones-{name}.wav"
-        with atomic_write(path) as part:
-            soundfile.write(part, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, "PCM_24", format="WAV")
-        segments, _ = touch_segments(np.concatenate([found[place] for found in touched]), hand.fingers[place].scene)
-        recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
-    write_metadata(folder, recordings)
-    return [recording.path for recording in recordings]
-
-
-def _script(*, delay: float, stream: Sequence[int]) -> tuple[Script, Scene]:
-    """Return the strokes over a smooth and a rough stone, and the scene."""
-    rng = np.random.default_rng([0xDE30, *stream])
+    stream = [seed] if place is None else [seed, place]
     scene = row([find("smooth competition stone"), find("rough competition stone")])
-    script = Script(rng, x=_START[0], y=_START[1])
-    script.hover(0.6 + delay)
+    script = Script(np.random.default_rng([0xDE30, *stream]), x=_START[0], y=_START[1])
+    script.hover(0.6 + 0.15 * (place or 0))
     for placed, slips in zip(scene.placed, (False, True), strict=True):
         explore(script, placed, Visit(STROKING, force=1.8, speed=0.18, slips=slips))
     script.hover(0.5)
-    return script, scene
+    session = SessionVariation.draw(seed, COMPETITION.amplified(GAIN_DB), tip=tip)
+    return SimulatedFinger(scene, script.moves, session=session, seed=stream, duration=script.time, place=_START)
 
 
-def write_demonstration(folder: Path, *, seed: int, tip: str = DEFAULT_TIP) -> Path:
-    """Write the demonstration's sound and its labels as a data set of one recording; return the path of the sound."""
-    path, finger = folder / "microphones.wav", demonstration(seed, tip=tip)
-    indices = []
-    with atomic_write(path) as part, soundfile.SoundFile(part, "w", LIVE_SAMPLE_RATE, 2, "PCM_24", format="WAV") as wav:
-        for block in finger:
-            wav.write(block.samples)
-            indices.append(finger.truth.object_index)
-    segments, _ = touch_segments(np.concatenate(indices), finger.scene)
-    write_metadata(folder, [Recording(path, "competition stones", channels=("contact", "air"), segments=segments)])
-    return path
+def write_demonstration(folder: Path, names: Sequence[str] = ("",), *, seed: int, tip: str = DEFAULT_TIP) -> list[Path]:
+    """Write the demonstration of each finger of a hand, or of a single one, and its labels; return the recordings.
+
+    All stroke the same stones, and each sounds faintly in the microphones of the others (`SimulatedHand`).
+    """
+    fingers = [demonstration(seed, tip=tip, place=place if any(names) else None) for place in range(len(names))]
+    hand, size = SimulatedHand(fingers), max(finger.end or 0 for finger in fingers)
+    blocks: list[FloatArray] = []
+    touched: list[list[NDArray[np.int16]]] = []
+    for start in range(0, size, BLOCK_SIZE):
+        blocks.append(hand.render(min(BLOCK_SIZE, size - start)).samples)
+        touched.append([finger.truth.object_index for finger in fingers])
+    samples, recordings = np.concatenate(blocks), []
+    for place, name in enumerate(names):
+        path = folder / f"{'-'.join(filter(None, ('microphones', name)))}.wav"
+        with atomic_write(path) as part:
+            soundfile.write(part, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, "PCM_24", format="WAV")
+        segments, _ = touch_segments(np.concatenate([found[place] for found in touched]), fingers[place].scene)
+        recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
+    write_metadata(folder, recordings)
+    return [recording.path for recording in recordings]
 
 
 AHEAD = 1.0
@@ -158,19 +131,19 @@ class StrokingHand(AlwaysOpen):
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(
-        self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP,
-        structure_db: float = STRUCTURE_DB,
-    ) -> None:  # fmt: skip
+    def __init__(self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
         self._rng = np.random.default_rng([0x4A4D, seed])
         self._scene = five_stones(shuffled(seed))
         place = self._scene.placed[0].centre
         self._scripts = [
             Script(np.random.default_rng([0x4A4D, seed, finger]), x=place[0], y=place[1]) for finger in range(fingers)
         ]
+        sessions = [SessionVariation.of_tip(tip, seed + 1000 * number) for number in range(fingers)]
         self._hand = SimulatedHand(
-            [_finger(self._scene, place, seed=seed, number=number, tip=tip) for number in range(fingers)],
-            structure_db=structure_db,
+            [
+                SimulatedFinger(self._scene, session=session, seed=[seed, number], place=place)
+                for number, session in enumerate(sessions)
+            ]
         )
         self.channels = self._hand.channels
         self._block_size = block_size
@@ -207,8 +180,3 @@ class StrokingHand(AlwaysOpen):
             for move in script.moves:
                 finger.move(move.x, move.y, move.force, move.time)
             script.moves.clear()
-
-
-def _finger(scene: Scene, place: tuple[float, float], *, seed: int, number: int, tip: str) -> SimulatedFinger:
-    session = SessionVariation.of_tip(tip, seed + 1000 * number)
-    return SimulatedFinger(scene, session=session, seed=[seed, number], place=place)

@@ -85,7 +85,7 @@ class SimulatedFinger(AlwaysOpen):
     session, seed
         The session's set-up, and the seed of all noise.
     duration
-        Seconds after which iteration ends; never, if ``None``.
+        Seconds after which iteration ends; never, if ``None``. The attribute ``end`` has it in samples.
     block_size
         Samples per block of iteration.
     place
@@ -111,13 +111,16 @@ class SimulatedFinger(AlwaysOpen):
         session = session or SessionVariation()
         self.scene = scene
         self._finger = session.finger
-        self._end = None if duration is None else round(duration * LIVE_SAMPLE_RATE)
+        self.end = None if duration is None else round(duration * LIVE_SAMPLE_RATE)
         self._block_size, self._position = block_size, 0
         self._hand = Hand(scene.field, x=place[0], y=place[1], rate=LIVE_SAMPLE_RATE)
         self._hand.queue(moves)
         self._rng = np.random.default_rng(np.random.SeedSequence([0xF1A6, *np.atleast_1d(seed)]))
         self._ground = _ground(scene, session)
-        self._state, self._ringing = _rest(self._ground, session.finger)
+        # The finger hovers, and nothing rings.
+        self._state = np.zeros(1, STATE)
+        self._state["arm"] = self._state["pad"] = session.finger.arm_rest
+        self._ringing = Ringing(np.zeros(self._ground.modes.shape), np.zeros(self._ground.modes.shape))
         self._microphones = Microphones(
             session.electronics,
             scene.cavity,
@@ -131,8 +134,8 @@ class SimulatedFinger(AlwaysOpen):
         )
 
     def __iter__(self) -> Iterator[AudioBlock]:
-        while self._end is None or self._position < self._end:
-            left = self._block_size if self._end is None else self._end - self._position
+        while self.end is None or self._position < self.end:
+            left = self._block_size if self.end is None else self.end - self._position
             yield self.render(min(self._block_size, left))
 
     def move(self, x: float, y: float, force: float, time: float | None = None) -> None:
@@ -208,13 +211,6 @@ def _share(frequency: float) -> float:
     return float(1 - np.exp(-2 * np.pi * frequency / (OVERSAMPLING * LIVE_SAMPLE_RATE)))
 
 
-def _rest(ground: Ground, finger: Finger) -> tuple[NDArray[np.void], Ringing]:
-    """The finger hovering, nothing ringing."""
-    state = np.zeros(1, STATE)
-    state["arm"] = state["pad"] = finger.arm_rest
-    return state, Ringing(np.zeros(ground.modes.shape), np.zeros(ground.modes.shape))
-
-
 @compiled
 def _touched(
     force: NDArray[np.float64], body: NDArray[np.int64], object_index: NDArray[np.int16], since: NDArray[np.int64],
@@ -240,35 +236,32 @@ CORNER = 100.0
 PITCH = 0.025
 """Metres from fingertip to fingertip."""
 
+BELOW = 0.02
+"""Metres from an air microphone down to its finger's contact."""
 
-class SimulatedHand(AlwaysOpen):
-    """Several simulated fingers in one structure and one air; a `tactophone.types.Source` of two channels for each.
+
+class SimulatedHand:
+    """Several simulated fingers in one structure and one air, two channels of sound for each.
 
     Parameters
     ----------
     fingers
-        From thumb to little finger; each has its own moves, and all have the air microphone at the same distance.
+        From thumb to little finger, each with its own moves.
     structure_db
         Level of what reaches the next finger through the hand; -inf is none.
     """
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(
-        self, fingers: Sequence[SimulatedFinger], *, structure_db: float = STRUCTURE_DB, air_distance: float = 0.02
-    ) -> None:
+    def __init__(self, fingers: Sequence[SimulatedFinger], *, structure_db: float = STRUCTURE_DB) -> None:
         self.fingers, self.channels = list(fingers), 2 * len(fingers)
         apart = np.abs(np.subtract.outer(np.arange(len(fingers)), np.arange(len(fingers))))
         self._structure = np.where(apart > 0, 10 ** ((structure_db + FURTHER_DB * (apart - 1)) / 20), 0.0)
-        self._air = np.where(apart > 0, air_distance / np.hypot(air_distance, PITCH * apart), 0.0)
+        self._air = np.where(apart > 0, BELOW / np.hypot(BELOW, PITCH * apart), 0.0)
         if math.isinf(structure_db):
             self._structure, self._air = np.zeros_like(self._structure), np.zeros_like(self._air)
         self._sections = signal.butter(2, CORNER, fs=LIVE_SAMPLE_RATE, output="sos")
         self._state = np.zeros((len(self._sections), len(fingers), 2))
-
-    def __iter__(self) -> Iterator[AudioBlock]:
-        while True:
-            yield self.render(480)
 
     def render(self, size: int) -> AudioBlock:
         """Return the next ``size`` samples of all fingers."""
