@@ -8,7 +8,7 @@ import soundfile
 from tactophone import AudioBlock, DatasetError, Prediction, Touch
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Recording, Segment
-from tactophone.evaluation.predict import TakePredictions, _as_arrays, _stream, in_true_contact, scores_of
+from tactophone.evaluation.predict import TakePredictions, in_true_contact, run_detector, scores_of
 from tests.dataset.folders import SAMPLE_RATE, audiofolder, write_sound
 
 
@@ -46,7 +46,7 @@ class LoudIsRough:
 
 
 def predict(recording: Recording) -> TakePredictions:
-    return _as_arrays(recording, _stream(lambda rate: LoudIsRough(), recording.blocks(channels=2)))
+    return run_detector(recording, recording.blocks(channels=2), lambda rate: LoudIsRough())
 
 
 def test_each_recording_starts_with_a_fresh_detector(tmp_path: Path) -> None:

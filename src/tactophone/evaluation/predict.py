@@ -6,7 +6,7 @@ texture detector's balanced accuracy fell from 0.90 to 0.81.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,9 +21,6 @@ from tactophone.perception.model_file import SUPPORTS_MISSING_CHANNEL, Model
 from tactophone.perception.models import with_gate
 from tactophone.perception.noise_floor import HOLD, measure_floor
 from tactophone.types import SURFACE_LABELS, AudioBlock, Detector, FloatArray, Prediction, Touch
-
-PIECE = 1 << 16
-"""Samples pushed at once; detectors return the same predictions at any block size."""
 
 LEAST_CONTACT = 0.1
 """Share of a recording under which what seemed its noise floor is an even slide: a finger touches its surface."""
@@ -58,37 +55,42 @@ def model_predictor(model: Model, *, own_floor: bool = False) -> Predictor:
     def predict(recording: Recording) -> TakePredictions:
         lacks_air = model.card.kind in SUPPORTS_MISSING_CHANNEL and len(recording.channels) == 1
         channels, single = 1 if lacks_air else model.card.channels, model.card.microphone
-        if not own_floor:
-            blocks = recording.blocks(channels=channels, single=single)
-            return _as_arrays(recording, _stream(lambda rate: WindowDetector(model, sample_rate=rate), blocks))
-        sound = recording.read(channels=channels, single=single)
-        rate, contact = sound.sample_rate, replace(sound, samples=np.ascontiguousarray(sound.samples[:, :1]))
-        detector = with_gate(WindowDetector(model, sample_rate=rate), sample_rate=rate)
-        detector.threshold.dbfs = measure_floor([contact], sample_rate=rate, rule=model.card.gate.rule).threshold_dbfs
-        # In pieces, because a detector holds all windows of a block at once.
-        pieces = (replace(sound, samples=sound.samples[n : n + PIECE], start=n) for n in range(0, sound.size, PIECE))
-        predictions = [update for piece in pieces for update in detector.push(piece)] + detector.flush()
-        rendered = np.array([update.touch for update in predictions], np.int8)
-        return replace(_as_arrays(recording, predictions), touch=rendered)
+
+        def open_detector(rate: int) -> Detector:
+            detector = WindowDetector(model, sample_rate=rate)
+            if not own_floor:
+                return detector
+            floor = measure_floor(
+                recording.blocks(channels=channels, single=single), sample_rate=rate, rule=model.card.gate.rule
+            )
+            gated = with_gate(detector, sample_rate=rate)
+            gated.threshold.dbfs = floor.threshold_dbfs
+            return gated
+
+        blocks = recording.blocks(channels=channels, single=single)
+        return run_detector(recording, blocks, open_detector, keep_touch=own_floor)
 
     return predict
 
 
-def _stream(open_detector: Callable[[int], Detector], blocks: Iterable[AudioBlock]) -> list[Prediction]:
+def run_detector(
+    recording: Recording, blocks: Iterable[AudioBlock], open_detector: Callable[[int], Detector], *,
+    keep_touch: bool = False,
+) -> TakePredictions:  # fmt: skip
+    """Run a detector, opened for the rate of the sound, over a recording; ``keep_touch`` keeps what it rendered."""
     detector: Detector | None = None
-    predictions: list[Prediction] = []
+    found: list[Prediction] = []
     for block in blocks:
         detector = detector or open_detector(block.sample_rate)
-        predictions += detector.push(block)
-    return predictions + detector.flush() if detector else []
-
-
-def _as_arrays(recording: Recording, predictions: Sequence[Prediction]) -> TakePredictions:
+        found += detector.push(block)
+    found += detector.flush() if detector else []
+    touch = np.array([update.touch for update in found], np.int8)
     return TakePredictions(
         recording,
-        np.array([update.end for update in predictions], np.float64),
-        np.array([update.probabilities for update in predictions], np.float32).reshape(-1, len(Touch)),
-        np.array([update.touch is not Touch.NONE for update in predictions], bool),
+        np.array([update.end for update in found], np.float64),
+        np.array([update.probabilities for update in found], np.float32).reshape(-1, len(Touch)),
+        touch != Touch.NONE,
+        touch if keep_touch else None,
     )
 
 
