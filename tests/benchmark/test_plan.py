@@ -117,7 +117,7 @@ def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) 
     costs = measure_costs(dataset, ["level", "direct", NO_AIR, "texture"], tmp_path)
     assert set(costs) == {"level", "direct", "texture"}
     assert costs["direct"].update_us > 0
-    assert costs["texture"].byte_count < 200_000
+    assert costs["texture"].byte_count < 1_000_000
     assert cost_of_model(model_path("paper"), duration=0.5).byte_count > 1_882_755
 
 
