@@ -78,7 +78,7 @@ docs: $(READY)  ## the documentation site, in build/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 # Runs each script whose figures or pictures the docs print, but those that need a data set (benchmarks/README.md marks them).
-FIGURES = help_time live_compute simulation link demo_scores touch_events scale latency latency_figure page pictures
+FIGURES = help_time live_compute simulation link demo_scores printed_pad touch_events scale latency latency_figure page pictures
 docs-figures: $(READY)  ## measure again what the docs print: tables on the terminal, pictures in docs/images
 	for name in $(FIGURES); do echo "== $$name"; $(BIN)/python benchmarks/$$name.py $(if $(filter pictures,$$name),docs/images) || exit; done
 
