@@ -28,7 +28,7 @@ from tactophone.benchmark.folds import Cache, cross_validate
 from tactophone.benchmark.methods import FULL_DRIVE, NetworkMethod, methods_for
 from tactophone.dataset.layouts import REDUCED_OBJECTS, SPARE_OBJECT
 from tactophone.dataset.splits import Fold, split
-from tactophone.dataset.values import Dataset, Recording, Segment
+from tactophone.dataset.values import Dataset, Recording, Segment, stretches
 from tactophone.errors import ConfigError, DatasetError, did_you_mean
 from tactophone.evaluation.bootstrap import COVERAGE, Estimate, estimate
 from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of
@@ -240,7 +240,7 @@ def contact_share(takes: Sequence[TakePredictions]) -> Estimate:
     """Return the share of windows that count as contact; without an interval."""
     total = sum(len(take.time) for take in takes)
     counted = sum(int(in_true_contact(take).contact.sum()) for take in takes)
-    return _plain(counted / total if total else float("nan"))
+    return Estimate(counted / total if total else float("nan"))
 
 
 def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Segment, ...]:
@@ -252,7 +252,7 @@ def loud_segments(recording: Recording, gate: Gate = REFERENCE_GATE) -> tuple[Se
     loud = _over_threshold_db(total, ends, NETWORK_WINDOW_SIZE, gate) >= 0
     # A long window detects the beginning of a touch late, so silence is looked for with a short one.
     quiet = ~loud & (_over_threshold_db(total, ends, SHORT_WINDOW, gate) < -CLEARLY_DB)
-    segments = (*_stretches(loud, recording.known("label")), *_stretches(quiet, "none"))
+    segments = (*_segments(loud, recording.known("label")), *_segments(quiet, "none"))
     return tuple(sorted(segments, key=lambda segment: segment.start))
 
 
@@ -264,10 +264,9 @@ def _over_threshold_db(
     return np.asarray((20 if gate.rule == "mean_absolute" else 10) * np.log10(mean + 1e-12) - gate.threshold_dbfs)
 
 
-def _stretches(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
-    begins_and_ends = np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
-    for begin, end in (NETWORK_WINDOW_SIZE + STEP * begins_and_ends) / NETWORK_RATE:
-        yield Segment(float(begin) - STEP / NETWORK_RATE, float(end) - STEP / NETWORK_RATE, label)
+def _segments(on: NDArray[np.bool_], label: str) -> Iterator[Segment]:
+    for begin, end in (NETWORK_WINDOW_SIZE + STEP * stretches(on)) / NETWORK_RATE - STEP / NETWORK_RATE:
+        yield Segment(float(begin), float(end), label)
 
 
 def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estimate:
@@ -284,7 +283,7 @@ def _accuracy(takes: Sequence[TakePredictions], label: Touch, day: str) -> Estim
 def _measure(takes: Sequence[TakePredictions]) -> dict[str, Estimate]:
     scored = [piece for take in takes for piece in _pieces(in_true_contact(take))]
     if not any(take.contact.any() for take in scored):
-        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), _plain(float("nan")))
+        return dict.fromkeys((*SHARES, "rough_accuracy", "smooth_accuracy"), Estimate(float("nan")))
     return estimate(scores_of(scored, "authors"))
 
 
@@ -300,11 +299,7 @@ def _pieces(take: TakePredictions) -> Iterator[TakePredictions]:
 
 def _published(name: str, columns: Sequence[str], values: Sequence[float]) -> TableRow:
     """Return a row of the paper, which states neither intervals nor how much was contact."""
-    return TableRow(name, dict(zip(columns, map(_plain, (*values, float("nan"))), strict=True)))
-
-
-def _plain(value: float) -> Estimate:
-    return Estimate(value, float("nan"), float("nan"))
+    return TableRow(name, dict(zip(columns, map(Estimate, (*values, float("nan"))), strict=True)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 import soundfile
+from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
 from tactophone.microphones import MICROPHONES
@@ -276,6 +277,15 @@ def _digest(path: Path, changed_ns: int, byte_count: int) -> bytes:
 
 Intervals: TypeAlias = tuple[tuple[float, float], ...]
 """Start and end of each slide, or of each touch, in s."""
+
+
+def stretches(on: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return where each stretch that is on begins, and where it has ended: shape ``(stretches, 2)``.
+
+    >>> stretches(np.array([0, 1, 1, 0, 1], bool)).tolist()
+    [[1, 3], [4, 5]]
+    """
+    return np.flatnonzero(np.diff(on, prepend=False, append=False)).reshape(-1, 2)
 
 
 def read_slides(recording: Recording) -> Intervals | None:

@@ -50,8 +50,8 @@ class Estimate:
     """A score with its 90 % interval; ``low`` and ``high`` are NaN where no interval can be computed."""
 
     value: float
-    low: float
-    high: float
+    low: float = math.nan
+    high: float = math.nan
 
     def __str__(self) -> str:
         return self.written(".3f", ".2f")
@@ -119,7 +119,7 @@ def resample(
 def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
     """Return a score with the interval that the middle 90 % of its draws span."""
     if not len(drawn) or np.isnan(drawn).all():
-        return Estimate(value, float("nan"), float("nan"))
+        return Estimate(value)
     low, high = np.nanquantile(drawn, [(1 - COVERAGE) / 2, (1 + COVERAGE) / 2])
     return Estimate(value, float(low), float(high))
 

@@ -20,14 +20,7 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from tactophone.dataset.values import (
-    Recording,
-    Segment,
-    cut_slides,
-    first_slide,
-    slides_over,
-    write_slides,
-)
+from tactophone.dataset.values import Recording, Segment, cut_slides, first_slide, slides_over, stretches, write_slides
 from tactophone.evaluation.metrics import rough_score
 from tactophone.evaluation.predict import TakePredictions, touches_of, true_contact
 from tactophone.perception.decision import Decision, DecisionRule, count_dips
@@ -106,13 +99,11 @@ def false_bumps_per_minute(predictions: Iterable[TakePredictions], rule: Decisio
     """
     bumps, duration = 0, 0.0
     for take in predictions:
-        if take.recording.label is not Touch.SMOOTH or len(take.time) < 2:
-            continue
-        touching = true_contact(take)
-        stretches = _stretches((decided_touches(take, rule) == Touch.ROUGH) & touching)
-        gaps = [take.time[begin] - take.time[end] for (_, end), (begin, _) in itertools.pairwise(stretches)]
-        bumps += len(stretches) - sum(gap < BRIDGE for gap in gaps)
-        duration += float(touching.mean() * (take.time[-1] - take.time[0]))
+        if take.recording.label is Touch.SMOOTH and len(take.time) > 1:
+            touching = true_contact(take)
+            found = stretches((decided_touches(take, rule) == Touch.ROUGH) & touching)
+            bumps += len(found) - int((take.time[found[1:, 0]] - take.time[found[:-1, 1] - 1] < BRIDGE).sum())
+            duration += float(touching.mean() * (take.time[-1] - take.time[0]))
     return 60 * bumps / duration if duration else float("nan")
 
 
@@ -176,20 +167,16 @@ def calibration_error(predictions: Iterable[TakePredictions]) -> float:
     return float(gaps.sum() / count.sum()) if count.sum() else float("nan")
 
 
-def _delay(take: TakePredictions, start: float, end: float, label: Touch | None, *, rule: DecisionRule) -> float | None:
-    here = (take.time > start) & (take.time <= end)
+def _delay(
+    take: TakePredictions, start: float, until: float, label: Touch | None, *, rule: DecisionRule
+) -> float | None:
+    here = (take.time > start) & (take.time <= until)
     time, correct = take.time[here], decided_touches(take, rule)[here] == label
-    for begin, last in _stretches(correct):
+    for begin, end in stretches(correct):
         # A correct stretch that the segment's end cuts short counts too: nothing contradicts it.
-        if time[last] - time[begin] >= HOLD or last == len(correct) - 1:
+        if time[end - 1] - time[begin] >= HOLD or end == len(correct):
             return float(time[begin] - start)
     return None
-
-
-def _stretches(on: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last index of each stretch that is on."""
-    edges = np.flatnonzero(np.diff(on.astype(np.int8), prepend=0, append=0))
-    return [(int(begin), int(end) - 1) for begin, end in edges.reshape(-1, 2)]
 
 
 def _delays(found: Sequence[float | None], latency: float) -> Delays:

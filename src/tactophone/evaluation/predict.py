@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tactophone.dataset.values import Intervals, Recording
+from tactophone.dataset.values import Intervals, Recording, stretches
 from tactophone.errors import DatasetError
 from tactophone.evaluation.metrics import Rule, Scores, rough_score, sort_scores
 from tactophone.perception.contact import ContactGate
@@ -166,15 +166,9 @@ def _audible_touches(recording: Recording) -> Intervals | None:
     if not floor.known:
         return None
     gate = ContactGate(floor.threshold_dbfs, sample_rate=sound.sample_rate, rule="banded", hold=HOLD)
-    touches, start = list[tuple[float, float]](), None
+    steps, duration = gate.push(sound), sound.size / sound.sample_rate
     # The gate reports each of its steps; a touch is a run of steps that touch.
-    for contact in gate.push(sound):
-        if contact.touching and start is None:
-            start = contact.time
-        elif not contact.touching and start is not None:
-            touches.append((start, contact.time))
-            start = None
-    duration = sound.size / sound.sample_rate
-    touches += [(start, duration)] if start is not None else []
+    times = [*(step.time for step in steps), duration]
+    touches = tuple((times[at], times[end]) for at, end in stretches(np.array([step.touching for step in steps], bool)))
     touched = sum(end - start for start, end in touches)
-    return tuple(touches) if touched > LEAST_CONTACT * duration else None
+    return touches if touched > LEAST_CONTACT * duration else None

@@ -18,7 +18,7 @@ import soundfile
 from numpy.typing import NDArray
 
 from tactophone.dataset.metadata import write_metadata
-from tactophone.dataset.values import Intervals, Recording, Segment, write_slides
+from tactophone.dataset.values import Intervals, Recording, Segment, stretches, write_slides
 from tactophone.link.codec import Codec, encode_and_decode
 from tactophone.processes import atomic_write, open_pool
 from tactophone.simulation.catalogue import SCENARIOS, TEST, SimulatedObject
@@ -245,9 +245,7 @@ def _slides(job: RenderJob, metadata: RenderMetadata) -> Intervals:
     time = np.arange(len(speed)) / LIVE_SAMPLE_RATE
     touching = [(time >= segment.start) & (time < segment.end) for segment in metadata.segments if segment.contact]
     sliding = (speed > SLIDING) & np.any([np.zeros(len(time), bool), *touching], axis=0)
-    # A difference of +1 is where a slide starts, one of -1 where it ends: starts and ends alternate.
-    bounds = np.flatnonzero(np.diff(np.concatenate(([0], sliding.astype(np.int8), [0])))) / LIVE_SAMPLE_RATE
-    return tuple((float(start), float(end)) for start, end in bounds.reshape(-1, 2))
+    return tuple((float(start), float(end)) for start, end in stretches(sliding) / LIVE_SAMPLE_RATE)
 
 
 def _recording(folder: Path, job: RenderJob, metadata: RenderMetadata) -> Recording:
