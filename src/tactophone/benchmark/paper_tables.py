@@ -329,7 +329,7 @@ def task_methods() -> tuple[str, ...]:
 
 
 def play_task(
-    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS, seed: int = 0,
+    names: Sequence[str] = (), *, rounds: int = 1000, visits: int = VISITS,
     report: Callable[[str], None] = lambda name: None,
 ) -> list[TaskOutcome]:  # fmt: skip
     """Let the operator play rounds with each method.
@@ -342,11 +342,11 @@ def play_task(
         hint = did_you_mean(unknown[0], allowed)
         raise ConfigError(f"no method {', '.join(unknown)}; there are {', '.join(allowed)}, and model files{hint}")
     report("rendering visits")
-    sound = render_visits(visits=visits, seed=seed)
+    sound = render_visits(visits=visits)
     outcomes = []
     for name in names or allowed:
         report(name)
-        played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds, seed=seed)
+        played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds)
         found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
         p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
         times = f"{p50:.1f} ({p5:.1f}-{p95:.1f})"

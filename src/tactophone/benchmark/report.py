@@ -20,17 +20,8 @@ COLUMNS = (
     "p (corrected)",
 )  # fmt: skip
 
-_STYLES: Mapping[str, tuple[str, str]] = {
-    "paper/general": (BLUE, "-"), "paper/fine-tuned": (BLUE, "--"), "paper/one-channel": (BLUE, ":"),
-    "level": (GREY, "-"), "rules": (GREY, "--"), "median-frequency": (GREY, ":"),
-    "surface": (ORANGE, ":"), "logistic": (ORANGE, "-"),
-    "direct": (GREEN, "-"), "pitch": (GREEN, "--"),
-    "texture": (VERMILION, "-"), "texture/no-air": (VERMILION, "--"),
-}  # fmt: skip
-"""A colour for each family of methods and a dash for each member, the same in every figure."""
-
-NAMED_CURVES = ("texture", "paper/general", "logistic", "level")
-"""Methods whose curves are drawn in colour and named: what ships, the paper's, a standard classifier, and the least."""
+COLOURS: Mapping[str, str] = {"texture": VERMILION, "paper/general": BLUE, "logistic": ORANGE, "level": GREEN}
+"""Of the methods that figures name: what ships, the paper's, a standard classifier, and the least. Others are grey."""
 
 MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""
@@ -160,7 +151,7 @@ def draw_scores(results: Sequence[MethodResult]) -> Any:
     figure, axis = pyplot.subplots(figsize=(7.2, 0.9 + 0.3 * len(rows)), layout="constrained")
     for place, result in enumerate(rows):
         score = result.scores["two-class"]["balanced_accuracy"]
-        colour, _ = _style(result)
+        colour = COLOURS.get(result.method, GREY)
         axis.plot([score.low, score.high], [place, place], color=colour, linewidth=2.2, alpha=0.55)
         axis.plot(score.value, place, "o", color=colour, markersize=6)
     axis.axvline(0.5, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
@@ -177,16 +168,19 @@ def draw_curves(results: Sequence[MethodResult]) -> Any:
     places = list[tuple[float, MethodResult]]()
     for result in results:
         rate, recall = np.array(result.curve).T
-        axis.plot(100 * rate, recall, **_line(result))
-        if result.method in NAMED_CURVES:
+        if colour := COLOURS.get(result.method):
+            axis.plot(100 * rate, recall, color=colour, linewidth=2.4, zorder=3)
             places.append((float(np.interp(0.01, rate, recall)), result))
+        else:
+            axis.plot(100 * rate, recall, color="#c4c4c4", linewidth=0.8, zorder=2)
     # Each name over its curve at 1 %; those that would touch are moved up.
     height = -1.0
     for recall_here, result in sorted(places, key=lambda each: each[0]):
         height = max(recall_here + 0.03, height + 0.065)
         ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
-        colour, _ = _style(result)
-        axis.text(0.93, height, result.method, color=colour, fontsize=9, ha="right", bbox=ground, zorder=4)
+        axis.text(
+            0.93, height, result.method, color=COLOURS[result.method], fontsize=9, ha="right", bbox=ground, zorder=4
+        )
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle=(0, (4, 4)))
     axis.set(xscale="log", xlim=(0.1, 100), ylim=(0, 1), xticks=(0.1, 1, 10, 100), ylabel="rough updates found")
     axis.set_xticklabels(("0.1", "1", "10", "100"))
@@ -198,26 +192,16 @@ def draw_curves(results: Sequence[MethodResult]) -> Any:
 def draw_delays(results: Sequence[MethodResult]) -> Any:
     """Draw the time to a correct decision after contact and after an edge: p50 to p95."""
     pyplot = load_pyplot()
-    kinds = {
-        "after contact": {result.method: result.contact_ms for result in results},
-        "after an edge": {result.method: result.edge_ms for result in results},
-    }
-    kinds = {name: delays for name, delays in kinds.items() if any(np.isfinite(p50) for p50, _, _ in delays.values())}
-    colours = {result.method: _style(result)[0] for result in results}
-    known = [name for name in colours if any(np.isfinite(delays[name][0]) for delays in kinds.values())]
-    rows = known[::-1]
-    figure, axes = pyplot.subplots(
-        1, len(kinds), sharey=True, squeeze=False, figsize=(3.6 * len(kinds) + 1, 0.9 + 0.27 * len(rows)),
-        layout="constrained",
-    )  # fmt: skip
-    axes = axes[0]
-    for axis, (name, times) in zip(axes, kinds.items(), strict=True):
-        for place, method in enumerate(rows):
-            _draw_delay(axis, place, times[method], colour=colours[method])
+    rows = [each for each in reversed(results) if np.isfinite((each.contact_ms[0], each.edge_ms[0])).any()]
+    figure, axes = pyplot.subplots(1, 2, sharey=True, figsize=(8.2, 0.9 + 0.27 * len(rows)), layout="constrained")
+    for axis, event in zip(axes, ("contact", "edge"), strict=True):
+        for place, result in enumerate(rows):
+            _draw_delay(axis, place, getattr(result, f"{event}_ms"), colour=COLOURS.get(result.method, GREY))
         axis.axvline(100, color=GREY, linewidth=0.7, linestyle=(0, (4, 4)))
-        axis.set(xlabel=f"ms to a correct decision\n{name}: p50, p95", xlim=(0, None))
+        axis.set(xlabel=f"ms from {event} to a correct decision: p50, p95", xlim=(0, None))
         axis.margins(x=0.25)
-    axes[0].set(yticks=range(len(rows)), yticklabels=rows, ylim=(-0.6, len(rows) - 0.4))
+    names = [result.method for result in rows]
+    axes[0].set(yticks=range(len(rows)), yticklabels=names, ylim=(-0.6, len(rows) - 0.4))
     return figure
 
 
@@ -250,14 +234,3 @@ def draw_surfaces(results: Sequence[MethodResult]) -> Any:
     axis.tick_params(length=0)
     figure.colorbar(image, label="updates classified correctly (%)", pad=0.01)
     return figure
-
-
-def _style(result: MethodResult) -> tuple[str, str]:
-    return _STYLES.get(result.method, (GREY, "-."))
-
-
-def _line(result: MethodResult) -> dict[str, Any]:
-    colour, dash = _style(result)
-    if result.method not in NAMED_CURVES:
-        return {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 2}
-    return {"color": colour, "linestyle": dash, "linewidth": 2.4, "zorder": 3}

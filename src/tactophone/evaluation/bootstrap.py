@@ -92,22 +92,18 @@ class Change:
     difference: Estimate
 
 
-def bootstrap(
-    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS, seed: int = 0
-) -> dict[str, Estimate]:
+def bootstrap(table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS) -> dict[str, Estimate]:
     """Compute the scores of a table with a row for each surface, each with its interval."""
-    drawn = resample(table, statistic, strata=strata, draws=draws, seed=seed)
+    drawn = resample(table, statistic, strata=strata, draws=draws)
     return {name: interval(float(value), drawn[name]) for name, value in statistic(table.sum(axis=0)).items()}
 
 
-def resample(
-    table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS, seed: int = 0
-) -> Mapping[str, Floats]:
+def resample(table: Floats, statistic: Statistic, *, strata: Strata, draws: int = DRAWS) -> Mapping[str, Floats]:
     """Compute the scores of each draw of a table's rows; of no draw where a stratum has one row.
 
-    The same seed and strata draw the same rows of any table: so two methods are compared in pairs.
+    The same strata draw the same rows of any table: so two methods are compared in pairs.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     times = np.zeros((0 if any(len(stratum) == 1 for stratum in strata) else draws, len(table)))
     for row in times:
         for stratum in strata:
@@ -132,7 +128,7 @@ def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
     return {name: interval(value, drawn[name]) for name, value in measure(scores).items()}
 
 
-def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS, seed: int = 0) -> dict[str, Difference]:
+def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS) -> dict[str, Difference]:
     """Compute every score of the first method less the second's, over the surfaces that both have scores of."""
     common = []
     for label in (False, True):
@@ -147,7 +143,7 @@ def paired_difference(first: Scores, second: Scores, *, draws: int = DRAWS, seed
         counts, called = count_by_surface(scores, bins=BINS)
         table = counts[[scores.names.index(name) for name in rows]]
         weights = np.array([float(sum(names.count(name) for names in common)) for name in scores.names])
-        drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws, seed=seed)
+        drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)
         return measure(scores, weights[scores.surface]), drawn
 
     (value, drawn), (other, other_drawn) = scored(first), scored(second)
@@ -196,14 +192,8 @@ def compare_models(
     """Compare two models on the same recordings, such as before and after fine-tuning.
 
     Over windows in contact, by the two-class rule; ``by`` names the cluster of a recording, which the bootstrap draws.
-
-    Returns
-    -------
-    dict
-        ``balanced_accuracy``: mean over the classes present of the share of windows classified correctly.
-        ``false_positive_rate``: share of smooth windows classified as rough; NaN without smooth recordings.
-
-    Raises `DatasetError` if neither model detected contact.
+    Returns ``balanced_accuracy``, over the classes present, and ``false_positive_rate``, the share of smooth windows
+    classified as rough, NaN without any. Raises `DatasetError` if neither model detected contact.
     """
     tables = [_count(predictions, by) for predictions in (before, after)]
     rough = tables[0][:, 1].sum(axis=-1) > 0

@@ -48,6 +48,9 @@ FADE = 0.02
 LEAD = 0.2
 """Seconds of silence before, so that running statistics begin empty."""
 
+MOST_EDGES = 40
+"""Of one set of recordings."""
+
 _VERSION = 2
 """Of the joining, in the files' names: 2 fades in, where 1 began with a click."""
 
@@ -184,20 +187,19 @@ def _delays(found: Sequence[float | None], latency: float) -> Delays:
     return Delays(np.array(times), len(found) - len(times))
 
 
-def join_edges(recordings: Sequence[Recording], folder: Path, *, most: int = 40, seed: int = 0) -> list[Recording]:
+def join_edges(recordings: Sequence[Recording], folder: Path) -> list[Recording]:
     """Join pairs of a smooth and a rough touch, in either order, and write them as FLAC; [] without both classes.
 
-    The recordings are held out, of one sample rate. The files are named by
-    content and written once; ``most`` limits the number of edges. Raises `ValueError` if the two recordings of a pair
-    differ in sample rate.
+    The recordings are held out. The files are named by content and written once. Raises `ValueError` if the two
+    recordings of a pair differ in sample rate.
     """
     pools = {label: list(_touches(recordings, label)) for label in SURFACE_LABELS}
     if not all(pools.values()):
         return []
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     folder.mkdir(parents=True, exist_ok=True)
     edges = []
-    for number in range(min(most, 2 * min(map(len, pools.values())))):
+    for number in range(min(MOST_EDGES, 2 * min(map(len, pools.values())))):
         order = (Touch.SMOOTH, Touch.ROUGH) if number % 2 == 0 else (Touch.ROUGH, Touch.SMOOTH)
         pair = [pools[label][int(rng.integers(len(pools[label])))] for label in order]
         if pair[0][0].channels == pair[1][0].channels:

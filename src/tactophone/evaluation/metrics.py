@@ -123,13 +123,12 @@ def balanced_accuracy(smooth: Floats, rough: Floats, *, either: bool = False) ->
     return np.where(np.isnan(smooth), rough, np.where(np.isnan(rough), smooth, mean)) if either else mean
 
 
-def false_positives_at_recall(scores: Scores, recall: float, weights: Floats | None = None) -> float:
+def false_positives_at_recall(scores: Scores, recall: float) -> float:
     """Share of smooth windows classified as rough, at the threshold that finds this share of the rough windows."""
-    every = np.ones(len(scores.score)) if weights is None else weights
-    rough, smooth = every * scores.rough, every * ~scores.rough
-    found = np.cumsum(rough[::-1])
+    rough = scores.rough[::-1]
+    found = np.cumsum(rough)
     place = int(np.searchsorted(found, recall * found[-1]))
-    return float(smooth[::-1][: place + 1].sum() / smooth.sum())
+    return float((~rough[: place + 1]).sum() / (~rough).sum())
 
 
 def _bins(scores: Scores, bins: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:

@@ -90,9 +90,9 @@ class ContactMechanics:
         """Resonance in Hz of a mass in kg on the loaded contact's normal stiffness ``2 E* a``."""
         return float(np.sqrt(2 * self.modulus * self.patch(load) / mass) / (2 * np.pi))
 
-    def tangential_corner(self, mass: float, load: float = 1.0) -> float:
-        """Resonance in Hz along the surface; micro-slips over it do not move the mass."""
-        return float(np.sqrt(_TANGENTIAL) * self.corner(mass, load))
+    def tangential_corner(self, mass: float) -> float:
+        """Resonance in Hz along the surface at 1 N; micro-slips over it do not move the mass."""
+        return float(np.sqrt(_TANGENTIAL) * self.corner(mass))
 
 
 def reduced_modulus(first: float, second: float) -> float:

@@ -227,13 +227,13 @@ def single(obj: SimulatedObject, mounting: Mounting | None = None) -> Scene:
     return Scene((PlacedObject(mounted, 0.0, 0.0, obj.length),), _ground("floor", mounted.mounting))
 
 
-def row(objects: Sequence[SimulatedObject], *, ground: str = "mat", pitch: float = 0.11) -> Scene:
-    """Place objects in a row on a ground, ``pitch`` metres apart; each gets a profile of its own."""
+def row(objects: Sequence[SimulatedObject], *, pitch: float = 0.11) -> Scene:
+    """Place objects in a row on a mat, ``pitch`` metres apart; each gets a profile of its own."""
     placed = [
         PlacedObject(replace(obj, surface=replace(obj.surface, seed=obj.surface.seed + 1000 * k)), k * pitch, 0, 0.085)
         for k, obj in enumerate(objects)
     ]
-    return Scene(tuple(placed), _ground(ground, objects[0].mounting))
+    return Scene(tuple(placed), _ground("mat", objects[0].mounting))
 
 
 def five_stones(order: Sequence[Touch]) -> Scene:
