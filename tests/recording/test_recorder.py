@@ -59,7 +59,7 @@ def test_a_second_session_makes_what_is_missing_only(tmp_path: Path) -> None:
 
 def test_a_fault_in_a_take_is_in_its_quality(tmp_path: Path) -> None:
     recorder = session(tmp_path, takes=1, fault="air-dead")
-    assert "air microphone dead" in str(recorder.quality)
+    assert "air microphone dead" in recorder.quality
     assert "air microphone dead" in open_dataset(tmp_path).recordings[0].known("quality")
 
 

@@ -20,6 +20,7 @@ from tactophone.perception.calibration import Calibration
 from tactophone.perception.health import Reference
 from tactophone.recording import protocol
 from tactophone.recording.protocol import Key, Stage
+from tactophone.recording.quality import GOOD
 from tactophone.recording.recorder import RecordedObject, Recorder, SessionPlan
 from tactophone.recording.safe_writer import recording_in, recover
 from tactophone.simulation.takes import TAKES
@@ -135,9 +136,8 @@ def _press_go(recorder: Recorder, audio: AudioInput, plan: SessionPlan) -> None:
 
 
 def _quality(recorder: Recorder) -> Text:
-    good = recorder.quality is not None and recorder.quality.good
     text = Text(f"{recorder.protocol.take.name:13}", style="bold")
-    text.append(str(recorder.quality), "green" if good else "yellow")
+    text.append(recorder.quality, "green" if recorder.quality == GOOD else "yellow")
     if recorder.levels:
         text.append(f"  ({recorder.levels.contact:.0%} contact, {recorder.levels.level_dbfs:.0f} dBFS)", "dim")
     return text

@@ -25,6 +25,9 @@ MIN_CONTACT = 0.1
 PRESSURE_STEP_DB = 1.5
 """By which a pressure must be louder than the next lighter: twice what two takes of equal pressure differ by."""
 
+GOOD = "good"
+"""Quality of a take without complaints, in the manifest too."""
+
 LEVEL_PERCENTILE = 75
 """Percentile of a take's levels that represents its pressure: pauses are below it."""
 
@@ -43,20 +46,6 @@ class TakeLevels:
     """75th percentile of the contact channel's level."""
     faults: tuple[SensorFault, ...] = ()
     """Sensor faults found."""
-
-
-@dataclass(frozen=True, slots=True)
-class TakeQuality:
-    """What is wrong with a take; no complaints if it is good."""
-
-    complaints: tuple[str, ...]
-
-    @property
-    def good(self) -> bool:
-        return not self.complaints
-
-    def __str__(self) -> str:
-        return "; ".join(self.complaints) or "good"
 
 
 class TakeMeter:
@@ -89,8 +78,8 @@ class TakeMeter:
         )  # fmt: skip
 
 
-def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float) -> TakeQuality:
-    """Report what is wrong with a take, given the levels in dBFS of each other take of this object, by its name."""
+def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float], *, duration: float) -> str:
+    """Return what is wrong with a take, or ``good``, given the levels in dBFS of this object's other takes by name."""
     # A single bang raises the fault "clipped" for a moment; the clipped share of the whole take is checked below.
     complaints = [str(fault) for fault in levels.faults if fault.kind is not FaultKind.CLIPPED]
     if levels.duration < 0.99 * duration:
@@ -107,4 +96,4 @@ def assess_take(take: Take, levels: TakeLevels, other_levels: Mapping[str, float
         step_db = levels.level_dbfs - other_levels[lighter.name]
         if step_db < PRESSURE_STEP_DB:
             complaints.append(f"not louder than {lighter.pressure} pressure ({step_db:+.1f} dB): press harder")
-    return TakeQuality(tuple(complaints))
+    return "; ".join(complaints) or GOOD

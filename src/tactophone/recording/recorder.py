@@ -7,7 +7,7 @@ from tactophone.dataset.values import Dataset, Recording
 from tactophone.microphones import MICROPHONES
 from tactophone.perception.health import Reference
 from tactophone.recording.protocol import COUNTDOWN, DURATION, Key, Protocol, Stage
-from tactophone.recording.quality import TakeLevels, TakeMeter, TakeQuality, assess_take
+from tactophone.recording.quality import GOOD, TakeLevels, TakeMeter, assess_take
 from tactophone.recording.safe_writer import TakeWriter
 from tactophone.simulation.takes import TAKES, Take
 from tactophone.types import AudioBlock, Touch
@@ -76,7 +76,7 @@ class Recorder:
     protocol
         State of the session.
     quality, levels
-        Of the last take; ``None`` before the first.
+        Of the last take; empty and ``None`` before the first.
     recordings
         Finished so far.
     """
@@ -90,7 +90,7 @@ class Recorder:
         self.protocol = Protocol(
             plan.takes, sample_rate=sample_rate, done=self._levels, duration=plan.duration, countdown=plan.countdown
         )
-        self.quality: TakeQuality | None = None
+        self.quality = ""
         self.levels: TakeLevels | None = None
         self.recordings: list[Recording] = []
         self._file: TakeWriter | None = None
@@ -139,7 +139,7 @@ class Recorder:
         self.levels = self._meter.levels
         self.quality = assess_take(take, self.levels, self._levels, duration=self._plan.duration)
         self._levels[take.name] = self.levels.level_dbfs
-        properties = {"level_dbfs": f"{self.levels.level_dbfs:.2f}", "quality": str(self.quality)}
+        properties = {"level_dbfs": f"{self.levels.level_dbfs:.2f}", "quality": self.quality}
         if self.protocol.pauses:
             properties["pauses"] = " ".join(f"{pause:g}" for pause in self.protocol.pauses)
         # Cleared first: a full disk raises in finish(), and close() must not finish the same take twice.
@@ -155,5 +155,5 @@ def _levels(target: RecordedObject, known: Dataset | None) -> dict[str, float]:
         recording.take: float(recording.known("level_dbfs") or "-inf")
         for recording in known.recordings
         if (recording.known("object"), recording.scenario) == (target.name, target.scenario)
-        and recording.known("quality") == "good"
+        and recording.known("quality") == GOOD
     }

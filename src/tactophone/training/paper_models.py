@@ -12,7 +12,7 @@ import math
 import pickle
 import warnings
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import torch
 
 from tactophone.errors import ModelError
 from tactophone.perception.model_file import MAX_BYTES, Gate
-from tactophone.training.export import BINS, channels_of, make_card, write_model
+from tactophone.training.export import BINS, make_card, write_model
 from tactophone.training.network import PaperNetwork, weights_of
 from tactophone.training.recipes import NETWORK_RATE, NETWORK_WINDOW_SIZE, REFERENCE_GATE
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
@@ -107,21 +107,12 @@ def _read(path: Path) -> Mapping[str, Any]:
     return held
 
 
-def _require_structure(path: Path, found: dict[str, FloatArray]) -> None:
+def _require_structure(path: Path, found: Mapping[str, FloatArray]) -> None:
     """Raise a ModelError unless parameters are those of the paper's network, for one or two microphones."""
-    columns = found["layer1.weight"].shape[-1] if "layer1.weight" in found else 0
-    if columns not in (BINS, 2 * BINS):
-        raise ModelError(
-            f"{path}: layer1 takes {columns or 'nothing, as there is none'}, but the paper's network takes {BINS} "
-            f"magnitudes (one microphone) or {2 * BINS} (two); its layers are {_listed(found)}"
-        )
-    expected = weights_of(PaperNetwork(channels=channels_of(found)))
-    wrong = sorted(found.keys() ^ expected.keys())
-    wrong += sorted(name for name in found.keys() & expected.keys() if found[name].shape != expected[name].shape)
+    shapes = {name: value.shape for name, value in found.items()}
+    expected = weights_of(PaperNetwork(1 if shapes.get("layer1.weight", ())[-1:] == (BINS,) else 2))
+    names = sorted(shapes.keys() | expected.keys())
+    wrong = [name for name in names if shapes.get(name) != getattr(expected.get(name), "shape", None)]
     if wrong:
-        raise ModelError(f"{path}: not the paper's network: {_listed(wrong)} missing, unknown or of another shape")
-
-
-def _listed(names: Iterable[str]) -> str:
-    listed = list(names)
-    return ", ".join(listed[:6]) + (", ..." if len(listed) > 6 else "")
+        listed = ", ".join(wrong[:6]) + (", ..." if len(wrong) > 6 else "")
+        raise ModelError(f"{path}: not the paper's network: {listed} missing, unknown or of another shape")
