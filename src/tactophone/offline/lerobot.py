@@ -63,17 +63,9 @@ class Exported:
 def export(log: Path, dataset: Path, out: Path, *, episode: int = 0, start: float | None = None) -> Exported:
     """Copy a data set to a new folder, with what was felt in one of its episodes.
 
-    Parameters
-    ----------
-    start
-        Time of the episode's first frame, in s since 1970; by default that of the log's first prediction.
-
-    Raises
-    ------
-    DatasetError
-        If log or data set cannot be read.
-    ConfigError
-        If the folder exists, or the log covers no frame of the episode.
+    The episode's first frame is at ``start`` s since 1970, by default the time of the log's first prediction. Raises
+    `DatasetError` if log or data set cannot be read, and `ConfigError` if the folder exists, or the log covers no frame
+    of the episode.
     """
     import pyarrow
     from pyarrow import parquet

@@ -20,24 +20,10 @@ def draw_recording(
     path: Path, *, timeline: Path, microphones: PeakEnvelope, vibration: PeakEnvelope, title: str = "",
     truth: Sequence[Segment] = (), finger: str = "",
 ) -> None:  # fmt: skip
-    """Draw a run and write it as PNG.
+    """Draw a run, by its timeline (CSV) and the peak envelopes of its sound and vibration, and write it as PNG.
 
-    Parameters
-    ----------
-    path
-        The figure to write.
-    timeline
-        The CSV file of the run.
-    microphones, vibration
-        Peak envelopes of the run's sound and vibration.
-    title
-        Of the figure.
-    truth
-        Labelled segments; drawn as a strip if there are any.
-    finger
-        Of a hand: whose lines of the timeline are drawn.
-
-    Raises `TactophoneError` if matplotlib is not installed.
+    Labelled segments (``truth``) are drawn as a strip. Of a hand, ``finger`` names whose lines of the timeline are
+    drawn. Raises `TactophoneError` if matplotlib is not installed.
     """
     pyplot = load_pyplot()
     lines = read_timeline(timeline, finger=finger)

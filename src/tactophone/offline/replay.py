@@ -95,14 +95,8 @@ class LoggedEndpoint:
     """The operator's end of one logged process.
 
     ``change`` changes its settings: another model, another profile. Controls in the log then no longer set them.
-    ``ceiling`` bounds that of the log, which may come from a machine that allows more, or from anybody.
-
-    Attributes
-    ----------
-    notes
-        What differs here from the machine of the run.
-    lowered
-        Whether the bound did anything.
+    ``ceiling`` bounds that of the log, which may come from a machine that allows more, or from anybody; ``lowered``
+    says whether it did. ``notes`` say what differs here from the machine of the run.
     """
 
     def __init__(self, run: RunStart, change: Change, *, ceiling: float = 1.0) -> None:
@@ -224,22 +218,15 @@ def _bounded(settings: Settings, ceiling: float) -> Settings:
 
 @dataclass(slots=True)
 class Comparison:
-    """How the predictions and commands of a replay compare with those in the log, one by one.
-
-    Attributes
-    ----------
-    equal, different
-        Predictions that are equal to the bit, command included, and those that are not.
-    uncertain
-        Of which the log cannot say which controls held; not compared.
-    first
-        The first that differs: as logged, and as computed.
-    """
+    """How the predictions and commands of a replay compare with those in the log, one by one."""
 
     equal: int = 0
     different: int = 0
+    """`equal` and `different`: predictions that are equal to the bit, command included, and those that are not."""
     uncertain: int = 0
+    """Of which the log cannot say which controls held; not compared."""
     first: tuple[LoggedPrediction, LoggedPrediction] | None = None
+    """The first that differs: as logged, and as computed."""
 
     def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
         # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
@@ -254,19 +241,7 @@ class Comparison:
 
 @dataclass(slots=True)
 class Replay:
-    """Runs the entries of a log; iterate over :meth:`steps` to the end.
-
-    Attributes
-    ----------
-    comparison
-        With what was logged; complete when the steps have been computed.
-    complete
-        Whether the log has its end; the writer of one without was killed, or its disk was full.
-    missed
-        Bytes and predictions that the log lacks, because they were not read in time.
-    lowered
-        Whether a ceiling in the log was above the bound; the comparison then says nothing.
-    """
+    """Runs the entries of a log; iterate over :meth:`steps` to the end."""
 
     entries: Iterable[LogEntry]
     change: Change = lambda settings: settings
@@ -274,12 +249,16 @@ class Replay:
     ceiling: float = 1.0
     """Bounds that of the log."""
     comparison: Comparison = field(default_factory=Comparison)
+    """With what was logged; complete when the steps have been computed."""
     role: str = ""
     complete: bool = True
+    """Whether the log has its end; the writer of one without was killed, or its disk was full."""
     missed: int = 0
+    """Bytes and predictions that the log lacks, because they were not read in time."""
     processes: int = 0
     notes: list[str] = field(default_factory=list)
     lowered: bool = False
+    """Whether a ceiling in the log was above the bound; the comparison then says nothing."""
     endpoint: LoggedEndpoint | None = None
     _logged: dict[int, deque[LoggedPrediction]] = field(default_factory=partial(defaultdict, deque))
     _computed: dict[int, deque[tuple[LoggedPrediction, bool]]] = field(default_factory=partial(defaultdict, deque))

@@ -66,18 +66,9 @@ def with_fallback(
     model: str = "paper",
     reference: Reference | None = None,
 ) -> "FallbackDetector":
-    """Add fallbacks to a detector; with two microphones, a detector for the contact microphone alone stands by.
+    """Add fallbacks to a detector of a model; with two microphones, one for the contact microphone alone stands by.
 
-    Parameters
-    ----------
-    detector
-        For microphones without faults.
-    sample_rate, channels
-        Of the sound to come.
-    model
-        Its model, by name or path.
-    reference
-        From the set-up's calibration; without one, faults are found less sharply.
+    Without the reference of the set-up's calibration, faults are found less sharply.
     """
     name = fallback_model(model) if channels > 1 else None
     follows = detector.threshold.follows_floor

@@ -15,26 +15,18 @@ from tactophone.types import AudioBlock, Touch
 
 @dataclass(frozen=True, slots=True)
 class RecordedObject:
-    """The recorded object: its name gives the folder, its other fields go to the manifest.
-
-    Parameters
-    ----------
-    name, surface, material
-        The object; its surface, if several objects share it (splits keep a surface on one side); its material.
-    label
-        A person's label.
-    scenario
-        How it is held: ``held``, ``table``, ``box``, or any other name.
-    session
-        The day or sitting.
-    """
+    """The recorded object: its name gives the folder, its other fields go to the manifest."""
 
     name: str
     label: Touch
+    """As a person says."""
     surface: str = ""
+    """If several objects share it: splits keep a surface on one side."""
     material: str = ""
     scenario: str = "table"
+    """How it is held: ``held``, ``table``, ``box``, or any other name."""
     session: str = ""
+    """The day or sitting."""
 
     def recording(self, root: Path, take: Take, channels: int) -> Recording:
         properties = {"object": self.name, "material": self.material, "stroke": take.stroke}
@@ -71,14 +63,8 @@ class SessionPlan:
 class Recorder:
     """Records an object's takes: push sound, press keys, and show the attributes.
 
-    Attributes
-    ----------
-    protocol
-        State of the session.
-    quality, levels
-        Of the last take; empty and ``None`` before the first.
-    recordings
-        Finished so far.
+    ``quality`` and ``levels`` are of the last take, empty and ``None`` before the first; ``recordings`` are those
+    finished so far.
     """
 
     def __init__(

@@ -168,30 +168,20 @@ _MAX_WAIT = 0.05
 class ImpairmentProxy:
     """Forwards datagrams in both directions through two impaired links, in its own thread; a context manager.
 
-    Parameters
-    ----------
-    operator
-        Destination of the robot's datagrams.
-    profile
-        Of each direction.
-    seed
-        Random seed of the direction to the operator; the other direction uses the next.
-    host, port
-        Address for the robot; port 0 lets the system choose.
-    prepare
-        Called first in the thread: to give it the priority of the sound, as a busy machine delays no real network.
+    ``operator`` gets the robot's datagrams. The direction to it has this random seed, the other one the next.
+    ``prepare`` is called first in the thread: to give it the priority of the sound, as a busy machine delays no real
+    network.
     """
 
     def __init__(
-        self, operator: Address, profile: NetworkProfile, *, seed: int = 0, host: str = "127.0.0.1", port: int = 0,
+        self, operator: Address, profile: NetworkProfile, *, seed: int = 0,
         prepare: Callable[[], object] = lambda: None,
     ) -> None:  # fmt: skip
         self._operator, self._prepare = operator, prepare
         self._robot: Address | None = None
         self._to_operator = ImpairedLink(profile, seed=seed)
         self._to_robot = ImpairedLink(profile, seed=seed + 1)
-        self._robot_side = UdpSocket(host, port)
-        self._operator_side = UdpSocket(host)
+        self._robot_side, self._operator_side = UdpSocket("127.0.0.1", 0), UdpSocket("127.0.0.1")
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self.run, name="impairment-proxy", daemon=True)
 

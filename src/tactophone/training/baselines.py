@@ -68,12 +68,8 @@ def build_surface(training_set: TrainingSet) -> onnx.ModelProto:
 def fit_height(training_set: TrainingSet) -> tuple[Floats, Floats, float, float]:
     """Fit log10 Ra (Ra in micrometres) to features by ridge regression, every surface weighted the same.
 
-    Returns
-    -------
-    weights, centre, bias, spread
-        ``bias + (features - centre) @ weights`` is the estimate; ``spread`` is its root mean square error in training.
-
-    Raises `DatasetError` if no recording has the property ``ra_um``.
+    Returns weights, centre, bias and spread: ``bias + (features - centre) @ weights`` is the estimate, and the spread
+    its root mean square error in training. Raises `DatasetError` if no recording has the property ``ra_um``.
     """
     from sklearn.linear_model import Ridge
 

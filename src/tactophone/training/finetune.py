@@ -80,19 +80,11 @@ def thinned(recordings: Sequence[Recording], most: int) -> tuple[Recording, ...]
 def finetuning_recipe(
     start: Path, strategy: Strategy, *, seed: int = 0, calibration: Calibration | None = None
 ) -> NetworkRecipe:
-    """Return the recipe of a fine-tuning.
+    """Return the recipe of a fine-tuning that begins with a model file of kind ``paper``.
 
-    Parameters
-    ----------
-    start
-        A model file of kind ``paper``.
-    strategy
-        ``blend``, or the paper's own ``fine-tuned``.
-    calibration
-        Of the set-up that the new objects were recorded with: where contact begins, for the labels and for the model's
-        gate; by default the recipe's and the first model's.
-
-    Raises `ModelError` if the model is of another kind: those train anew in a minute.
+    A calibration of the set-up that the new objects were recorded with says where contact begins, for the labels and
+    for the model's gate; by default the recipe and the first model do. Raises `ModelError` if the model is of another
+    kind: those train anew in a minute.
     """
     card = read_model(start).card
     if card.kind != "paper":

@@ -184,23 +184,9 @@ def build_training_set(
 ) -> TrainingSet:
     """Extract features from labelled recordings and select the windows to train on.
 
-    Parameters
-    ----------
-    spec
-        Which features.
-    recordings
-        With contact on both smooth and rough surfaces.
-    codecs
-        Codecs through which each recording is used once more: a classifier that was never trained without the band
-        that the link removes fails there (docs/research/benchmark.md).
-    augmentation
-        Each take is used in so many copies, each varied; texture features alone.
-    seed
-        Of the variations.
-    tip
-        That touches.
-
-    Raises `DatasetError` if there is no contact in all rough or all smooth recordings.
+    Each recording is used once more through each of the codecs: a classifier that was never trained without the band
+    that the link removes fails there (docs/research/benchmark.md). An augmentation adds varied copies, drawn by the
+    seed, of texture features alone. Raises `DatasetError` if there is no contact in all rough or all smooth recordings.
     """
     plain = tracks = extract_features(recordings, spec)
     # Opus works at one rate. Where some recordings have it, those go through; where none has, reading one says so.
@@ -244,15 +230,9 @@ def fit_change_metric(shifts: Sequence[NDArray[np.float32]]) -> ChangeMetric:
     """Fit the metric in which a shift of the mean longer than 1 means a change of surface.
 
     A Mahalanobis distance, in each channel by itself so that a dead channel does not affect the other: directions in
-    which a finger's speed and pressure often shift the mean count little.
-
-    Parameters
-    ----------
-    shifts
-        Of recordings of one surface each, ``(windows, channels, values)``: see
-        :func:`tactophone.training.tracks.mean_shifts`.
-
-    The metric has the shape ``(channels, values, values)``; zeros, so that no change is detected, without shifts.
+    which a finger's speed and pressure often shift the mean count little. The shifts are those of
+    :func:`tactophone.training.tracks.mean_shifts`. The metric has the shape ``(channels, values, values)``; zeros, so
+    that no change is detected, without shifts.
     """
     moved = np.concatenate(shifts).astype(np.float64)
     if not len(moved):

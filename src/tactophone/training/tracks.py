@@ -166,29 +166,12 @@ def read_signals(
     microphone: str = "contact",
     report: Callable[[int], None] = silent,
 ) -> list[FloatArray]:
-    """Read recordings at a model's sample rate; those read before come from a cache.
+    """Read usable recordings at a model's sample rate in Hz; those read before come from a cache.
 
-    Parameters
-    ----------
-    recordings
-        Usable ones: :func:`tactophone.dataset.usable` leaves the others out.
-    channels
-        2, or 1.
-    rate
-        In Hz.
-    codec
-        Codec that the sound passes through first, as it does on the link.
-    microphone
-        Which microphone to read where ``channels`` is 1; the file's first, if it has none of that name.
-    report
-        Called with the number of recordings read.
-
-    Returns
-    -------
-    list of ndarray
-        A recording each, float32, shape ``(samples, channels)``, channel 0 contact.
-
-    Raises `DatasetError` if a file cannot be read, has too few channels, or not the sample rate of the codec.
+    The sound passes through the codec first, as it does on the link. ``microphone`` is the one to read where
+    ``channels`` is 1; the file's first, if it has none of that name. ``report`` is called with the number read. Returns
+    float32 of shape ``(samples, channels)`` for each, channel 0 contact. Raises `DatasetError` if a file cannot be
+    read, has too few channels, or not the sample rate of the codec.
     """
     signals = []
     for done, recording in enumerate(recordings, 1):

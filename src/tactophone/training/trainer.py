@@ -88,23 +88,10 @@ class Run:
     """A training run: each iteration trains on one batch.
 
     The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
-    interrupted or not.
+    interrupted or not. The seed is of the first parameters, unless there are ``initial`` ones, of the order of windows
+    and of the noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run continues from it.
 
-    Parameters
-    ----------
-    windows, settings
-        Training data, and how to train.
-    seed
-        Of the first parameters, the order of windows and the noise.
-    checkpoint_path
-        Where to keep a checkpoint; if there is one of this very run, the run continues from it.
-    initial
-        Parameters to start from, instead of random ones.
-
-    Attributes
-    ----------
-    network
-        After the last batch.
+    ``network`` is that after the last batch.
     """
 
     def __init__(
