@@ -10,7 +10,7 @@ def test_the_finger_strokes_smooth_then_rough_and_slips_off() -> None:
     indices = []
     for _ in finger:
         indices.append(finger.truth.object_index)
-    segments, _ = touch_segments(np.concatenate(indices), finger.scene)
+    segments = touch_segments(np.concatenate(indices), finger.scene)
     touched = [segment.label_name for segment in segments if segment.label_name != "none"]
     assert touched[0] == "smooth"
     assert touched[-2:] == ["rough", "contact"]

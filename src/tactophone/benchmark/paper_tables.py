@@ -307,15 +307,11 @@ class TaskOutcome:
     """Outcome of the task with one method."""
 
     name: str
-    found: str
-    both: str
-    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were; with 90 %
-    intervals."""
-    duration: str
+    found: Estimate
+    both: Estimate
+    """`found` and `both`: share of rounds in which the stone picked first was rough, and both picked were."""
+    duration: Estimate
     """Decision time in s: median, and 5 to 95 %."""
-    success: float
-    median_duration: float
-    """`success` and `median_duration`: the share of ``both`` and the median of ``duration``, as numbers."""
 
 
 def task_methods() -> tuple[str, ...]:
@@ -349,8 +345,7 @@ def play_task(
         played = play_rounds(perceive_visits(sound, vibration_of(name)), rounds=rounds)
         found, both = (np.array([getattr(game, field) for game in played]) for field in ("found", "success"))
         p5, p50, p95 = np.quantile([game.duration for game in played], [0.05, 0.5, 0.95])
-        times = f"{p50:.1f} ({p5:.1f}-{p95:.1f})"
-        outcomes.append(TaskOutcome(name, _share(found), _share(both), times, float(both.mean()), float(p50)))
+        outcomes.append(TaskOutcome(name, _share(found), _share(both), Estimate(float(p50), float(p5), float(p95))))
     return outcomes
 
 
@@ -374,10 +369,10 @@ def _render(sound: FloatArray, model: str, profile: str) -> FloatArray:
     return out
 
 
-def _share(won: NDArray[np.bool_]) -> str:
-    """Format a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
+def _share(won: NDArray[np.bool_]) -> Estimate:
+    """Return a share with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     from scipy.stats import binomtest
 
     found = binomtest(int(won.sum()), len(won))
     low, high = found.proportion_ci(COVERAGE, method="wilson")
-    return f"{found.statistic:.3f} ({low:.2f}-{high:.2f})"
+    return Estimate(float(found.statistic), float(low), float(high))

@@ -242,11 +242,14 @@ def _print_task(args: argparse.Namespace) -> None:
         "Table III as the paper has it: min:s until a rough stone was fetched; N/A: not attempted",
         list(teams.values()),
         f"Table III: SIMULATED OPERATOR, five stones, two of them rough, {args.rounds} rounds a method",
-        [dict(zip(headings, (each.name, each.found, each.both, each.duration), strict=True)) for each in outcomes],
+        [
+            dict(zip(headings, (each.name, each.found, each.both, each.duration.written(".1f", ".1f")), strict=True))
+            for each in outcomes
+        ],
         "Shares with 90 % intervals, times as median and 5 to 95 %. The operator practises on the catalogue's training "
         "objects, on which the shipped models are trained, and plays with stones new to both. The paper's teams are "
         "people with a robot, who also moved an arm and fetched the stone.",
     ]
     output.show(
-        [*paper, *({**asdict(each), "task": each.median_duration} for each in outcomes)], parts, as_json=args.json
+        [*paper, *({**asdict(each), "task": each.duration.value} for each in outcomes)], parts, as_json=args.json
     )

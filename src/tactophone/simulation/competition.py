@@ -1,6 +1,5 @@
 """The competition's task as recordings: five stones in a curtained box, three smooth, two rough, on two days."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from tactophone.dataset.values import Recording
-from tactophone.processes import atomic_write
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
 from tactophone.simulation.motion import Scene, five_stones
 from tactophone.simulation.render import RenderMetadata, read_render_metadata, touch_segments, write_sound
@@ -74,26 +72,21 @@ def render_run(run: CompetitionRun) -> tuple[FloatArray, Truth]:
 
 
 def write_run(folder: Path, run: CompetitionRun, *, bits: int = 16) -> None:
-    """Write a run's sound and a CSV file of its truth: ``start,end,stone,touch``; stones count from 1, 6 is the mat."""
+    """Write a run's sound, unless it is there."""
     path = folder / f"{run.name}.flac"
     metadata = read_render_metadata(path)
     if metadata is None or metadata.fingerprint != run.fingerprint:
         samples, truth = render_run(run)
-        metadata = RenderMetadata(run.fingerprint, *touch_segments(truth.object_index, run.scene))
-        write_sound(path, samples, metadata, bits=bits)
-    with atomic_write(folder / f"{run.name}.csv") as unfinished, unfinished.open("w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["start", "end", "stone", "touch"])
-        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True):
-            writer.writerow([segment.start, segment.end, index + 1 if index >= 0 else "", segment.label_name])
+        segments = touch_segments(truth.object_index, run.scene)
+        write_sound(path, samples, RenderMetadata(run.fingerprint, segments), bits=bits)
 
 
 def run_recording(folder: Path, run: CompetitionRun) -> Recording:
     """Return the manifest's entry of a run that has been written."""
     metadata = read_render_metadata(folder / f"{run.name}.flac")
     properties = {
-        "stones": " ".join(label.name.lower() for label in run.order), "truth": f"{run.name}.csv",
-        "split": "competition", "tip": run.tip, "source": "simulated",
+        "stones": " ".join(label.name.lower() for label in run.order), "split": "competition", "tip": run.tip,
+        "source": "simulated",
     }  # fmt: skip
     return Recording(
         folder / f"{run.name}.flac", "competition stones", None, ("contact", "air"), take=f"run_{run.number}",
@@ -110,6 +103,6 @@ def write_finals(folder: Path, runs: Sequence[CompetitionRun], *, bits: int = 16
         for label in SURFACE_LABELS:
             sound = np.concatenate([samples[truth.touch == label] for samples, truth in rendered])
             path = folder / "finals_recordings" / f"day_{day}_{label.name.lower()}.wav"
-            write_sound(path, sound, RenderMetadata(f"finals {VERSION}", (), ()), bits=bits)
+            write_sound(path, sound, RenderMetadata(f"finals {VERSION}", ()), bits=bits)
             written.append(path)
     return written

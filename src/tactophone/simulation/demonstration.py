@@ -68,7 +68,7 @@ def write_demonstration(folder: Path, names: Sequence[str] = ("",), *, seed: int
         path = folder / f"{'-'.join(filter(None, ('microphones', name)))}.wav"
         with atomic_write(path) as part:
             soundfile.write(part, samples[:, 2 * place : 2 * place + 2], hand.sample_rate, "PCM_24", format="WAV")
-        segments, _ = touch_segments(np.concatenate([found[place] for found in touched]), fingers[place].scene)
+        segments = touch_segments(np.concatenate([found[place] for found in touched]), fingers[place].scene)
         recordings.append(Recording(path, "competition stones", channels=("contact", "air"), segments=segments))
     write_metadata(folder, recordings)
     return [recording.path for recording in recordings]

@@ -37,19 +37,15 @@ SHORTEST = 0.03
 
 @dataclass(frozen=True, slots=True)
 class RenderMetadata:
-    """A file's parameters as a ``fingerprint``, and what is touched when: segments and each one's object index."""
+    """A file's parameters as a ``fingerprint``, and what is touched when."""
 
     fingerprint: str
     segments: tuple[Segment, ...]
-    object_indices: tuple[int, ...]
 
 
 def write_sound(path: Path, samples: FloatArray, metadata: RenderMetadata, *, bits: int = 16) -> None:
     """Write WAV or FLAC, by the path's suffix; the file appears complete or not at all."""
-    segments = [
-        [segment.start, segment.end, segment.label_name, index]
-        for segment, index in zip(metadata.segments, metadata.object_indices, strict=True)
-    ]
+    segments = [[segment.start, segment.end, segment.label_name] for segment in metadata.segments]
     with (
         atomic_write(path) as unfinished,
         soundfile.SoundFile(
@@ -65,24 +61,22 @@ def read_render_metadata(path: Path) -> RenderMetadata | None:
     try:
         with soundfile.SoundFile(path) as file:
             comment = json.loads(file.comment)
-        segments = tuple(Segment(start, end, name) for start, end, name, _ in comment["segments"])
-        return RenderMetadata(comment["fingerprint"], segments, tuple(index for *_, index in comment["segments"]))
+        return RenderMetadata(comment["fingerprint"], tuple(Segment(*each[:3]) for each in comment["segments"]))
     except (OSError, soundfile.LibsndfileError, ValueError, KeyError, TypeError):
         return None
 
 
-def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[tuple[Segment, ...], tuple[int, ...]]:
-    """Turn the truth's ``object_index`` per sample into segments and their object indices.
+def touch_segments(object_index: NDArray[np.int16], scene: Scene) -> tuple[Segment, ...]:
+    """Turn the truth's ``object_index`` per sample into segments, one for each touch of an object.
 
     A segment is named by its object's label, the ground *contact*, the air *none*.
     """
     bounds = np.concatenate([[0], np.flatnonzero(np.diff(object_index)) + 1, [len(object_index)]])
-    runs = list(_merged((int(a), int(b), int(object_index[a])) for a, b in pairwise(bounds) if b > a))
-    segments = tuple(
+    runs = _merged((int(a), int(b), int(object_index[a])) for a, b in pairwise(bounds) if b > a)
+    return tuple(
         Segment(round(a / LIVE_SAMPLE_RATE, 4), round(b / LIVE_SAMPLE_RATE, 4), _label_name(index, scene))
         for a, b, index in runs
     )
-    return segments, tuple(index for *_, index in runs)
 
 
 def _merged(runs: Iterable[tuple[int, int, int]]) -> Iterable[tuple[int, int, int]]:
@@ -287,6 +281,6 @@ def _moves(job: RenderJob, scene: Scene) -> list[Move]:
 
 def _write(folder: Path, job: RenderJob) -> RenderJob:
     samples, truth = render(job)
-    touched = touch_segments(truth.object_index, single(job.object, job.mounting))
-    write_sound(folder / job.name, samples, RenderMetadata(job.fingerprint, *touched), bits=job.options.bits)
+    segments = touch_segments(truth.object_index, single(job.object, job.mounting))
+    write_sound(folder / job.name, samples, RenderMetadata(job.fingerprint, segments), bits=job.options.bits)
     return job
