@@ -64,9 +64,6 @@ class Roughness:
     """`ra` and `rq`: mean of the absolute height, and its root mean square, in m."""
     rz: float
     """Greatest height within a sampling length, averaged over five, in m."""
-    rsk: float
-    rku: float
-    """`rsk` and `rku`: skewness (negative for plateaus with pits) and kurtosis (3 for Gaussian heights)."""
     rsm: float
     """Mean width of profile elements, in m; NaN if there is none."""
     rdq: float
@@ -89,13 +86,12 @@ def measure_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, pe
     size = max(1, round(cutoff / step))
     count = max(1, min(LENGTHS, len(rough) // size))
     rz = float(np.mean([part.max() - part.min() for part in np.array_split(rough[: count * size], count)]))
-    skewness, kurtosis = (float((rough**power).mean()) / rq**power if rq else float("nan") for power in (3, 4))
     rsm = _rsm(rough, LEAST_ELEMENT * rz) * step
     # The slope is that of seven heights, as ISO 21920-2 and ISO 4287 name it.
     padded = np.pad(rough, 3, mode="wrap") if periodic else rough
     slopes = np.convolve(padded, SLOPE_WEIGHTS, mode="valid") / (60 * step) if len(padded) >= 7 else np.array([np.nan])
     rdq = float(np.sqrt(np.square(slopes).mean()))
-    return Roughness(float(np.abs(rough).mean()), rq, rz, skewness, kurtosis, rsm, rdq)
+    return Roughness(float(np.abs(rough).mean()), rq, rz, rsm, rdq)
 
 
 def roughness_profile(heights: Heights, *, step: float, cutoff: float = CUTOFF, periodic: bool = False) -> Heights:

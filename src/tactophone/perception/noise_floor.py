@@ -103,8 +103,7 @@ class NoiseFloor:
     """Follows the noise floor of a stream of levels, about `RATE` a second.
 
     ``start_dbfs`` is the threshold until the floor is known; ``spread_db`` the greatest standard deviation of noise
-    within a cell, see `SPREAD_DB`; ``false_alarms`` the wanted share of the time without contact that counts as
-    contact.
+    within a cell, see `SPREAD_DB`.
 
     Attributes
     ----------
@@ -120,10 +119,8 @@ class NoiseFloor:
     (True, True)
     """
 
-    def __init__(
-        self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"], false_alarms: float = FALSE_ALARMS
-    ) -> None:
-        self._start_dbfs, self._spread_db, self._false_alarms = start_dbfs, spread_db, false_alarms
+    def __init__(self, start_dbfs: float, *, spread_db: float = SPREAD_DB["banded"]) -> None:
+        self._start_dbfs, self._spread_db = start_dbfs, spread_db
         self.reset()
 
     def reset(self) -> None:
@@ -188,7 +185,7 @@ class NoiseFloor:
 
     def _update(self) -> None:
         self._highest = max(self._floor, self._highest - FORGET_DB)
-        margin = margin_db(math.sqrt(self._variance), self._false_alarms)
+        margin = margin_db(math.sqrt(self._variance), FALSE_ALARMS)
         self.threshold_dbfs = min(max(self._floor + margin, LOWEST_DBFS), HIGHEST_DBFS)
         self.release_dbfs = self.threshold_dbfs - RELEASE_SHARE * margin
 
