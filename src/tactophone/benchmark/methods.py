@@ -53,9 +53,6 @@ NETWORK_CHANGES: dict[str, Any] = {"hop": 21, "batch_size": 500, "least_steps": 
 FAST_STEPS = 200
 """Least steps of the network in a fast benchmark, of which its nine folds would otherwise take most of the time."""
 
-REFERENCE_SEEDS = (0, 1, 2)
-"""Of the reference: one seed of a network says little about the next."""
-
 NETWORK_LATENCY, FEATURE_LATENCY = 3.04e-3, 0.38e-3
 """Seconds of the resamplers' delay, from 48 kHz to 2 and to 16 kHz."""
 
@@ -229,7 +226,7 @@ def methods_for(dataset: Dataset, names: Sequence[str] = (), *, fast: bool = Fal
     needs = {name: RECIPES[name].requires for name in allowed if name in RECIPES and RECIPES[name].requires}
     lacking = {name for name, key in needs.items() if not any(take.known(key) for take in dataset.recordings)}
     chosen = [name for name in allowed if name in (names or allowed) and name not in lacking]
-    return tuple(make_method(name, dataset, fast=fast) for name in chosen)
+    return tuple(_make_method(name, dataset, fast=fast) for name in chosen)
 
 
 def channels_of(dataset: Dataset) -> int:
@@ -237,8 +234,7 @@ def channels_of(dataset: Dataset) -> int:
     return 2 if all(set(recording.channels) == {"contact", "air"} for recording in dataset.recordings) else 1
 
 
-def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = False) -> BenchmarkMethod:
-    """Make one of :func:`method_names`; only the paper's networks have a seed."""
+def _make_method(name: str, dataset: Dataset, *, fast: bool) -> BenchmarkMethod:
     if name in RENDERERS:
         return RendererMethod(name)
     if name.startswith("paper/"):
@@ -249,7 +245,7 @@ def make_method(name: str, dataset: Dataset, *, seed: int = 0, fast: bool = Fals
         changes = NETWORK_CHANGES | ({"least_steps": FAST_STEPS} if fast else {})
         options = TrainingOptions(
             variant=name.partition("/")[2],  # type: ignore[arg-type]  # the names are those of the variants
-            precision=fastest_precision(), contact_threshold=None if segmented else "off", seed=seed, **changes,
+            precision=fastest_precision(), contact_threshold=None if segmented else "off", **changes,
         )  # fmt: skip
         return method_of(RECIPES["paper-fast"].with_options(options))
     recipe = name.partition("/")[0]

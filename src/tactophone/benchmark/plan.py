@@ -11,13 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tactophone.benchmark.folds import Cache, Method, cross_validate, permute_labels, run_folds
+from tactophone.benchmark.folds import Cache, Method, MethodFold, cross_validate, permute_labels, run_folds
 from tactophone.benchmark.methods import (
     NO_AIR,
-    REFERENCE_SEEDS,
     RENDERERS,
     channels_of,
-    make_method,
     methods_for,
     recipe_method,
 )
@@ -80,19 +78,17 @@ def run_benchmark(
 ) -> DatasetResults:  # fmt: skip
     """Score the named methods, all if there are no names, and the control on splits of labelled, usable recordings.
 
-    The first method is the reference that the others are compared with, and runs with several seeds; with ``fast``,
-    with one, and fewer steps. ``workers`` and ``ray`` are as in `run_folds`; ``report`` is called with the number of
-    folds done, the most that there can be, and the name of the last one. Raises `ConfigError` if a name is unknown.
+    The first method is the reference that the others are compared with. With ``fast``, the paper's network is trained
+    for fewer steps. ``workers`` and ``ray`` are as in `run_folds`; ``report`` is called with the number of folds done,
+    the most that there can be, and the name of the last one. Raises `ConfigError` if a name is unknown.
     """
     methods = methods_for(dataset, names, fast=fast)
     control = recipe_method("texture", channels=channels_of(dataset))
-    seeds = REFERENCE_SEEDS[1:] if methods[0].name.startswith("paper/") and not fast else ()
-    others = [make_method(methods[0].name, dataset, seed=seed) for seed in seeds]
     folds = {name: folds_with_edges(dataset, name, cache.folder / "edges") for name in splits}
     permuted = {
         name: [split(permute_labels(dataset, seed=seed), name) for seed in PERMUTATION_SEEDS] for name in splits
     }
-    todo = [(method, fold) for of_split in folds.values() for method in (*methods, *others) for fold in of_split]
+    todo: list[MethodFold] = [(method, fold) for of_split in folds.values() for method in methods for fold in of_split]
     todo += [(control, fold) for sets in permuted.values() for of_set in sets for fold in of_set]
     run_folds(todo, cache, workers=workers, ray=ray, report=lambda done, name: report(done, len(todo), name))
 
@@ -105,12 +101,7 @@ def run_benchmark(
         dataset.name,
         origin_of(dataset),
         tuple(results),
-        {name: tuple(_window_scores(control, of_set, cache)[0] for of_set in sets) for name, sets in permuted.items()},
-        {
-            name: tuple(_window_scores(method, of_split, cache) for method in (methods[0], *others))
-            for name, of_split in folds.items()
-            if others
-        },
+        {name: tuple(_accuracy(control, of_set, cache) for of_set in sets) for name, sets in permuted.items()},
     )
 
 
@@ -122,11 +113,10 @@ def folds_with_edges(dataset: Dataset, name: str, folder: Path) -> list[Fold]:
     return [replace(fold, test=(*fold.test, *join_edges(fold.test, folder))) for fold in folds]
 
 
-def _window_scores(method: Method, folds: Sequence[Fold], cache: Cache) -> tuple[float, float]:
-    """Balanced accuracy and AUC over windows in true contact."""
+def _accuracy(method: Method, folds: Sequence[Fold], cache: Cache) -> float:
+    """Balanced accuracy over windows in true contact."""
     predictions = map(in_true_contact, cross_validate(method, folds, cache=cache))
-    metrics = measure(scores_of(predictions, "two-class"))
-    return metrics["balanced_accuracy"], metrics["auc"]
+    return measure(scores_of(predictions, "two-class"))["balanced_accuracy"]
 
 
 def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:

@@ -1,7 +1,7 @@
 """Results of a benchmark: of a method as rendered, by windows, events and its difference from the reference."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,10 +54,8 @@ class DatasetResults:
     """`dataset` and `origin`: its name, and whether its sound is simulated, in words."""
     results: tuple[MethodResult, ...]
     """Of every method, split by split."""
-    permuted: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    permuted: Mapping[str, tuple[float, ...]]
     """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
-    seeds: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-    """By split: balanced accuracy and AUC of the reference, over windows, with each of its seeds."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -155,7 +155,7 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
 
 def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str, Cost]]") -> Iterator[output.Part]:
     """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
-    from tactophone.benchmark.report import format_delay, notes_of, steps_by_profile
+    from tactophone.benchmark.report import control_of, format_delay, steps_by_profile
 
     for of_dataset in results:
         for split in dict.fromkeys(result.split for result in of_dataset.results):
@@ -175,7 +175,7 @@ def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str
                 if result.split == split
             ]
             yield output.table(rows, padding=(0, 1, 0, 0))
-            yield from (*notes_of(of_dataset, split), "")
+            yield from (control_of(of_dataset, split), "")
     steps = ", ".join(f"{name} {pitch:.1f} / {both:.1f}" for name, (pitch, both) in steps_by_profile().items())
     yield f"just-noticeable steps from smooth to rough, of frequency / with level: {steps}"
 
