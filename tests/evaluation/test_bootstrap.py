@@ -1,3 +1,4 @@
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,6 @@ from tactophone.evaluation.bootstrap import (
     BINS,
     Estimate,
     accuracy_of,
-    by_surface,
-    by_take,
     compare_models,
     estimate,
     paired_difference,
@@ -112,18 +111,18 @@ def predicted(correct: float, *, contact: bool = True) -> list[TakePredictions]:
 
 
 def test_gain_and_loss_are_paired() -> None:
-    changes = compare_models(predicted(0.6), predicted(0.9), by=by_surface)
+    changes = compare_models(predicted(0.6), predicted(0.9), by=attrgetter("surface"))
     accuracy = changes["balanced_accuracy"]
     assert (accuracy.before.value, accuracy.after.value) == pytest.approx((0.6, 0.9))
     assert accuracy.difference.value == pytest.approx(0.3)
     assert accuracy.difference.low == pytest.approx(0.3)
     assert changes["false_positive_rate"].difference.value == pytest.approx(-0.3)
-    assert compare_models(predicted(0.6), predicted(0.9), by=by_take)["balanced_accuracy"] == accuracy
+    assert compare_models(predicted(0.6), predicted(0.9), by=attrgetter("path.name"))["balanced_accuracy"] == accuracy
 
 
 def test_objects_of_one_label_are_scored_on_it_alone() -> None:
     rough = [take for take in predicted(0.7) if take.recording.label is Touch.ROUGH]
-    changes = compare_models(rough, rough, by=by_take)
+    changes = compare_models(rough, rough, by=attrgetter("path.name"))
     assert changes["balanced_accuracy"].after.value == pytest.approx(0.7)
     assert np.isnan(changes["false_positive_rate"].after.value)
     assert accuracy_of(rough) == pytest.approx(0.7)
@@ -131,6 +130,6 @@ def test_objects_of_one_label_are_scored_on_it_alone() -> None:
 
 def test_no_contact_is_named() -> None:
     with pytest.raises(DatasetError, match="never opened"):
-        compare_models(predicted(0.5, contact=False), predicted(0.5, contact=False), by=by_surface)
+        compare_models(predicted(0.5, contact=False), predicted(0.5, contact=False), by=attrgetter("surface"))
     with pytest.raises(DatasetError, match="never opened"):
         accuracy_of(predicted(0.5, contact=False))

@@ -176,16 +176,6 @@ def correct_for_number(differences: Mapping[Key, Difference]) -> dict[Key, Diffe
     return {key: replace(each, corrected=corrected[place]) for place, (key, each) in enumerate(differences.items())}
 
 
-def by_surface(recording: Recording) -> str:
-    """Cluster by surface: windows of one surface are correlated."""
-    return recording.surface
-
-
-def by_take(recording: Recording) -> str:
-    """Cluster by take, where a few new objects leave nothing else to draw: intervals hold for these objects only."""
-    return str(recording.path)
-
-
 def compare_models(
     before: Sequence[TakePredictions], after: Sequence[TakePredictions], *, by: Callable[[Recording], str]
 ) -> dict[str, Change]:
