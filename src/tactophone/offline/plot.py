@@ -64,10 +64,11 @@ def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
         lines["rough"], lines["smooth"] + lines["rough"],
         out=np.full_like(lines["rough"], np.nan), where=lines["smooth"] + lines["rough"] > 0,
     )  # fmt: skip
-    axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7)
+    without = "roughness without contact"
+    axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7, label=without)
     axis.step(
         lines["time"], np.where(in_contact, share, np.nan), where="post", color=TOUCH_COLOURS[Touch.ROUGH],
-        linewidth=1.1,
+        linewidth=1.1, label="in contact",
     )  # fmt: skip
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
@@ -79,7 +80,7 @@ def _draw_vibration(axis: Any, envelope: PeakEnvelope, lines: dict[str, Any]) ->
     axis.set(ylim=(-1.05, 1.05), yticks=(-1, 0, 1), ylabel="vibration\n(full drive)")
     pitch = axis.twinx()
     frequency = np.where(lines["amplitude"] > 0, lines["frequency"], np.nan)
-    pitch.step(lines["time"], frequency, where="post", color=ORANGE, linewidth=1.2)
+    pitch.step(lines["time"], frequency, where="post", color=ORANGE, linewidth=1.2, label="vibration frequency")
     pitch.set(ylim=(0, None if np.nanmax(frequency, initial=0) > 140 else 150))
     pitch.set_ylabel("frequency (Hz)", color="#A06E00")
     pitch.spines["right"].set_visible(True)
@@ -108,17 +109,11 @@ def _spans(lines: dict[str, Any]) -> list[tuple[float, float, Touch]]:
 
 
 def _add_legend(figure: Any) -> None:
-    from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     strips = [
         Patch(color=colour, alpha=0.25 if touch is Touch.NONE else 1, label=touch.name.lower())
         for touch, colour in TOUCH_COLOURS.items()
     ]
-    handles = [
-        *strips,
-        Line2D([], [], color=TOUCH_COLOURS[Touch.ROUGH], label="roughness in contact"),
-        Line2D([], [], color=_NO_CONTACT_COLOUR, label="... without contact"),
-        Line2D([], [], color=ORANGE, label="vibration frequency"),
-    ]
+    handles = [*strips, *(handle for axis in figure.axes for handle in axis.get_legend_handles_labels()[0])]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)

@@ -191,10 +191,6 @@ class Tip:
         drawn = {name: float(np.exp(rng.uniform(*np.log(pair)))) for name, pair in bounds.items() if pair}
         return self.finger._replace(**drawn)
 
-    def draw_electronics(self, rng: np.random.Generator, electronics: Electronics | None = None) -> Electronics:
-        """Draw a session's microphones; ``electronics`` replaces the tip's own, such as those of a hall."""
-        return (electronics or self.electronics).amplified(0.0, rng.uniform(*self.air_gain_db))
-
 
 _ROD = Finger(
     arm_mass=0.12,  # a hand's fingers about a pen

@@ -219,7 +219,7 @@ class SessionVariation:
         rng, tip_rng = np.random.default_rng([0x5E75, seed]), np.random.default_rng([0x71B, seed])
         chosen = tip_named(tip)
         finger = chosen.draw_finger(tip_rng)
-        wired = chosen.draw_electronics(tip_rng, electronics)
+        wired = (electronics or chosen.electronics).amplified(0.0, tip_rng.uniform(*chosen.air_gain_db))
         closeness = rng.uniform(0.85, 1.2)
         return cls(
             finger=finger._replace(

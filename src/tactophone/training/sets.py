@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import onnx
@@ -14,7 +14,6 @@ from tactophone.dataset.splits import kin_of
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.errors import DatasetError
 from tactophone.link.codec import Codec
-from tactophone.perception.decision import DecisionRule
 from tactophone.perception.model_file import Gate, ModelCard
 from tactophone.training.augmentation import Augmentation
 from tactophone.training.export import Floats, caveats_of, is_simulation, join, licence_of, tip_of, write_graph
@@ -150,27 +149,11 @@ class TrainingSet:
 
     def whole(self, classifier: onnx.ModelProto) -> onnx.ModelProto:
         """Return the graph of a model file: the features, then the classifier."""
-        from tactophone.training.features import front  # here, as it needs torch
+        from tactophone.training.features import CONSTANTS, front  # here, as it needs torch
 
-        constants: dict[str, NDArray[np.float64]] = {}
-        if self.spec.kind == "texture":
-            constants = {
-                "prior": self.prior,
-                "change_metric": self.change_metric,
-                "fading": np.array(self.spec.fading),
-            }
+        values = self.prior, self.change_metric, np.array(self.spec.fading)
+        constants = dict(zip(CONSTANTS, values, strict=True)) if self.spec.kind == "texture" else {}
         return join(front(self.spec, constants), classifier)
-
-    def card(self, name: str, *, rule: DecisionRule, training: dict[str, Any] | None = None) -> ModelCard:
-        size, hop = WINDOWS[self.spec.kind]
-        settings: dict[str, Any] = {}
-        if self.spec.kind == "texture":
-            settings = {"microphone": self.spec.microphone, "memory": self.spec.memory}
-        gate = Gate(self.threshold_dbfs, "banded")
-        return ModelCard(
-            name, self.spec.kind, FEATURE_RATE, size, hop, self.spec.channels, gate, rule, settings=settings,
-            training=training or {},
-        )  # fmt: skip
 
 
 def build_training_set(
@@ -315,9 +298,14 @@ class FeatureRecipe:
             "sha256": dataset.fingerprint,
             "through": ["nothing", *through],
         }
-        card = training_set.card(path.stem, rule=self.recipe.response_for(training_set.tip).decision, training=facts)
-        settings = {**card.settings, "tip": training_set.tip}
-        card = replace(card, settings=settings, scores=caveats_of(dataset), licence=licence_of(dataset))
+        spec, tip = training_set.spec, training_set.tip
+        size, hop = WINDOWS[spec.kind]
+        settings = {"microphone": spec.microphone, "memory": spec.memory} if spec.kind == "texture" else {}
+        card = ModelCard(
+            path.stem, spec.kind, FEATURE_RATE, size, hop, spec.channels, Gate(training_set.threshold_dbfs, "banded"),
+            self.recipe.response_for(tip).decision, settings=settings | {"tip": tip}, training=facts,
+            scores=caveats_of(dataset), licence=licence_of(dataset),
+        )  # fmt: skip
         write_graph(path, training_set.whole(self.build(training_set)), card)
 
 
