@@ -8,9 +8,7 @@ import pytest
 from tactophone.benchmark.folds import Cache
 from tactophone.benchmark.methods import FAST_STEPS, NO_AIR, method_names, methods_for
 from tactophone.benchmark.plan import (
-    cost_of_model,
     folds_with_edges,
-    measure_costs,
     origin_of,
     run_benchmark,
     splits_of,
@@ -19,7 +17,6 @@ from tactophone.benchmark.report import COLUMNS, row_of, write_report
 from tactophone.benchmark.results import DatasetResults, MethodResult
 from tactophone.dataset.values import Dataset
 from tactophone.errors import ConfigError
-from tactophone.perception.models import model_path
 from tests.surfaces import surfaces
 
 METHODS = ("level", "logistic", "direct", NO_AIR, "texture")
@@ -113,20 +110,11 @@ def test_a_fast_benchmark_trains_the_network_for_fewer_steps(dataset: Dataset) -
     assert full[1] == fast[1]
 
 
-def test_costs_are_measured_on_files_that_run(dataset: Dataset, tmp_path: Path) -> None:
-    costs = measure_costs(dataset, ["level", "direct", NO_AIR, "texture"], tmp_path)
-    assert set(costs) == {"level", "direct", "texture"}
-    assert costs["direct"].update_us > 0
-    assert costs["texture"].byte_count < 1_000_000
-    assert cost_of_model(model_path("paper"), duration=0.5).byte_count > 1_882_755
-
-
 def test_the_report_has_every_result_and_its_figures_beside_it(
     outcome: DatasetResults, tmp_path: Path, dataset: Dataset
 ) -> None:
     results = outcome.results
-    costs = {dataset.name: measure_costs(dataset, ["level"], tmp_path)}
-    page = write_report(tmp_path, [outcome], costs=costs, notes=["a note"]).read_text()
+    page = write_report(tmp_path, [outcome], notes=["a note"]).read_text()
     assert all(f"| {result.method} |" in page for result in results)
     figures = re.findall(r"!\[.*\]\(<(.*)>\)", page)
     assert len(figures) == 4

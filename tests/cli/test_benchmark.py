@@ -37,7 +37,6 @@ def test_prints_a_table_and_writes_json_and_a_report(
     assert "texture" in table
     results = json.loads((tmp_path / "out" / "results.json").read_text())
     assert [result["method"] for result in results["datasets"][0]["results"]] == ["level", "texture"]
-    assert set(results["costs"]["scrapes"]) == {"level", "texture"}
     assert (tmp_path / "out" / "report.md").read_text().startswith("# Tactophone benchmark")
 
 

@@ -1,37 +1,18 @@
-"""A benchmark of one data set: every method on the same splits, with a control; simulated and real sound never mix.
+"""A benchmark of one data set: every method on the same splits, with a control; simulated and real sound never mix."""
 
-What a method costs to run is measured from sound at 48 kHz to its prediction, in the paper's sound buffers.
-"""
-
-import hashlib
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from tactophone.benchmark.folds import Cache, Method, MethodFold, cross_validate, permute_labels, run_folds
-from tactophone.benchmark.methods import (
-    NO_AIR,
-    RENDERERS,
-    channels_of,
-    methods_for,
-    recipe_method,
-)
-from tactophone.benchmark.results import Cost, DatasetResults, MethodResult, compare_methods
+from tactophone.benchmark.methods import channels_of, methods_for, recipe_method
+from tactophone.benchmark.results import DatasetResults, MethodResult, compare_methods
 from tactophone.dataset.splits import KIN_SPLIT, Fold, kin_of, split
 from tactophone.dataset.values import Dataset
 from tactophone.evaluation.events import join_edges
 from tactophone.evaluation.metrics import measure
 from tactophone.evaluation.predict import in_true_contact, scores_of
-from tactophone.haptics.passthrough import PASSTHROUGH
-from tactophone.perception.detector import WindowDetector
-from tactophone.perception.model_file import read_model
-from tactophone.perception.models import model_path
 from tactophone.simulation.render import read_render_metadata
-from tactophone.training.recipes import FEATURE_RECIPES
-from tactophone.types import LIVE_SAMPLE_RATE, AudioBlock
 
 EDGE_SPLIT = "5-fold"
 """Edges need smooth and rough surfaces on the held-out side, which one kin at a time may not have."""
@@ -44,12 +25,6 @@ MOST_VALUES = 8
 
 PERMUTATION_SEEDS = (0, 1, 2)
 """Of the control with permuted labels."""
-
-BUFFER_SIZE = 512
-"""The paper's sound buffers."""
-
-COST_DURATION = 5.0
-"""Seconds of noise that a cost is measured on."""
 
 
 def splits_of(dataset: Dataset, *, fast: bool = False) -> tuple[str, ...]:
@@ -117,54 +92,3 @@ def _accuracy(method: Method, folds: Sequence[Fold], cache: Cache) -> float:
     """Balanced accuracy over windows in true contact."""
     predictions = map(in_true_contact, cross_validate(method, folds, cache=cache))
     return measure(scores_of(predictions, "two-class"))["balanced_accuracy"]
-
-
-def measure_costs(dataset: Dataset, names: Sequence[str], folder: Path) -> dict[str, Cost]:
-    """Measure the cost of methods; ablations have none of their own.
-
-    A few of the recordings train the model files: the cost depends on shapes alone.
-    """
-    channels = channels_of(dataset)
-    # One recording of each of six surfaces of either label.
-    firsts = {recording.surface: recording for recording in dataset.recordings}
-    ordered = sorted(firsts.values(), key=lambda recording: (recording.known("label"), recording.surface))
-    few = replace(dataset, recordings=(*ordered[:6], *ordered[-6:]))
-    return {name: _cost(name, few, channels, folder) for name in names if name != NO_AIR}
-
-
-def _cost(name: str, few: Dataset, channels: int, folder: Path) -> Cost:
-    if name in RENDERERS:
-        # A renderer has neither weights nor a file; its update is a sound buffer of 10.7 ms.
-        renderer = PASSTHROUGH[RENDERERS[name]](None)
-        buffers, spent = _time(lambda block: int(len(renderer.push(block.samples)) > 0), 1, COST_DURATION)
-        return Cost(0, 1e6 * spent / max(buffers, 1))
-    if name not in FEATURE_RECIPES:
-        return cost_of_model(model_path("paper-mono" if name == "paper/one-channel" or channels == 1 else "paper"))
-    recipe = recipe_method(name, channels=channels).recipe
-    key = hashlib.sha256(f"{recipe.identity} {few.fingerprint}".encode()).hexdigest()[:16]
-    path = folder / f"{name}-{key}.onnx"
-    if not path.is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        recipe.train(path, few)
-    return cost_of_model(path)
-
-
-def cost_of_model(path: Path, *, duration: float = COST_DURATION) -> Cost:
-    """Measure a model file on this many seconds of noise; processor time, so that other processes do not count."""
-    model = read_model(path)
-    detector = WindowDetector(model, sample_rate=LIVE_SAMPLE_RATE)
-    updates, spent = _time(lambda block: len(detector.push(block)), model.card.channels, duration)
-    return Cost(path.stat().st_size, 1e6 * spent / max(updates, 1))
-
-
-def _time(step: Callable[[AudioBlock], int], channels: int, duration: float) -> tuple[int, float]:
-    """Count updates, and the processor time that they took, in s."""
-    rng = np.random.default_rng(0)
-    noise = (0.1 * rng.standard_normal((round(duration * LIVE_SAMPLE_RATE), channels))).astype(np.float32)
-    updates, spent = 0, 0.0
-    for start in range(0, len(noise), BUFFER_SIZE):
-        block = AudioBlock(noise[start : start + BUFFER_SIZE], LIVE_SAMPLE_RATE, start)
-        before = time.thread_time()
-        updates += step(block)
-        spent += time.thread_time() - before
-    return updates, spent

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tactophone.benchmark.results import Cost, DatasetResults, MethodResult
+from tactophone.benchmark.results import DatasetResults, MethodResult
 from tactophone.dataset.plots import BLUE, GREEN, GREY, ORANGE, VERMILION, load_pyplot
 from tactophone.evaluation.events import HALF
 from tactophone.haptics.profiles import PROFILES, discriminable_steps, open_profile
@@ -27,21 +27,11 @@ MOST_CELLS = 20
 """Surfaces in a figure whose cells still hold a legible number."""
 
 
-def write_report(
-    folder: Path, datasets: Sequence[DatasetResults], *, costs: Mapping[str, Mapping[str, Cost]], notes: Iterable[str]
-) -> Path:
+def write_report(folder: Path, datasets: Sequence[DatasetResults], *, notes: Iterable[str]) -> Path:
     """Write ``report.md`` with its figures beside it; ``notes`` are paragraphs at the top: what ran, on what."""
     parts = ["# Tactophone benchmark", *notes]
     for of_dataset in datasets:
         parts.append(f"## {of_dataset.dataset}: {of_dataset.origin}")
-        if of_costs := costs.get(of_dataset.dataset):
-            rows = [
-                (name, f"{cost.byte_count / 1000:,.0f}", f"{cost.update_us:.0f}") for name, cost in of_costs.items()
-            ]
-            parts += [
-                "Cost of running each method, resampling and FFT included, in a hot loop.",
-                _table(("method", "file (kB)", "processor time of an update (us)"), rows),
-            ]
         for split, results in groupby(of_dataset.results, key=lambda result: result.split):
             parts += _section(folder, list(results), split, of_dataset)
     steps = [(name, f"{pitch:.1f}", f"{both:.1f}") for name, (pitch, both) in steps_by_profile().items()]

@@ -58,14 +58,6 @@ class DatasetResults:
     """By split: balanced accuracies of the method ``texture``, trained and scored on permuted labels."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cost:
-    """Size of the model file in bytes, and processor time of an update in microseconds."""
-
-    byte_count: int
-    update_us: float
-
-
 def compare_methods(
     dataset: Dataset, methods: Sequence[BenchmarkMethod], split: str, predictions: Mapping[str, list[TakePredictions]]
 ) -> list[MethodResult]:

@@ -4,7 +4,7 @@ import argparse
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from tactophone.dataset.values import Dataset
 if TYPE_CHECKING:
     from tactophone.benchmark.folds import Cache
     from tactophone.benchmark.paper_tables import TableRow
-    from tactophone.benchmark.results import Cost, DatasetResults
+    from tactophone.benchmark.results import DatasetResults
     from tactophone.evaluation.bootstrap import Estimate
     from tactophone.evaluation.predict import TakePredictions
 
@@ -77,7 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.benchmark.plan import measure_costs
     from tactophone.benchmark.report import steps_by_profile, write_report
 
     cache = cache_of(args)
@@ -86,20 +85,11 @@ def run(args: argparse.Namespace) -> int:
     if args.ablations:
         return _print_ablations(args, cache)
     output.make_folder(args.out)  # now, not after hours
-    results: list[DatasetResults] = []
-    costs: dict[str, dict[str, Cost]] = {}
-    for dataset in _datasets(args, cache):
-        results.append(_run(dataset, cache, args))
-        names = dict.fromkeys(result.method for result in results[-1].results)
-        costs[dataset.name] = measure_costs(dataset, list(names), cache.folder / "costs")
-    summary = {
-        "datasets": [asdict(of_dataset) for of_dataset in results],
-        "costs": {name: {method: asdict(cost) for method, cost in methods.items()} for name, methods in costs.items()},
-        "profiles": steps_by_profile(),
-    }
+    results = [_run(dataset, cache, args) for dataset in _datasets(args, cache)]
+    summary = {"datasets": [asdict(of_dataset) for of_dataset in results], "profiles": steps_by_profile()}
     (args.out / "results.json").write_text(json.dumps(output.finite(summary), indent=1))
-    report = write_report(args.out, results, costs=costs, notes=NOTES)
-    output.show(summary, _parts(results, costs), as_json=args.json)
+    report = write_report(args.out, results, notes=NOTES)
+    output.show(summary, _parts(results), as_json=args.json)
     output.log().print(f"{report}, {args.out / 'results.json'}")
     return 0
 
@@ -153,7 +143,7 @@ def _run(dataset: Dataset, cache: "Cache", args: argparse.Namespace) -> "Dataset
         )  # fmt: skip
 
 
-def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str, Cost]]") -> Iterator[output.Part]:
+def _parts(results: "Sequence[DatasetResults]") -> Iterator[output.Part]:
     """Yield the columns that 80 characters hold, gate and abstention inside; the report has the rest."""
     from tactophone.benchmark.report import control_of, format_delay, steps_by_profile
 
@@ -169,7 +159,6 @@ def _parts(results: "Sequence[DatasetResults]", costs: "Mapping[str, Mapping[str
                     "gaps": f"{result.rendered.gaps.value:.2f}",
                     "bumps/min": f"{result.bumps_per_minute:.0f}",
                     "edge, ms (never)": format_delay(result.edge_ms),
-                    "us": f"{cost.update_us:.0f}" if (cost := costs[of_dataset.dataset].get(result.method)) else "",
                 }
                 for result in of_dataset.results
                 if result.split == split
