@@ -30,7 +30,7 @@ SILENT_DBFS = -90.0
 """Peak under which nothing was recorded: three steps of a 16-bit converter."""
 
 MOST_CHANNELS = 2
-"""Contact and air. Which two of more would be meant nobody has said."""
+"""Contact and air; of more channels it is unknown which two are meant."""
 
 DEFAULT_CONTACT_DBFS = -60.0
 """RMS of a quarter second under which there is no contact on any set-up; a calibration knows the exact level."""

@@ -40,7 +40,7 @@ Statistic = Callable[[Floats], Mapping[str, Floats]]
 """From tables summed over surfaces, any number of cases side by side, to each case's scores by name."""
 
 Strata = Sequence[NDArray[np.intp]]
-"""Rows of the table that are drawn among themselves: those of smooth surfaces, and those of rough ones."""
+"""Rows of the table that are drawn among themselves: smooth surfaces, and rough ones."""
 
 Key = TypeVar("Key")
 

@@ -42,7 +42,7 @@ class Hum:
     """Of each line and channel, in Hz, shape ``(lines, channels)``."""
     amplitude: Amplitudes
     """At the middle of each frame, 0.5 s, 1 s, and so on; relative to a cosine of that frequency that starts at 0:
-    shape ``(lines, channels, frames)``. 0 where the channel has no such line."""
+    shape ``(lines, channels, frames)``. 0 if the channel lacks that line."""
 
     @property
     def level_dbfs(self) -> float:
@@ -89,7 +89,7 @@ class HumMeter:
         return self
 
     def hum(self) -> Hum | None:
-        """Return the lines that the sound so far holds; None where there are none."""
+        """Return the lines in the sound so far, or ``None``."""
         if len(self._frames) < LEAST_FRAMES:
             return None
         found = np.mean(self._over, axis=0) >= LEAST_SHARE

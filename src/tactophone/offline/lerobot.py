@@ -27,7 +27,7 @@ COLUMNS = ("none", "smooth", "rough", "touch", "contact", "roughness", "level_db
 """Numbers of a prediction, as in `tactophone.prediction_fields.PREDICTION_FIELDS`."""
 
 LOWEST_DBFS = -200.0
-"""Stands for the level of digital silence, as a mean over -inf is of no use."""
+"""Stands for the level of digital silence, because a mean over -inf is useless."""
 
 NEW_SESSION = 0.5
 """Seconds by which stream time falls back where another session begins; touch events may come a window late."""
@@ -163,7 +163,7 @@ def _even(stamps: list[tuple[float, float]]) -> Rows:
 
 
 def _moments(table: Any, episode: int, begin: float) -> Rows:
-    """Return the time of each frame, in s since 1970; NaN for those of other episodes."""
+    """Return the time of each frame, in s since 1970; NaN in other episodes."""
     moments = begin + table["timestamp"].to_numpy().astype(float).ravel()
     return np.where(table["episode_index"].to_numpy().ravel() == episode, moments, np.nan)
 

@@ -24,7 +24,7 @@ QUIET_DBFS = -50.0
 """Banded level of the loudest 32 ms under which sound is amplified: in training it is -10 to -44 dBFS."""
 
 LEVEL_DBFS = -35.0
-"""Level to which it is amplified: amid those of training."""
+"""Level to which it is amplified: in the middle of the training levels."""
 
 MOST_GAIN_DB = 60.0
 """Over that, it is a converter's noise that would be amplified."""
@@ -46,9 +46,9 @@ class Preparation:
     offset: tuple[float, ...]
     """Mean of each of these, which is removed; 0 where it is negligible."""
     gain_db: float = 0.0
-    """Of all of them."""
+    """Gain of all channels."""
     hum: Hum | None = None
-    """Of all channels of the source, which is subtracted; None where there is none."""
+    """Hum to subtract from all channels of the source, if any."""
     invalid: int = 0
     """Samples that are no sound; they are left as they are, and the detector withholds its predictions there."""
 

@@ -124,7 +124,7 @@ class LoggedEndpoint:
         ]
 
     def open(self, channels: int, *, finger: int = 0) -> Pipeline:
-        """Open the pipeline of a finger for sound of so many channels, with the calibration that the log holds."""
+        """Open the pipeline of a finger for this number of channels, with the calibration that the log holds."""
         settings = of_finger(self.settings, finger)
         with TemporaryDirectory(prefix="tactophone-") as folder:
             if self._calibrations[finger]:
@@ -423,14 +423,13 @@ class SessionSound:
 def write_sound(log: Path, folder: Path, *, finger: str = "") -> list[SessionSound]:
     """Write the sound of each session and finger, or of one, as WAV with 32-bit floats, which hold it exactly.
 
-    Raises `DatasetError` if the log holds no sound, as one of a link that carries predictions only, or has no such
-    finger.
+    Raises `DatasetError` if the log has no such finger or no sound: a link may carry predictions only.
     """
     start = next((entry for entry in read_log(log) if isinstance(entry, RunStart)), RunStart(role=""))
     settings = settings_of(start)
     names, channels = names_of(settings), channels_of(settings, alone=2)
     if finger and finger not in names:
-        known = f"there are {', '.join(names)}" if any(names) else "it is of a single one"
+        known = f"there are {', '.join(names)}" if any(names) else "it has a single, unnamed finger"
         raise DatasetError(f"{log}: no finger {finger!r} in this log; {known}")
     written = []
     for number, blocks in enumerate(decoded_sessions(read_log(log)), 1):

@@ -218,13 +218,13 @@ def measure_calibration(
 
 
 def gate_threshold(sounds: CalibrationSounds, false_alarms_per_minute: float) -> float:
-    """Return the threshold in dBFS at which silence opens the contact gate so many times a minute."""
+    """Return the threshold in dBFS at which silence opens the contact gate this often a minute."""
     fast, slow = (level_threshold(sounds, seconds, false_alarms_per_minute) for seconds in (FAST, SLOW))
     return round(max(slow, fast - CLEAR_DB), 2)
 
 
 def level_threshold(sounds: CalibrationSounds, duration: float, false_alarms_per_minute: float) -> float:
-    """Return the level in dBFS, measured over ``duration`` s, that silence reaches so many times a minute."""
+    """Return the level in dBFS, measured over ``duration`` s, that silence reaches this often a minute."""
     powers = _powers(sounds.silence[:, CONTACT], round(duration * sounds.sample_rate), overlap=OVERLAP)
     loud = np.quantile(powers, 1 - TAIL)
     excess = float((powers[powers > loud] - loud).mean()) if (powers > loud).any() else 0.0

@@ -48,7 +48,7 @@ HISTORY = 200
 """Steps, half a second, of the adaptive threshold."""
 
 DEVIATIONS, LEAST_FLUX_DB = 6.0, 1.5
-"""An onset's flux exceeds the median by so many mean absolute deviations, and by so much."""
+"""An onset's flux exceeds the median by six mean absolute deviations, and by 1.5 dB at least."""
 
 DECAYED_AFTER, CLASSIFIED_AFTER = 10, 32
 """Steps, 25 ms, after an onset in which a tap decays; steps, 80 ms, in which no other follows."""

@@ -4,8 +4,8 @@ The graph goes from sound to probabilities: it holds the features too, and what 
 an output. What the network is trained for (rate, window, hop, channels, gate) is stored in the file as a *card*, so
 that no flag of the live commands can disagree. docs/reference/model-files.md describes the format.
 
-A file may come from anywhere, so every number and every operator in it has bounds. The file is read as far as needed by
-a reader of protocol buffers of a few lines, before ONNX Runtime sees it: already loading a graph computes parts of it.
+A file may come from anywhere, so every number and every operator in it has bounds. A reader of protocol buffers, a few
+lines long, checks the operators before ONNX Runtime sees the file, because even loading a graph computes parts of it.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""The noise floor of a stream of levels, and the contact threshold that follows it; that of a recording at the end.
+"""The noise floor of a stream of levels, and the contact threshold that follows it; then the floor of a recording.
 
 A threshold in dBFS is right for one gain and one room. Noise differs from a touch in that it is steady: on simulated
 sound its level over 32 ms varies by half a decibel, that of a stroke by five or more. So the floor is the mean level of

@@ -81,8 +81,8 @@ AHEAD = 1.0
 class StrokingFinger(AlwaysOpen):
     """The simulated finger, stroking one of five stones after another; a :class:`~tactophone.types.Source`.
 
-    The seed is of the order of the stones, the strokes and the noise; with a tip other than the default one, its
-    radius, mass and microphone are drawn by it too.
+    The seed draws the order of the stones, the strokes and the noise; with a tip other than the default one, also its
+    radius, mass and microphone.
     """
 
     channels = 2

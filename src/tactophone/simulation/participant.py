@@ -31,7 +31,7 @@ class SimulatedParticipant(AlwaysOpen):
     """A simulated finger on an object, moved on request; a :class:`~tactophone.types.Source`.
 
     ``gain_db`` and ``air_gain_db`` are extra gains of the two preamplifiers. ``mounting`` is the catalogue's by
-    default; ``seed`` is of set-up, movement and noise.
+    default; ``seed`` draws the set-up, the movement and the noise.
 
     >>> from tactophone.simulation.catalogue import find
     >>> participant = SimulatedParticipant(find("lava stone"))

@@ -37,7 +37,7 @@ LEARNING_RATE = 3e-5
 """A third of the recipe's, which gained as much on new objects (10 points) and lost half as much on the others."""
 
 HOLD_OUT = 3
-"""One take in so many of each new object is held out for testing."""
+"""Of this many takes of a new object, one is held out for testing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def hold_out(dataset: Dataset) -> tuple[tuple[Recording, ...], tuple[Recording, 
 
 
 def thinned(recordings: Sequence[Recording], most: int) -> tuple[Recording, ...]:
-    """Return at most so many recordings, evenly drawn over surfaces and takes."""
+    """Return at most ``most`` recordings, evenly drawn over surfaces and takes."""
     ordered = sorted(recordings, key=lambda recording: (recording.surface, recording.scenario, recording.take))
     places = np.linspace(0, len(ordered) - 1, min(most, len(ordered))).round().astype(int)
     return tuple(ordered[place] for place in np.unique(places))

@@ -75,7 +75,7 @@ class Examples:
         return Examples(self.features[which], self.rough[which], self.surface[which], importance)
 
     def thinned(self, most: int = MOST_WINDOWS) -> "Examples":
-        """Return at most so many windows, evenly drawn."""
+        """Return at most ``most`` windows, evenly drawn."""
         return self.where(np.arange(0, len(self.rough), max(1, -(-len(self.rough) // most))))
 
     def weights(self) -> Floats:
@@ -138,7 +138,7 @@ class TrainingSet:
     height: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     """log10 of the surface's Ra in micrometres for each example; NaN where it is unknown."""
     tip: str = ""
-    """That touches; empty where it is unknown."""
+    """What touches; empty if unknown."""
 
     def features(self, tracks: Sequence[FeatureTrack]) -> list[FloatArray]:
         """Return the features that the model's graph computes, shape ``(windows, features)`` for each track."""

@@ -88,8 +88,8 @@ class Run:
     """A training run: each iteration trains on one batch.
 
     The same windows, recipe, seed and number of threads give the same bits on the same machine, whether the run was
-    interrupted or not. The seed is of the first parameters, unless there are ``initial`` ones, of the order of windows
-    and of the noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run continues from it.
+    interrupted or not. The seed draws the first parameters, unless there are ``initial`` ones, the order of the windows
+    and the noise. Where ``checkpoint_path`` holds a checkpoint of this very run, the run continues from it.
 
     ``network`` is that after the last batch.
     """
