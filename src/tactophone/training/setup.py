@@ -198,7 +198,7 @@ def fit_set_up(sounds: Sequence[ObjectSound], *, channels: int, tip: str) -> Set
 
 
 def proves_wrong(sound: ObjectSound, *, error: float) -> bool:
-    """Whether more pieces of an object's sound are on the wrong side than chance explains, but for this error.
+    """Whether more pieces of an object's sound are on the wrong side than chance explains, with at most this error.
 
     A sign test: were the boundary right for this object, no more than every second piece would be on the wrong side.
     `MOST_WRONG` of them must be besides.
