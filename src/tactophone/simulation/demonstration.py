@@ -15,12 +15,12 @@ from tactophone.dataset.values import Recording
 from tactophone.processes import atomic_write
 from tactophone.simulation.catalogue import find
 from tactophone.simulation.microphones import COMPETITION, SessionVariation
-from tactophone.simulation.motion import five_stones, row
+from tactophone.simulation.motion import Scene, five_stones, row
 from tactophone.simulation.render import touch_segments
 from tactophone.simulation.source import SimulatedFinger, SimulatedHand
 from tactophone.simulation.strokes import Script, Visit, explore
 from tactophone.simulation.takes import shuffled
-from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray, Touch
+from tactophone.types import DEFAULT_TIP, LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 
 STROKING = 3.0
 """Seconds on each stone."""
@@ -78,84 +78,25 @@ AHEAD = 1.0
 """Seconds of movement that are queued in advance."""
 
 
-class StrokingFinger(AlwaysOpen):
-    """The simulated finger, stroking one of five stones after another; a :class:`~tactophone.types.Source`.
-
-    The seed draws the order of the stones, the strokes and the noise; with a tip other than the default one, also its
-    radius, mass and microphone.
-    """
-
-    channels = 2
-    sample_rate = LIVE_SAMPLE_RATE
-
-    def __init__(self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
-        self._rng = np.random.default_rng([0x57, seed])
-        self._scene = five_stones(shuffled(seed))
-        place = self._scene.placed[0].centre
-        session = SessionVariation.of_tip(tip, seed)
-        self._finger = SimulatedFinger(self._scene, session=session, seed=seed, block_size=block_size, place=place)
-        self._script = Script(self._rng, x=place[0], y=place[1])
-
-    def __iter__(self) -> Iterator[AudioBlock]:
-        for block in self._finger:
-            yield block
-            if self._script.time < block.end / LIVE_SAMPLE_RATE + AHEAD:
-                self._queue_visit()
-
-    def rehearse(self) -> None:
-        """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
-        SimulatedFinger(self._scene).render(64)
-
-    def truth_of(self, finger: int = 0) -> int:
-        """Return the true touch at the end of the last block."""
-        touch = self._finger.truth.touch
-        return int(touch[-1]) if len(touch) else int(Touch.NONE)
-
-    def _queue_visit(self) -> None:
-        stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
-        force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
-        visit = Visit(self._rng.uniform(1.5, 3.0), force, speed, slips=bool(self._rng.random() < 0.2))
-        explore(self._script, stone, visit)
-        for move in self._script.moves:
-            self._finger.move(move.x, move.y, move.force, move.time)
-        # The finger has its own queue: kept here, the moves would grow by 100 MB an hour.
-        self._script.moves.clear()
-
-
 LIFTED = 0.3
-"""Share of visits that a finger spends in the air, while the others stroke."""
+"""Share of visits that a finger of a hand spends in the air, while the others stroke."""
 
 
-class StrokingHand(AlwaysOpen):
-    """Several fingers on the same stone, one after another, all drawn by ``seed``; a `tactophone.types.Source`."""
+class _Stroking(AlwaysOpen):
+    """Fingers that explore five stones without end, a visit at a time; a :class:`~tactophone.types.Source`."""
 
     sample_rate = LIVE_SAMPLE_RATE
 
-    def __init__(self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
-        self._rng = np.random.default_rng([0x4A4D, seed])
-        self._scene = five_stones(shuffled(seed))
-        place = self._scene.placed[0].centre
-        self._scripts = [
-            Script(np.random.default_rng([0x4A4D, seed, finger]), x=place[0], y=place[1]) for finger in range(fingers)
-        ]
-        sessions = [SessionVariation.of_tip(tip, seed + 1000 * number) for number in range(fingers)]
-        self._hand = SimulatedHand(
-            [
-                SimulatedFinger(self._scene, session=session, seed=[seed, number], place=place)
-                for number, session in enumerate(sessions)
-            ]
-        )
-        self.channels = self._hand.channels
-        self._block_size = block_size
-        self._position = 0
+    def __init__(self, scene: Scene, hand: SimulatedHand, scripts: Sequence[Script], block_size: int) -> None:
+        self._scene, self._hand, self._scripts, self._block_size = scene, hand, scripts, block_size
+        self.channels = hand.channels
 
     def __iter__(self) -> Iterator[AudioBlock]:
         while True:
-            if self._scripts[0].time < self._position / LIVE_SAMPLE_RATE + AHEAD:
-                self._queue_visit()
             block = self._hand.render(self._block_size)
-            self._position = block.end
             yield block
+            if self._scripts[0].time < block.end / LIVE_SAMPLE_RATE + AHEAD:
+                self._queue_visit()
 
     def rehearse(self) -> None:
         """Compile the simulation, so that it need not be compiled while it runs; takes up to a minute once."""
@@ -166,6 +107,56 @@ class StrokingHand(AlwaysOpen):
         return self._hand.truth_of(finger)
 
     def _queue_visit(self) -> None:
+        raise NotImplementedError
+
+    def _move(self) -> None:
+        for script, finger in zip(self._scripts, self._hand.fingers, strict=True):
+            for move in script.moves:
+                finger.move(move.x, move.y, move.force, move.time)
+            # The finger has its own queue: kept here, the moves would grow by 100 MB an hour.
+            script.moves.clear()
+
+
+class StrokingFinger(_Stroking):
+    """The simulated finger, stroking one of five stones after another.
+
+    The seed draws the order of the stones, the strokes and the noise; with a tip other than the default one, also its
+    radius, mass and microphone.
+    """
+
+    def __init__(self, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
+        self._rng = np.random.default_rng([0x57, seed])
+        scene = five_stones(shuffled(seed))
+        place = scene.placed[0].centre
+        finger = SimulatedFinger(scene, session=SessionVariation.of_tip(tip, seed), seed=seed, place=place)
+        super().__init__(scene, SimulatedHand([finger]), [Script(self._rng, x=place[0], y=place[1])], block_size)
+
+    def _queue_visit(self) -> None:
+        stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
+        force, speed = self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12)
+        visit = Visit(self._rng.uniform(1.5, 3.0), force, speed, slips=bool(self._rng.random() < 0.2))
+        explore(self._scripts[0], stone, visit)
+        self._move()
+
+
+class StrokingHand(_Stroking):
+    """Several fingers on the same stone, one after another, all drawn by ``seed``."""
+
+    def __init__(self, fingers: int, block_size: int, *, seed: int = 0, tip: str = DEFAULT_TIP) -> None:
+        self._rng = np.random.default_rng([0x4A4D, seed])
+        scene = five_stones(shuffled(seed))
+        place = scene.placed[0].centre
+        streams = [np.random.default_rng([0x4A4D, seed, number]) for number in range(fingers)]
+        scripts = [Script(rng, x=place[0], y=place[1]) for rng in streams]
+        sessions = [SessionVariation.of_tip(tip, seed + 1000 * number) for number in range(fingers)]
+        hand = [
+            SimulatedFinger(scene, session=session, seed=[seed, number], place=place)
+            for number, session in enumerate(sessions)
+        ]
+        super().__init__(scene, SimulatedHand(hand), scripts, block_size)
+        self._queue_visit()
+
+    def _queue_visit(self) -> None:
         stone = self._scene.placed[self._rng.integers(len(self._scene.placed))]
         visit = Visit(self._rng.uniform(1.5, 3.0), self._rng.uniform(0.8, 2.5), self._rng.uniform(0.04, 0.12))
         for script in self._scripts:
@@ -174,9 +165,7 @@ class StrokingHand(AlwaysOpen):
             else:
                 explore(script, stone, visit)
         end = max(script.time for script in self._scripts)
-        for script, finger in zip(self._scripts, self._hand.fingers, strict=True):
+        for script in self._scripts:
             if end > script.time:
                 script.hover(end - script.time)  # all begin the next visit together
-            for move in script.moves:
-                finger.move(move.x, move.y, move.force, move.time)
-            script.moves.clear()
+        self._move()

@@ -265,6 +265,8 @@ class SimulatedHand:
 
     def render(self, size: int) -> AudioBlock:
         """Return the next ``size`` samples of all fingers."""
+        if len(self.fingers) == 1:
+            return self.fingers[0].render(size)
         contacts = [finger.touch(size) for finger in self.fingers]
         strains = self._transmitted(np.stack([each.signals.strain for each in contacts]))
         pressures = self._air @ np.stack([each.signals.finger + each.signals.body for each in contacts])
