@@ -243,15 +243,13 @@ def _parse_name(path: Path) -> _Name:
     stem = path.stem
     if not microphone and (match := _MICROPHONE_AT_END.fullmatch(stem)):
         stem, microphone = match["rest"], MICROPHONE_WORDS[match["word"].lower()]
-    surface, take = surface_and_take(stem)
+    surface, take = ("/".join(others), stem) if others else surface_and_take(stem)
     if not label:
         label = next(
             (word for word in re.split(r"[ _.\d-]", stem.lower()) if LABEL_NAMES.get(word) in SURFACE_LABELS), ""
         )
     key = Path(*filter(None, (side, label)), *others, stem)
-    if others:
-        return _Name(key, label, microphone, side, "/".join(others), stem, False)
-    return _Name(key, label, microphone, side, surface, take, True)
+    return _Name(key, label, microphone, side, surface, take, guessed=not others)
 
 
 def _recordings(

@@ -84,19 +84,12 @@ def _leave_one_out(dataset: Dataset, key: str) -> tuple[Fold, ...]:
 
 
 def _k_fold(dataset: Dataset, count: int, key: str) -> tuple[Fold, ...]:
-    # Rough values first, so that labels are spread evenly. Within a label the order is that of the values' hashes: it
-    # looks shuffled, needs no seed, and one surface more or less hardly moves the others.
-    ranked = sorted(
-        {
-            (
-                -int(recording.label or 0),
-                hashlib.sha256(_value(recording, key).encode()).hexdigest(),
-                _value(recording, key),
-            )
-            for recording in dataset.recordings
-        }
-    )
-    values = list(dict.fromkeys(value for _, _, value in ranked))
+    def rank(recording: Recording) -> tuple[int, str]:
+        # Rough values first, so that labels are spread evenly. Within a label the order is that of the values' hashes:
+        # it looks shuffled, needs no seed, and one surface more or less hardly moves the others.
+        return -int(recording.label or 0), hashlib.sha256(_value(recording, key).encode()).hexdigest()
+
+    values = list(dict.fromkeys(_value(recording, key) for recording in sorted(dataset.recordings, key=rank)))
     if not 2 <= count <= len(values):
         noun = "surfaces, kin counted once" if key == "kin" else f"{key}s"
         raise DatasetError(f"{dataset.root}: {count} folds of {len(values)} {noun}; take from 2 to {len(values)}")
