@@ -8,6 +8,7 @@ For each kind of `lmt` (``lmt_kin.csv``; or each surface) a model is trained on 
 on SIMULATED sets of the stylus, as `make model` trains the shipped one; its takes then pass through the pipeline of
 `feel`, with the gate's threshold from each take itself. Every run is a look at real scores: enter it in
 docs/research/looks.md. *Right*: share of the time within 30 dB of the take's loudest that is rendered as its label.
+A line says how often *unknown* predictions and the others are wrong, core and all.
 With ``--distorted`` the kept takes pass besides through each channel of `distortions`, which nothing is trained on.
 ``--takes`` scores the first N of each surface alone; all are trained on.
 """
@@ -27,7 +28,8 @@ from tactophone.dataset.read import open_dataset
 from tactophone.dataset.splits import kin_of, with_kin
 from tactophone.dataset.values import Dataset, Recording
 from tactophone.evaluation.events import decided_touches
-from tactophone.evaluation.predict import model_predictor
+from tactophone.evaluation.predict import TakePredictions, model_predictor
+from tactophone.evaluation.report import unknown_shares
 from tactophone.perception.model_file import Model, read_model
 from tactophone.training.recipes import RECIPES, TrainingOptions
 from tactophone.training.tracks import FeatureSpec, extract_features
@@ -50,9 +52,8 @@ def train(recordings: list[Recording], dataset: Dataset, folder: Path) -> Model:
     return read_model(path)
 
 
-def rendered(model: Model, recording: Recording, heard: Recording) -> NDArray[np.int8]:
-    """Return what is rendered of ``heard`` while the take itself is at most `AUDIBLE_DB` under its loudest."""
-    take = model_predictor(model, own_floor=True)(heard)
+def rendered(model: Model, recording: Recording, take: TakePredictions) -> NDArray[np.int8]:
+    """Return what is rendered while the recording is at most `AUDIBLE_DB` under its loudest."""
     (track,) = extract_features([recording], FeatureSpec(channels=1, microphone="air"))
     audible = track.end[track.level_dbfs >= track.level_dbfs.max() - AUDIBLE_DB]
     # The newest prediction at the end of each audible window.
@@ -75,17 +76,24 @@ def main() -> None:
     group = kin_of if args.by == "kin" else (lambda take: take.surface)
     channels = [AS_IT_IS, *(DISTORTIONS if args.distorted else ())]
     counts: dict[str, Counts] = {name: defaultdict(lambda: np.zeros(3, np.int64)) for name in channels}
+    plain: list[TakePredictions] = []
     with tempfile.TemporaryDirectory() as folder:
         for left_out in sorted({group(take) for take in real.recordings}):
             kept = [take for take in real.recordings if group(take) != left_out]
             model = train(kept + simulated, real, Path(folder))
+            predict = model_predictor(model, own_floor=True)
             for take in real.recordings:
                 if group(take) == left_out and int(take.take or 0) <= args.takes:
                     for name in channels:
                         heard = take if name == AS_IT_IS else distorted(take, name, Path(folder))
-                        counts[name][take.surface] += np.bincount(rendered(model, take, heard), minlength=3)
+                        found = predict(heard)
+                        plain += [found] if name == AS_IT_IS else []
+                        counts[name][take.surface] += np.bincount(rendered(model, take, found), minlength=3)
     print_surfaces(real, counts[AS_IT_IS])
     print_channels(real, counts)
+    for tiers in (("core",), ("core", "extended")):
+        shares = unknown_shares([each for each in plain if each.recording.tier in tiers])
+        print("{}: unknown {:.3f}, wrong {:.3f} of that and {:.3f} of the rest".format(" and ".join(tiers), *shares))
 
 
 def print_surfaces(real: Dataset, counts: Counts) -> None:

@@ -37,6 +37,8 @@ PREDICTION_FIELDS = (
     PredictionField("roughness", "f8", "", 3, "0 (smooth) to 1 (rough)", lambda found, _: found.roughness),
     PredictionField("frequency", "f8", "Hz", 1, "frequency of the vibration", lambda _, command: command.frequency),
     PredictionField("amplitude", "f8", "", 3, "0 to 1 of full drive, as limited", lambda _, command: command.amplitude),
+    PredictionField("unknown", "i1", "", 0, "1 if roughness is a guess", lambda found, _: int(found.unknown),
+                    step=False),
     PredictionField("event", "i1", "", 0, "newest touch event, a place in `EVENT_KINDS` from 1; 0 without one",
                     lambda found, _: 1 + EVENT_KINDS.index(found.events[-1].kind) if found.events else 0, step=False),
     PredictionField("event_time", "f8", "s", 4, "time of this event; NaN without one",

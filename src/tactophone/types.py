@@ -132,6 +132,17 @@ class TouchEvent:
     time: float
 
 
+def is_unknown(none: Any, smooth: Any, rough: Any) -> Any:
+    """Return whether roughness is a guess: no class is twice as likely as the other, or *none* is likelier than both.
+
+    Numbers or arrays. Figures: docs/research/detector.md.
+
+    >>> is_unknown(0.0, 0.4, 0.6), is_unknown(0.0, 0.3, 0.7), is_unknown(0.6, 0.0, 0.4)
+    (True, False, True)
+    """
+    return (none >= 0.5) | ((smooth < 2 * rough) & (rough < 2 * smooth))
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """What the detector computed from one window.
@@ -164,6 +175,11 @@ class Prediction:
     end: float
     faulty: bool = False
     events: tuple[TouchEvent, ...] = ()
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it touches, but its roughness is a guess: a word for people, which changes nothing that is felt."""
+        return self.touch is not Touch.NONE and is_unknown(*self.probabilities)
 
 
 @dataclass(frozen=True, slots=True)

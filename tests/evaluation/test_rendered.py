@@ -4,7 +4,7 @@ import pytest
 
 from tactophone.dataset.values import Segment
 from tactophone.errors import DatasetError
-from tactophone.evaluation.report import rendered_scores
+from tactophone.evaluation.report import rendered_scores, unknown_shares
 from tactophone.perception.decision import DecisionRule
 from tactophone.types import Touch
 from tests.evaluation.takes import predicted
@@ -39,3 +39,12 @@ def test_only_true_contact_counts_and_one_class_has_its_own_accuracy() -> None:
 def test_nothing_to_score_is_an_error() -> None:
     with pytest.raises(DatasetError, match="nothing can be scored"):
         rendered_scores([predicted([0.5], label=None)], RULE)
+
+
+def test_errors_are_counted_in_unknown_contact_and_in_the_rest() -> None:
+    takes = [
+        predicted([0.6] * 10 + [0.4] * 10 + [0.9] * 60, label=Touch.ROUGH),
+        predicted([0.9] * 5 + [0.1] * 15, label=Touch.SMOOTH, contact=[True] * 10 + [False] * 10),
+    ]
+    assert unknown_shares(takes) == pytest.approx((20 / 90, 10 / 20, 5 / 70))
+    assert all(math.isnan(share) for share in unknown_shares([]))

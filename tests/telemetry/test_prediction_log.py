@@ -49,6 +49,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert set(columns) == set(COLUMNS)
     assert columns["touch"].tolist() == [0, 1, 2, 0]
     assert columns["contact"].tolist() == [0, 1, 1, 0]
+    assert columns["unknown"].tolist() == [0, 1, 1, 0]
     np.testing.assert_allclose(columns["time"], [0.259, 0.359, 0.459, 0.559])
 
 

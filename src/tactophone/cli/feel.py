@@ -77,8 +77,9 @@ class Result:
         yield f"  model      {escape(self.pipeline.detector.name)}{', for one channel' if self.chosen_for_mono else ''}"
         if self.chosen_for_mono:
             yield "  (taken as the contact microphone; of a rod with its microphone on it, give --tip stylus)"
-        contact, rough = (output.percent(share, unknown="none") for share in (summary.contact, summary.rough))
-        yield f"  contact    {contact} of the time, of which rough {rough}"
+        shares = (summary.contact, summary.rough, summary.unknown)
+        contact, rough, unknown = (output.percent(share, unknown="none") for share in shares)
+        yield f"  contact    {contact} of the time, of which rough {rough}, unknown {unknown}"
         yield f"  threshold  {_threshold(self)}"
         if self.scores:
             yield f"  felt       false bumps: {self.scores.false_bumps}; dips: {self.scores.dips}"

@@ -16,7 +16,7 @@ from tactophone.evaluation.events import decided_touches, dips_per_minute, false
 from tactophone.evaluation.metrics import RULES, Floats, Rule, balanced_accuracy, rough_score
 from tactophone.evaluation.predict import TakePredictions, in_true_contact, scores_of, true_contact
 from tactophone.perception.decision import DecisionRule
-from tactophone.types import Touch
+from tactophone.types import Touch, is_unknown
 
 RENDERED = ("balanced_accuracy", "rough_as_rough", "smooth_as_smooth", "smooth_as_rough", "wrong", "gaps")
 """Names of the scores, in the order of tables."""
@@ -68,6 +68,10 @@ class Report:
     false_bumps: float
     dips: float
     """`false_bumps` and `dips`: per minute of smooth and of rough contact, as rendered; NaN without any."""
+    unknown: float
+    unknown_wrong: float
+    known_wrong: float
+    """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
     rules: dict[Rule, dict[str, Estimate]]
     """For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
     whatever the model's gate reports, so that all models are scored on the same windows."""
@@ -129,10 +133,25 @@ def make_report(
     return Report(
         len(labelled), len(surfaces), len(opened), float(opened.mean()),
         rendered_scores(labelled, own, draws=draws),
-        false_bumps_per_minute(labelled, own), dips_per_minute(labelled, own), rules,
+        false_bumps_per_minute(labelled, own), dips_per_minute(labelled, own), *unknown_shares(labelled), rules,
         tuple(_score(name, [take for take in labelled if take.recording.surface == name]) for name in surfaces),
         tuple(_score(take.recording.path.name, [take]) for take in labelled),
     )  # fmt: skip
+
+
+def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, float]:
+    """Return the share of contact, true and rendered, that is unknown; the shares wrong of that, and of the rest.
+
+    By the two-class rule; NaN without any.
+    """
+    counts = np.zeros((2, 2))  # known and unknown, right and wrong
+    for take in takes:
+        found = take.probabilities[take.contact & true_contact(take)]
+        wrong = (rough_score(found, "two-class") >= 0.5) != take.recording.rough
+        np.add.at(counts, (is_unknown(*found.T).astype(int), wrong.astype(int)), 1)
+    with np.errstate(invalid="ignore"):
+        known_wrong, unknown_wrong = (counts[:, 1] / counts.sum(axis=1)).tolist()
+        return float(counts[1].sum() / counts.sum()), unknown_wrong, known_wrong
 
 
 def _score(name: str, takes: Sequence[TakePredictions]) -> GroupScore:

@@ -110,8 +110,9 @@ class RunSummary:
     """Number of predictions."""
     contact: float
     rough: float
-    """`contact` and `rough`: share of all predictions in contact, and of those in contact that are rough; NaN where
-    there are none."""
+    unknown: float
+    """`contact`, `rough` and `unknown`: share of all predictions in contact, and of those in contact that are rough
+    and that are unknown; NaN where there are none."""
     loudest_dbfs: float
     """Greatest level of the contact channel in any window."""
     elapsed: float
@@ -145,6 +146,7 @@ class OfflineRenderer:
         self._passthrough = passthrough
         self._resampler = Resampler(sample_rate, LIVE_SAMPLE_RATE, channels=channels)
         self._counts: Counter[Touch] = Counter()
+        self._unknown = 0
         self._loudest_dbfs = -np.inf
         self._last: AudioBlock | None = None
 
@@ -187,6 +189,7 @@ class OfflineRenderer:
         return RunSummary(
             duration=duration, updates=updates, contact=contact / updates if updates else float("nan"),
             rough=self._counts[Touch.ROUGH] / contact if contact else float("nan"),
+            unknown=self._unknown / contact if contact else float("nan"),
             loudest_dbfs=float(self._loudest_dbfs), elapsed=time.perf_counter() - self._began, faults=faults,
         )  # fmt: skip
 
@@ -200,6 +203,7 @@ class OfflineRenderer:
         self._timeline.write(step)
         for prediction in step.predictions:
             self._counts[prediction.touch] += 1
+            self._unknown += prediction.unknown
             self._loudest_dbfs = max(self._loudest_dbfs, prediction.level_dbfs)
 
 

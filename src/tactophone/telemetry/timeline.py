@@ -17,7 +17,7 @@ from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
 """Of the CSV file, and the keys of each entry of the JSON file; without a touch event the last two are empty."""
 
-_WORDS = ("touch", "event", "event_time")
+_SPECIAL = ("touch", "unknown", "event", "event_time")
 
 FINGER = "finger"
 """Column before the others in the log of a hand: the finger's name."""
@@ -32,7 +32,7 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     >>> tap = TouchEvent("tap", 0.23)
     >>> prediction = Prediction((0.1, 0.2, 0.7), Touch.ROUGH, 0.78, -20.0, start=0.0, end=0.256, events=(tap,))
     >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
-    0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 tap 0.23
+    0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
     entries: dict[str, Any] = {field.name: field.of(prediction, command) for field in PREDICTION_FIELDS}
     entries |= {"touch": prediction.touch.name.lower(), "contact": int(entries["contact"])}
@@ -84,15 +84,17 @@ class TimelineWriter:
 def read_timeline(path: Path, *, finger: str = "") -> dict[str, NDArray[Any]]:
     """Read a CSV timeline (of a hand: one finger's) as one array for each column; ``touch`` as numbers of `Touch`.
 
-    ``event`` is text, empty where there is none, and then ``event_time`` is NaN; older timelines have neither column.
+    ``event`` is text, empty where there is none, and then ``event_time`` is NaN. Older timelines lack these two columns
+    and ``unknown``, which is then NaN.
     Raises `DatasetError` if a column is missing or contains no numbers.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
             lines = [line for line in csv.DictReader(file) if not finger or line[FINGER] == finger]
-        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name not in _WORDS}
+        columns = {name: np.array([float(line[name]) for line in lines]) for name in COLUMNS if name not in _SPECIAL}
         return columns | {
             "touch": np.array([Touch[line["touch"].upper()] for line in lines], np.int8),
+            "unknown": np.array([float(line.get("unknown") or "nan") for line in lines]),
             "event": np.array([line.get("event") or "" for line in lines], str),
             "event_time": np.array([float(line.get("event_time") or "nan") for line in lines]),
         }
