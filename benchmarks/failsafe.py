@@ -17,7 +17,8 @@ import numpy as np
 
 from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
-from tactophone.measurement.impulses import PEAK, TONE, Graph, Sides, running_sides
+from tactophone.measurement.impulses import PEAK, TONE, Graph, running_sides
+from tactophone.runtime.pairing import Sides
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE, AlwaysOpen, AudioBlock, FloatArray
 

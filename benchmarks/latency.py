@@ -23,8 +23,9 @@ from tactophone.devices.dummy import DummyServer
 from tactophone.haptics.oscillator import Oscillator
 from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.stream import BlockEncoder
-from tactophone.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, Sides, measure
+from tactophone.measurement.impulses import Graph, ImpulseLatency, ImpulsePlayer, measure
 from tactophone.pipeline import open_pipeline
+from tactophone.runtime.pairing import Sides
 from tactophone.settings import Settings, change
 from tactophone.types import LIVE_SAMPLE_RATE as RATE
 from tactophone.types import AudioBlock

@@ -135,17 +135,11 @@ class Hand:
         if self.fingers == 1:
             yield self.pipelines[0].push(block)
             return
-        parts = self.split(block)
+        parts = split_fingers(block, self._channels)
         predictions = push_together([pipeline.detector for pipeline in self.pipelines], parts)
         for finger, (pipeline, part, found) in enumerate(zip(self.pipelines, parts, predictions, strict=True)):
             step = pipeline.complete(part, found)
             yield PipelineStep(step.block, step.predictions, step.commands, finger) if finger else step
-
-    def split(self, block: AudioBlock) -> list[AudioBlock]:
-        """Return the sound of each finger; raises `ValueError` for sound of another number of them."""
-        if self.fingers == 1:
-            return [block]
-        return split_fingers(block, self._channels)
 
     def reset(self) -> None:
         """Return to the initial state; fault counts stay."""

@@ -28,7 +28,6 @@ from tactophone.link.rtcp import (
     ReceiverReport,
     ReceiverRequest,
     SenderReport,
-    goodbye_reason,
     parse_report,
 )
 from tactophone.link.send import SendGroup
@@ -64,7 +63,6 @@ def packets() -> tuple[Sequence[bytes], Run]:
 
 def reports() -> tuple[Sequence[bytes], Run]:
     def run(data: bytes) -> None:
-        goodbye_reason(data)
         bytes(parse_report(data))
 
     return _REPORTS, run

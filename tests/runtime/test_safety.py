@@ -21,8 +21,9 @@ from benchmarks.failsafe import (
 
 from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient
-from tactophone.measurement.impulses import Graph, Sides, running_sides
+from tactophone.measurement.impulses import Graph, running_sides
 from tactophone.runtime.gate import RESTARTED
+from tactophone.runtime.pairing import Sides
 from tactophone.settings import Settings, change
 from tactophone.telemetry.watcher import Watcher
 

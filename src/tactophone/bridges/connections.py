@@ -11,6 +11,8 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from tactophone.errors import ConfigError
+
 if TYPE_CHECKING:
     from aiohttp import web
 
@@ -23,6 +25,19 @@ repeated SYN."""
 
 TIMEOUT = 5.0
 """Seconds for a TLS handshake, and for the header of a request; a browser sends both at once."""
+
+
+def listen(address: str, what: str, *, example: str) -> socket.socket:
+    """Listen at ``HOST:PORT``; raises `ConfigError`, which begins with ``what``, where that is not possible."""
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    if not host or not port.isdecimal():
+        raise ConfigError(f"{what} cannot listen at {address!r}: write HOST:PORT, such as {example}")
+    try:
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        return socket.create_server((host, int(port)), family=family, backlog=QUEUE)
+    except (OSError, OverflowError) as error:
+        raise ConfigError(f"{what} cannot listen at {address} ({error}): choose another address") from None
 
 
 class Acceptor:

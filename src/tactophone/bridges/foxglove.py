@@ -10,18 +10,16 @@ import base64
 import json
 import re
 import secrets
-import socket
 import struct
 import threading
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor, FloodGate
+from tactophone.bridges.connections import RUNNER, Acceptor, FloodGate, listen
 from tactophone.bridges.log_topics import PACKETS, Message, Topic, topics_of
 from tactophone.bridges.reader import RunReader
 from tactophone.bridges.sound import SoundMessages
-from tactophone.errors import ConfigError
 
 if TYPE_CHECKING:
     from aiohttp import web
@@ -70,7 +68,7 @@ class FoxgloveBridge:
         self._advertised = json.dumps(
             {"op": "advertise", "channels": [*map(_channel, range(1, len(shown) + 1), shown)]}
         )
-        self._listening = _listen(address)
+        self._listening = listen(address, "--bridge foxglove", example=ADDRESS)
         self._acceptor = Acceptor()
         self._viewers: set[_Viewer] = set()
         self._dropped = 0
@@ -241,13 +239,3 @@ def _channel(number: int, topic: Topic) -> dict[str, Any]:
         "id": number, "topic": topic.name, "encoding": schema.message_encoding,
         "schemaName": schema.name, "schemaEncoding": schema.encoding, "schema": text,
     }  # fmt: skip
-
-
-def _listen(address: str) -> socket.socket:
-    host, _, port = address.rpartition(":")
-    if not host or not port.isdecimal():
-        raise ConfigError(f"--bridge foxglove={address}: wanted HOST:PORT, such as {ADDRESS}")
-    try:
-        return socket.create_server((host.strip("[]"), int(port)), backlog=QUEUE)
-    except (OSError, OverflowError) as error:
-        raise ConfigError(f"--bridge foxglove cannot listen at {address} ({error}): choose another address") from None

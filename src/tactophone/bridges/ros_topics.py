@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from types import new_class
 from typing import Any
 
 import numpy as np
@@ -18,166 +19,66 @@ from tactophone.errors import ConfigError
 from tactophone.microphones import MICROPHONES
 from tactophone.types import FINGER_NAMES, LIVE_SAMPLE_RATE, FloatArray
 
-
-def _name(package: str, message: str) -> str:
-    return f"{package}::msg::dds_::{message}_"
-
-
-@dataclass
-class Time(IdlStruct, typename=_name("builtin_interfaces", "Time")):
-    """Seconds and nanoseconds since 1970."""
-
-    sec: types.int32 = 0
-    nanosec: types.uint32 = 0
+_DEFINITIONS: dict[str, str] = {}
+_TYPES: dict[str, Any] = {name: getattr(types, name) for name in ("uint8", "int32", "uint32", "float32", "float64")}
+_TYPES["string"] = str
+# Every message's definition by its full name, and every type by its name in definitions; `_message` adds to both.
 
 
-@dataclass
-class Header(IdlStruct, typename=_name("std_msgs", "Header")):
-    """Time and frame."""
-
-    stamp: Time = field(default_factory=Time)
-    frame_id: str = ""
-
-
-@dataclass
-class Empty(IdlStruct, typename=_name("std_msgs", "Empty")):
-    """Nothing; DDS needs a member."""
-
-    structure_needs_at_least_one_member: types.uint8 = 0
-
-
-@dataclass
-class Float32(IdlStruct, typename=_name("std_msgs", "Float32")):
-    """One number."""
-
-    data: types.float32 = 0.0
+def _message(name: str, definition: str) -> Any:
+    """Return the DDS type of a message, whose fields are a line each, as in a file ``.msg``; they default to zero."""
+    namespace: dict[str, Any] = {"__annotations__": {}}
+    for kind, key in map(str.split, definition.splitlines()):
+        base, bracket, length = kind.rstrip("]").partition("[")
+        made = _TYPES[base]
+        zero = made if base == "string" or "/" in base else float if "float" in base else int
+        if bracket:
+            made = types.array[made, int(length)] if length else types.sequence[made]
+            zero = partial(list, [zero()] * int(length or 0))
+        namespace["__annotations__"][key], namespace[key] = made, field(default_factory=zero)
+    package, _, short = name.split("/")
+    wire = {"typename": f"{package}::msg::dds_::{short}_"}
+    _DEFINITIONS[name] = definition
+    _TYPES[f"{package}/{short}"] = dataclass(new_class(short, (IdlStruct,), wire, lambda own: own.update(namespace)))
+    return _TYPES[f"{package}/{short}"]
 
 
-@dataclass
-class Dimension(IdlStruct, typename=_name("std_msgs", "MultiArrayDimension")):
-    """One axis of an array."""
-
-    label: str = ""
-    size: types.uint32 = 0
-    stride: types.uint32 = 0
-
-
-@dataclass
-class Layout(IdlStruct, typename=_name("std_msgs", "MultiArrayLayout")):
-    """Axes of an array."""
-
-    dim: types.sequence[Dimension] = field(default_factory=list)
-    data_offset: types.uint32 = 0
-
-
-@dataclass
-class Float32MultiArray(IdlStruct, typename=_name("std_msgs", "Float32MultiArray")):
-    """Numbers."""
-
-    layout: Layout = field(default_factory=Layout)
-    data: types.sequence[types.float32] = field(default_factory=list)
-
-
-@dataclass
-class Float64MultiArray(IdlStruct, typename=_name("std_msgs", "Float64MultiArray")):
-    """Numbers in double precision."""
-
-    layout: Layout = field(default_factory=Layout)
-    data: types.sequence[types.float64] = field(default_factory=list)
-
-
-@dataclass
-class KeyValue(IdlStruct, typename=_name("diagnostic_msgs", "KeyValue")):
-    """A name and its value."""
-
-    key: str = ""
-    value: str = ""
-
-
-@dataclass
-class DiagnosticStatus(IdlStruct, typename=_name("diagnostic_msgs", "DiagnosticStatus")):
-    """State of a part: level 0 is OK, 1 a warning, 2 an error."""
-
-    level: types.uint8 = 0
-    name: str = ""
-    message: str = ""
-    hardware_id: str = ""
-    values: types.sequence[KeyValue] = field(default_factory=list)
-
-
-@dataclass
-class DiagnosticArray(IdlStruct, typename=_name("diagnostic_msgs", "DiagnosticArray")):
-    """States of parts."""
-
-    header: Header = field(default_factory=Header)
-    status: types.sequence[DiagnosticStatus] = field(default_factory=list)
-
-
-@dataclass
-class AudioData(IdlStruct, typename=_name("audio_common_msgs", "AudioData")):
-    """Samples as bytes."""
-
-    data: types.sequence[types.uint8] = field(default_factory=list)
-
-
-@dataclass
-class AudioDataStamped(IdlStruct, typename=_name("audio_common_msgs", "AudioDataStamped")):
-    """Samples as bytes, with the time of the first."""
-
-    header: Header = field(default_factory=Header)
-    audio: AudioData = field(default_factory=AudioData)
-
-
-@dataclass
-class AudioInfo(IdlStruct, typename=_name("audio_common_msgs", "AudioInfo")):
-    """What the bytes are; published once, for late subscribers too."""
-
-    channels: types.uint8 = 0
-    sample_rate: types.uint32 = 0
-    sample_format: str = ""
-    bitrate: types.uint32 = 0
-    coding_format: str = ""
-
-
-@dataclass
-class JoyFeedback(IdlStruct, typename=_name("sensor_msgs", "JoyFeedback")):
-    """Feedback of a gamepad: type 1 is rumble, intensity 0 to 1."""
-
-    type: types.uint8 = 0
-    id: types.uint8 = 0
-    intensity: types.float32 = 0.0
-
-
-@dataclass
-class TactorGroupState(IdlStruct, typename=_name("haptx_interfaces", "TactorGroupState")):
-    """Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1."""
-
-    tactor_group: types.sequence[str] = field(default_factory=list)
-    inflation: types.sequence[types.float64] = field(default_factory=list)
-
-
-@dataclass
-class ManusVibrationCommand(IdlStruct, typename=_name("manus_ros2_msgs", "ManusVibrationCommand")):
-    """Intensities of a MANUS glove, thumb to little finger, 0 to 1."""
-
-    intensities: types.array[types.float32, 5] = field(default_factory=lambda: [0.0] * 5)
-
-
-@dataclass
-class StampedPrediction(IdlStruct, typename=_name("tactophone_msgs", "Prediction")):
-    """A prediction and its command with their times: ``ros/tactophone_msgs/msg/Prediction.msg`` explains each."""
-
-    header: Header = field(default_factory=Header)
-    made: Time = field(default_factory=Time)
-    rendered: Time = field(default_factory=Time)
-    touch: types.uint8 = 0
-    probabilities: types.array[types.float32, 3] = field(default_factory=lambda: [0.0] * 3)
-    roughness: types.float32 = 0.0
-    level_dbfs: types.float32 = 0.0
-    amplitude: types.float32 = 0.0
-    frequency: types.float32 = 0.0
-    event: str = ""
-
+Time = _message("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec")
+Header = _message("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id")
+Empty = _message("std_msgs/msg/Empty", "uint8 structure_needs_at_least_one_member")  # in DDS, not in ROS
+Float32 = _message("std_msgs/msg/Float32", "float32 data")
+Dimension = _message("std_msgs/msg/MultiArrayDimension", "string label\nuint32 size\nuint32 stride")
+Layout = _message("std_msgs/msg/MultiArrayLayout", "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset")
+Float32MultiArray = _message("std_msgs/msg/Float32MultiArray", "std_msgs/MultiArrayLayout layout\nfloat32[] data")
+Float64MultiArray = _message("std_msgs/msg/Float64MultiArray", "std_msgs/MultiArrayLayout layout\nfloat64[] data")
+KeyValue = _message("diagnostic_msgs/msg/KeyValue", "string key\nstring value")
+DiagnosticStatus = _message(  # level 0 is OK, 1 a warning, 2 an error
+    "diagnostic_msgs/msg/DiagnosticStatus",
+    "uint8 level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values",
+)
+DiagnosticArray = _message(
+    "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status"
+)
+AudioData = _message("audio_common_msgs/msg/AudioData", "uint8[] data")
+AudioDataStamped = _message(
+    "audio_common_msgs/msg/AudioDataStamped", "std_msgs/Header header\naudio_common_msgs/AudioData audio"
+)
+AudioInfo = _message(
+    "audio_common_msgs/msg/AudioInfo",
+    "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format",
+)
+JoyFeedback = _message("sensor_msgs/msg/JoyFeedback", "uint8 type\nuint8 id\nfloat32 intensity")  # type 1 is rumble
+# Groups of a HaptX glove's tactors by name, and the share of full inflation of each, 0 to 1.
+TactorGroupState = _message("haptx_interfaces/msg/TactorGroupState", "string[] tactor_group\nfloat64[] inflation")
+# Intensities of a MANUS glove, thumb to little finger, 0 to 1.
+ManusVibrationCommand = _message("manus_ros2_msgs/msg/ManusVibrationCommand", "float32[5] intensities")
+# A prediction and its command with their times: ros/tactophone_msgs/msg/Prediction.msg explains each field.
+StampedPrediction = _message(
+    "tactophone_msgs/msg/Prediction",
+    "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
+    "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
+    "string event",
+)
 
 PUBLISHED: dict[str, Any] = {
     "touch": StampedPrediction,
@@ -209,40 +110,24 @@ def predicted(passed: Passed) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def sound(samples: FloatArray, now: float) -> AudioDataStamped:
+def sound(samples: FloatArray, now: float) -> Any:
     """Return sound, shape ``(samples, 1 or 2)``, whose first sample is of ``now`` (s since 1970)."""
     every = samples if samples.shape[1] > 1 else np.repeat(samples, len(MICROPHONES), axis=1)
     data = (np.clip(every, -1, 1) * 32_767).astype("<i2").tobytes()
     return AudioDataStamped(header(now), AudioData(data=list(data)))
 
 
-def header(now: float, frame: str = "fingertip") -> Header:
+def header(now: float, frame: str = "fingertip") -> Any:
     """Return the header of a message of ``now`` (s since 1970)."""
     return Header(time_of(now), frame)
 
 
-def time_of(now: float) -> Time:
+def time_of(now: float) -> Any:
     """Return a time in s since 1970; 0 for one that is not known."""
     return Time(int(now), int(now % 1 * 1e9)) if math.isfinite(now) else Time()
 
 
 _LOWEST_DBFS = -200.0
-
-_FURTHER = {
-    "tactophone_msgs/msg/Prediction": (
-        "std_msgs/Header header\nbuiltin_interfaces/Time made\nbuiltin_interfaces/Time rendered\nuint8 touch\n"
-        "float32[3] probabilities\nfloat32 roughness\nfloat32 level_dbfs\nfloat32 amplitude\nfloat32 frequency\n"
-        "string event"
-    ),
-    "audio_common_msgs/msg/AudioData": "uint8[] data",
-    "audio_common_msgs/msg/AudioDataStamped": "std_msgs/Header header\naudio_common_msgs/AudioData audio",
-    "audio_common_msgs/msg/AudioInfo": (
-        "uint8 channels\nuint32 sample_rate\nstring sample_format\nuint32 bitrate\nstring coding_format"
-    ),
-    "manus_ros2_msgs/msg/ManusVibrationCommand": "float32[5] intensities",
-    "haptx_interfaces/msg/TactorGroupState": "string[] tactor_group\nfloat64[] inflation",
-}
-"""Types that are not among those of ROS itself."""
 
 
 def open_type_store() -> Any:
@@ -250,8 +135,8 @@ def open_type_store() -> Any:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for name, text in _FURTHER.items():
-        store.register(get_types_from_msg(text, name))
+    for name in _DEFINITIONS.keys() - store.fielddefs.keys():  # those of other packages than ROS's own
+        store.register(get_types_from_msg(_DEFINITIONS[name], name))
     return store
 
 

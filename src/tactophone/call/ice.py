@@ -18,6 +18,7 @@ from aioice.turn import TurnTransport
 
 from tactophone.call.messages import Address, Nat, Offer
 from tactophone.errors import DeviceError
+from tactophone.link.packet import split_address
 from tactophone.link.way import READING, SILENT, WANTED, Way, read_kept
 
 GATHER_TIMEOUT = 1.5
@@ -58,12 +59,10 @@ class Server:
     def __init__(self, text: str) -> None:
         credentials, _, place = text.strip().rpartition("@")
         self.user, _, self.password = credentials.rpartition(":")
-        host, colon, port = place.rpartition(":")
-        if not colon or place.endswith("]") or (":" in host and not host.endswith("]")):
-            host, port = place, "3478"
-        if not host or not port.isdecimal() or not 0 < int(port) < 1 << 16:
-            raise DeviceError(f"call.stun or call.turn has {place!r}: wanted HOST or HOST:PORT")
-        self.host, self.port = host.strip("[]"), int(port)
+        try:
+            self.host, self.port = split_address(place, 3478)
+        except ValueError as error:
+            raise DeviceError(f"call.stun or call.turn has {place!r}: {error}; write HOST or HOST:PORT") from None
 
     async def resolve(self) -> tuple[str, int] | None:
         """Return the IPv4 address, which is all that aioice asks servers at; ``None`` if there is none."""

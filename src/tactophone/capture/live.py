@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from tactophone.devices.device import Device, Process, StreamDevice, open_at_rate
+from tactophone.devices.device import Device, Process, StreamDevice, open_at_live_rate
 from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioStream
 from tactophone.microphones import MICROPHONES
@@ -33,7 +33,7 @@ def _any() -> int:
 
 
 class LiveSource:
-    """A sound device as a `tactophone.types.Source`.
+    """A sound device at the live rate as a `tactophone.types.Source`.
 
     Parameters
     ----------
@@ -41,8 +41,6 @@ class LiveSource:
         Makes the device, given the process that takes its sound.
     channels
         1 (contact) or 2 (contact, air); of a hand, two for each finger.
-    sample_rate
-        The only rate accepted, in Hz.
     order
         For each channel the input of the device, counted from 0; -1 is silence. By default all inputs in their order.
 
@@ -54,10 +52,9 @@ class LiveSource:
         Samples of the newest period; 0 before the first.
     """
 
-    def __init__(
-        self, open_device: Callable[[Process], Device], *, channels: int, sample_rate: int = LIVE_SAMPLE_RATE,
-        order: Sequence[int] = (),
-    ) -> None:  # fmt: skip
+    sample_rate = LIVE_SAMPLE_RATE
+
+    def __init__(self, open_device: Callable[[Process], Device], *, channels: int, order: Sequence[int] = ()) -> None:
         self.overflows = self.period = 0
         self._queue: queue.SimpleQueue[list[AudioBlock] | None] = queue.SimpleQueue()
         # Each is written by one thread alone: samples queued by the device's, samples taken by the reader's.
@@ -65,13 +62,13 @@ class LiveSource:
         self._position = 0
         self._held: list[AudioBlock] = []
         self._idle, self._needed = False, _any
-        self.channels, self.sample_rate = channels, sample_rate
+        self.channels = channels
         self._open = False
         self._order = [(channel, place) for channel, place in enumerate(order or range(channels)) if place >= 0]
         self.device = open_device(self._enqueue)
 
     def __enter__(self) -> Self:
-        open_at_rate(self.device, self.sample_rate)
+        open_at_live_rate(self.device)
         self._open = True
         return self
 
@@ -154,7 +151,6 @@ def _joined(blocks: list[AudioBlock]) -> Iterator[AudioBlock]:
 def jack_source(
     *, contact: str = "system:capture_1", air: str = "system:capture_2",
     fingers: Mapping[str, tuple[str, str]] = MappingProxyType({}), server: str = "", name: str = "tactophone-robot",
-    sample_rate: int = LIVE_SAMPLE_RATE,
 ) -> LiveSource:  # fmt: skip
     """Open the microphones at the ports of a JACK server.
 
@@ -180,14 +176,11 @@ def jack_source(
     return LiveSource(
         lambda process: JackClient(name, process, inputs=targets, outputs={}, server=server),
         channels=len(order),
-        sample_rate=sample_rate,
         order=order,
     )
 
 
-def portaudio_source(
-    device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = (), sample_rate: int = LIVE_SAMPLE_RATE
-) -> LiveSource:
+def portaudio_source(device: str = "", *, channels: int = 2, fingers: Sequence[tuple[int, int]] = ()) -> LiveSource:
     """Open the microphones on a PortAudio device.
 
     Parameters
@@ -202,11 +195,8 @@ def portaudio_source(
     """
     order = [channel - 1 for pair in fingers for channel in pair] or list(range(channels))
     return LiveSource(
-        lambda process: PortAudioStream(
-            process, "input", device=device, channels=max(order) + 1, sample_rate=sample_rate
-        ),
+        lambda process: PortAudioStream(process, "input", device=device, channels=max(order) + 1),
         channels=len(order),
-        sample_rate=sample_rate,
         order=order,
     )
 

@@ -70,7 +70,7 @@ VERBS: dict[str, str] = {verb: line for group in GROUPS.values() for verb, line 
 _SHARED_MODULES = {
     "answer": "call",
     **dict.fromkeys(("status", "stop", "mute", "arm"), "status"),
-    **dict.fromkeys(("send", "receive", "loopback"), "send_receive"),
+    **dict.fromkeys(("send", "receive", "loopback"), "live"),
     **dict.fromkeys(("model", "set-threshold"), "model"),
     **dict.fromkeys(("devices", "settings"), "devices"),
     "try": "play",

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
-from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -25,9 +24,7 @@ if TYPE_CHECKING:
     from tactophone.call.messages import Role
     from tactophone.call.process import CallProcess, Found, Step
     from tactophone.link.identity import Identity
-    from tactophone.link.way import Keeper
-    from tactophone.runtime.supervisor import ProcessInfo, Supervisor
-    from tactophone.runtime.wiring import OpenSource
+    from tactophone.runtime.supervisor import Supervisor
 
 EXAMPLES = {
     "call": ("tactophone call", "tactophone call --robot --source finger --remember lab", "tactophone call --check"),
@@ -57,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--remember", default="", metavar="NAME", help="keep the other end's fingerprint and a secret: then no code"
     )
-    live.add_arguments(parser, parser.get_default("verb"))
+    live.add_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -158,16 +155,13 @@ class _Side(AbstractContextManager["_Side", None]):
         self._resources.close()
 
     def begin(self, role: "Role") -> None:
-        from tactophone.runtime.supervisor import Supervisor
-
         if role == self._role:
             return
         self._resources.close()
         self._role, open_source = role, None
         if role == "robot":
             open_source, self.microphone = audio.source_of(self.settings, page=page.wanted(self._args, self.settings))
-        main = partial(_run_side, open_source=open_source, keeper=self._keeper)
-        self._supervisor = Supervisor(main, self.settings, name=self.name, report=output.note)
+        self._supervisor = live.open_side(self.settings, self.name, open_source, keeper=self._keeper)
         self._resources.push(self._supervisor)
         self._supervisor.begin()
 
@@ -175,18 +169,6 @@ class _Side(AbstractContextManager["_Side", None]):
     def started(self) -> "Iterator[Sequence[Supervisor]]":
         self._supervisor.await_start()
         yield (self._supervisor,)
-
-
-def _run_side(settings: Settings, info: "ProcessInfo", *, open_source: "OpenSource | None", keeper: "Keeper") -> None:
-    """Run the robot's side, or without a source the operator's, in this process."""
-    if open_source:
-        from tactophone.runtime.robot import run_robot
-
-        run_robot(settings, info, open_source=open_source, keeper=keeper)
-    else:
-        from tactophone.runtime.operator import run_operator
-
-        run_operator(settings, info, keeper=keeper)
 
 
 def _identity(folder: Path) -> "Identity":

@@ -89,7 +89,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int:
     from tactophone.capture.files import FileSource
-    from tactophone.cli.send_receive import both_sides
     from tactophone.dataset.read import ground_truth
     from tactophone.offline.vibration_wav import RunRecorder, score_run
     from tactophone.telemetry.timeline import read_timeline
@@ -100,7 +99,7 @@ def _demonstrate(args: argparse.Namespace, settings: Settings, name: str) -> int
     network = settings.simulation.network
     output.log().print(f"sending {duration:.0f} s of sound over {network}, in real time", style="dim")
     with (
-        both_sides(settings, name=name) as sides,
+        live.both_sides(settings, name=name) as sides,
         live.recorded(args, settings, name),
         page.shown(settings, name, page=page.wanted(args, settings)),
         PredictionLog(name, timeline, report=output.warn),

@@ -6,7 +6,7 @@ import math
 import time
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.table import Table
 
@@ -58,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
             print(f"[{section}]")
             for entry in entries:
                 print(f"# {entry.help}")
-                print(f"{entry.name.partition('.')[2]} = {_toml(entry.default)}\n")
+                text = isinstance(entry.default, str | bool)
+                value = json.dumps(entry.default, ensure_ascii=False) if text else entry.default
+                print(f"{entry.name.partition('.')[2]} = {value}\n")
         return 0
     settings = options.settings_of(args)
     if args.step:
@@ -185,7 +187,3 @@ def _input(process: Process, settings: Settings) -> Device:
     if capture.source in ("portaudio", "microphone"):
         return PortAudioStream(process, "input", device=capture.device)
     raise ConfigError(f"capture.source = {capture.source!r} is no input of this machine: --source jack or portaudio")
-
-
-def _toml(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False) if isinstance(value, str | bool) else str(value)

@@ -60,9 +60,7 @@ def require(verb: str) -> None:
 
     Raises `ConfigError` if an extra is missing; names the command that installs it.
     """
-    needed = [module for module, extra in EXTRA_OF_MODULE.items() if extra in EXTRAS_OF_VERB.get(verb, ())]
-    if missing := [module for module in needed if importlib.util.find_spec(module) is None]:
-        raise ConfigError(_advice(missing))
+    require_modules(*(name for name, extra in EXTRA_OF_MODULE.items() if extra in EXTRAS_OF_VERB.get(verb, ())))
 
 
 def require_modules(*modules: str) -> None:

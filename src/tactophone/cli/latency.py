@@ -1,17 +1,16 @@
 """``tactophone latency``: impulses through the running system, and the latency budget stage by stage."""
 
 import argparse
+from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from tactophone.cli import options, output
 from tactophone.cli.options import Within
 from tactophone.settings import Settings
-from tactophone.telemetry.layout import STAGES
 from tactophone.types import LIVE_SAMPLE_RATE
 
 if TYPE_CHECKING:  # their imports take a second, which would slow down --help
@@ -60,16 +59,18 @@ def run(args: argparse.Namespace) -> int:
         decider = None if args.no_decisions else open_pipeline_for(settings, channels=2)
         delays = measure_decisions(decider) if decider else None
     detector = decider.detector.name if decider else None
-    parts: list[output.Part] = [_table(measured, delays, card), _notes(measured, settings, dummy=args.dummy)]
+    title = "milliseconds from an impulse to the first vibration"
+    rows = list(_rows(measured, delays, card))
+    parts: list[output.Part] = [title, rows, _notes(measured, settings, dummy=args.dummy)]
     if delays and detector:
         parts.append(_decision_notes(delays, detector))
-    rows = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
+    found = {**measured.stages, "sum": _sum(measured), "end to end": measured.end_to_end}
     if delays:
-        rows |= {"contact to vibration": np.array(delays.touch), "edge to changed vibration": np.array(delays.edge)}
+        found |= {"contact to vibration": np.array(delays.touch), "edge to changed vibration": np.array(delays.edge)}
     values = {
         "impulses": measured.impulses, "missed": measured.missed, "period": measured.period,
         "restarts": measured.restarts, "disagreement_ms": 1000 * measured.disagreement,
-        "milliseconds": {name: _percentiles_ms(durations) for name, durations in rows.items()},
+        "milliseconds": {name: _percentiles_ms(durations) for name, durations in found.items()},
         "window_ms": 1000 * card.duration, "detector": detector,
     }  # fmt: skip
     output.show(values, parts, as_json=args.json)
@@ -87,27 +88,18 @@ def _percentiles_ms(durations: NDArray[np.float64]) -> dict[str, float]:
     return {f"p{p}": float(1000 * np.percentile(durations, p)) for p in PERCENTILES}
 
 
-def _table(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Table:
-    table = Table(title="milliseconds from an impulse to the first vibration", box=None, pad_edge=False)
-    table.add_column("stage")
-    for percentile in PERCENTILES:
-        table.add_column(f"p{percentile}", justify="right")
-    for stage in STAGES:
-        table.add_row(stage, *_cells(measured.stages[stage]))
-    table.add_row("sum of the stages", *_cells(_sum(measured)), style="bold")
-    table.add_row("end to end", *_cells(measured.end_to_end), style="bold")
-    table.add_row(f"window of {card.name}, all of the new surface", *_cells(np.array([card.duration])))
-    table.add_row("window to finger", *_cells(card.duration + measured.end_to_end), style="bold")
+def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "ModelCard") -> Iterator[dict[str, str]]:
+    durations = {
+        **measured.stages, "[bold]sum of the stages[/]": _sum(measured), "[bold]end to end[/]": measured.end_to_end,
+        f"window of {card.name}, all of the new surface": np.array([card.duration]),
+        "[bold]window to finger[/]": card.duration + measured.end_to_end,
+    }  # fmt: skip
     if delays is not None:
-        table.add_section()
-        table.add_row("decision: contact to vibration", *_cells(np.array(delays.touch)))
-        table.add_row("decision: edge to changed vibration", *_cells(np.array(delays.edge)))
-    return table
-
-
-def _cells(durations: NDArray[np.float64]) -> list[str]:
-    # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
-    return [f"{max(value, 0.0):.2f}" for value in _percentiles_ms(durations).values()]
+        durations["decision: contact to vibration"] = np.array(delays.touch)
+        durations["decision: edge to changed vibration"] = np.array(delays.edge)
+    for stage, found in durations.items():
+        # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
+        yield {"stage": stage} | {name: f"{max(value, 0.0):7.2f}" for name, value in _percentiles_ms(found).items()}
 
 
 def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> str:

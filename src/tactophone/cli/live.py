@@ -1,4 +1,4 @@
-"""What live verbs share: their options, ``--record`` and ``--bridge``, and how a run is followed until it ends.
+"""``tactophone send``, ``receive`` and ``loopback``; and the options and the end that all live verbs share.
 
 Each log and each bridge is a process of its own that reads telemetry, so that none of them delays the sound.
 """
@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone.cli import console, extras, options, output, page
+from tactophone.cli import audio, console, extras, options, output, page
 from tactophone.cli.console import Outcome
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.settings import Settings
@@ -22,6 +22,25 @@ from tactophone.telemetry.layout import COUNTERS, STAGES
 if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.bridges.process import Bridge
     from tactophone.runtime.supervisor import Supervisor
+    from tactophone.runtime.wiring import OpenSource
+
+EXAMPLES = {
+    "send": (
+        "tactophone send --peer operator.local",
+        "tactophone send --peer operator.local --source finger --tip stylus",
+        "tactophone send --peer 192.0.2.7:48470 --codec pcm16 --record run.mcap",
+    ),
+    "receive": (
+        "tactophone receive --calibration calibration.toml --dashboard",
+        "tactophone receive --actuator portaudio:DualSense --profile dualsense --ceiling 0.3",
+        "tactophone receive --settings operator.toml --record run.csv --bridge foxglove",
+    ),
+    "loopback": (
+        "tactophone loopback --source finger --actuator none --dashboard",
+        "tactophone loopback --source file:stroke.wav --actuator file:vibration.wav --network wifi",
+        "tactophone loopback --source finger --actuator none --duration 1",
+    ),
+}
 
 BRIDGES = {
     "foxglove": "in Foxglove or Lichtblick, by default at 127.0.0.1:8765",
@@ -32,12 +51,17 @@ BRIDGES = {
 """Each bridge, and what its address is."""
 
 
-def add_arguments(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str] = ()) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the settings of a live verb, and all that a live run can show, record and pass on."""
-    options.add_settings(parser, verb, usual)
+    options.add_settings(parser, parser.get_default("verb"))
     options.add_fingers(parser)
     page.add_dashboard(parser)
     add_record(parser)
+    add_end(parser)
+
+
+def add_end(parser: argparse.ArgumentParser) -> None:
+    """Add when a run ends, and what it then prints."""
     parser.add_argument("--duration", type=options.Within(float, 0, unit="s"), default=0.0, metavar="S",
         help="how long to run, %(type)s; 0: until interrupted")  # fmt: skip
     options.add_json(parser, "at the end, print all counters as JSON")
@@ -52,6 +76,61 @@ def add_record(parser: argparse.ArgumentParser) -> None:
     words = "; ".join(f"{name}: {what}" for name, what in BRIDGES.items())
     parser.add_argument("--bridge", action="append", default=[], metavar="NAME[=ADDRESS]",
         help=f"show the run elsewhere, repeatable. {words}. Details: [bridges] in `tactophone settings`")  # fmt: skip
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run one side or both until interrupted, or until the sound ends."""
+    from tactophone.runtime.supervisor import supervised
+
+    settings, open_source, microphone = options.settings_of(args), None, None
+    name = settings.process.name or args.verb
+    if args.verb == "loopback":
+        settings = audio.for_one_microphone(settings)
+    if args.verb != "receive":
+        open_source, microphone = audio.source_of(settings, page=page.wanted(args, settings))
+    sides: AbstractContextManager[Sequence[Supervisor]]
+    if args.verb == "loopback":
+        sides = both_sides(settings, name=name, open_source=open_source)
+    else:
+        sides = supervised(open_side(settings, name, open_source))
+    return follow(args, settings, sides, name, microphone=microphone)
+
+
+def open_side(settings: Settings, name: str, open_source: "OpenSource | None", **way: Any) -> "Supervisor":
+    """Return the robot's side, or without a source the operator's, which is not started yet; ``way`` as of a call."""
+    from tactophone.runtime.operator import run_operator
+    from tactophone.runtime.robot import run_robot
+    from tactophone.runtime.supervisor import Main, Supervisor
+
+    main: Main = partial(run_robot, open_source=open_source, **way) if open_source else partial(run_operator, **way)
+    return Supervisor(main, settings, name=name, report=output.note)
+
+
+@contextmanager
+def both_sides(
+    settings: Settings, *, name: str, open_source: "OpenSource | None" = None
+) -> "Iterator[Sequence[Supervisor]]":
+    """Run operator and robot, in this order, with the simulated network between them.
+
+    ``open_source`` replaces the way in which the settings' source is opened.
+    """
+    from tactophone.runtime import pairing
+    from tactophone.runtime.priority import prioritize_thread
+
+    @contextmanager
+    def network(operator: Settings) -> Iterator[int]:
+        from tactophone.simulation.network import ImpairmentProxy, network_profile
+
+        # The simulated network stands in front of the operator's port.
+        prepare, profile = partial(prioritize_thread, operator.process.priority), network_profile(simulated.network)
+        address = "127.0.0.1", operator.link.port
+        with ImpairmentProxy(address, profile, seed=simulated.seed, prepare=prepare) as proxy:
+            yield proxy.address[1]
+
+    simulated, opened = settings.simulation, open_source or audio.open_source
+    between = None if simulated.network == "clean" else network
+    with pairing.both_sides(settings, name=name, open_source=opened, between=between, report=output.note) as sides:
+        yield sides
 
 
 def follow(

@@ -20,50 +20,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trust.add_argument("fingerprint", help="as `tactophone pair show` prints it there")
     forget = steps.add_parser("forget", help="stop accepting a machine")
     forget.add_argument("name", help="as given to `pair trust`")
-    for step, action in ((init, _init), (show, _show), (trust, _trust), (forget, _forget)):
+    for name, step in steps.choices.items():
+        step.set_defaults(step=name)
         step.add_argument("--identity", type=Path, metavar="FOLDER",
             help="where keys are kept (default: ~/.config/tactophone)")  # fmt: skip
-        step.set_defaults(step=action)
 
 
 def run(args: argparse.Namespace) -> int:
-    from tactophone.link.identity import IDENTITY_FOLDER
+    from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
 
-    args.identity = (args.identity or IDENTITY_FOLDER).expanduser()
-    args.step(args)
+    folder, say = (args.identity or IDENTITY_FOLDER).expanduser(), output.log().print
+    match args.step:
+        case "init":
+            Identity.create(args.name).save(folder)
+            say(f"Created a key in {folder}. Only you can read it; keep it so.")
+            say("On the other machine, run:")
+            print(Identity.load(folder).trust_command)
+        case "show":
+            identity, peers = Identity.load(folder), Peers.load(folder)
+            if not args.json:
+                say("On the other machine, run:")
+            # A fingerprint is no secret, but the channel that it is compared by must be trusted.
+            shown = {"name": identity.name, "fingerprint": identity.fingerprint, "trusted": dict(peers.items())}
+            trusted = (f"trusted: {name} {fingerprint}" for name, fingerprint in peers.items())
+            output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
+        case "trust":
+            Peers.load(folder).trusting(args.name, args.fingerprint).save(folder)
+            say(f"{args.name} is trusted from the next start on.")
+        case "forget":
+            Peers.load(folder).without(args.name).save(folder)
+            say(f"{args.name} is not trusted from the next start on.")
     return 0
-
-
-def _init(args: argparse.Namespace) -> None:
-    from tactophone.link.identity import Identity
-
-    Identity.create(args.name).save(args.identity)
-    output.log().print(f"Created a key in {args.identity}. Only you can read it; keep it so.")
-    output.log().print("On the other machine, run:")
-    print(Identity.load(args.identity).trust_command)
-
-
-def _show(args: argparse.Namespace) -> None:
-    from tactophone.link.identity import Identity, Peers
-
-    identity, peers = Identity.load(args.identity), Peers.load(args.identity)
-    if not args.json:
-        output.log().print("On the other machine, run:")
-    # A fingerprint is no secret, but the channel that it is compared by must be trusted.
-    shown = {"name": identity.name, "fingerprint": identity.fingerprint, "trusted": dict(peers.items())}
-    trusted = (f"trusted: {name} {fingerprint}" for name, fingerprint in peers.items())
-    output.show(shown, [identity.trust_command, *trusted], as_json=args.json)
-
-
-def _trust(args: argparse.Namespace) -> None:
-    from tactophone.link.identity import Peers
-
-    Peers.load(args.identity).trusting(args.name, args.fingerprint).save(args.identity)
-    output.log().print(f"{args.name} is trusted from the next start on.")
-
-
-def _forget(args: argparse.Namespace) -> None:
-    from tactophone.link.identity import Peers
-
-    Peers.load(args.identity).without(args.name).save(args.identity)
-    output.log().print(f"{args.name} is not trusted from the next start on.")

@@ -6,8 +6,8 @@ from functools import partial
 from multiprocessing import Pipe
 from pathlib import Path
 
-from tactophone.cli import audio, options, page
-from tactophone.cli.options import SEED, Within
+from tactophone.cli import audio, console, live, options, page
+from tactophone.cli.options import SEED
 from tactophone.cli.output import make_folder
 from tactophone.errors import ConfigError
 from tactophone.settings import change
@@ -55,14 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help="file to which each round's result is appended as one line of JSON")  # fmt: skip
         options.add_settings(parser, verb, NEAR)
         return
-    from tactophone.cli import live
-
     words = "; ".join(f"{name}: {what}" for name, what in SOURCES.items())
     add("--source", choices=tuple(SOURCES), default="browser", help=f"what listens: {words}")
     live.add_record(parser)
-    add("--duration", type=Within(float, 0, unit="s"), default=0.0, metavar="S",
-        help="how long to run, %(type)s; 0: until interrupted")  # fmt: skip
-    options.add_json(parser, "at the end, print all counters as JSON")
+    live.add_end(parser)
     options.add_settings(parser, verb, USUAL_OF_TRY)
 
 
@@ -87,17 +83,12 @@ def _play(args: argparse.Namespace) -> int:
     with serve_game(game, **page.place(settings)) as served:
         page.announce(served, browser=settings.page.open)
 
-        from tactophone.cli import console
-        from tactophone.cli.send_receive import both_sides
-
-        with both_sides(settings, name=name, open_source=partial(open_finger, inbox)) as sides:
+        with live.both_sides(settings, name=name, open_source=partial(open_finger, inbox)) as sides:
             outcome = console.follow(sides, name)
     return outcome.exit_code
 
 
 def _try(args: argparse.Namespace) -> int:
-    from tactophone.cli import console, live
-    from tactophone.cli.send_receive import both_sides
     from tactophone.pages.server import watch
 
     usual = [*USUAL_OF_TRY, f"capture.source={args.source}"]
@@ -108,6 +99,7 @@ def _try(args: argparse.Namespace) -> int:
     open_source, microphone = audio.source_of(settings)
     with watch(name, microphone=microphone, **page.place(settings)) as served:
         page.announce(served, "try", browser=settings.page.open)
-        with both_sides(settings, name=name, open_source=open_source) as sides, live.recorded(args, settings, name):
+        both = live.both_sides(settings, name=name, open_source=open_source)
+        with both as sides, live.recorded(args, settings, name):
             outcome = console.follow(sides, name, duration=args.duration)
     return live.print_outcome(args, outcome)

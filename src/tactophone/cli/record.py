@@ -13,9 +13,9 @@ from tactophone.cli import console, options, output
 from tactophone.cli.audio import AudioInput, SimulatedAct
 from tactophone.cli.guide import Meters
 from tactophone.cli.options import Within
+from tactophone.cli.simulate import takes_named
 from tactophone.dataset.metadata import manifests_in
 from tactophone.dataset.read import open_dataset
-from tactophone.errors import ConfigError, did_you_mean
 from tactophone.perception.calibration import Calibration
 from tactophone.perception.health import Reference
 from tactophone.recording import protocol
@@ -90,13 +90,9 @@ def _session(args: argparse.Namespace, plan: SessionPlan, target: RecordedObject
 
 
 def _plan(args: argparse.Namespace) -> SessionPlan:
-    names = [take.name for take in TAKES]
-    selected = names if args.takes == "all" else args.takes.split(",")
-    if unknown := sorted(set(selected) - set(names)):
-        hint = did_you_mean(unknown[0], names)
-        raise ConfigError(f"--takes: {', '.join(unknown)} is not a take; takes are {', '.join(names)}{hint}")
     reference = Calibration.read(args.calibration).reference if args.calibration else Reference()
-    takes = tuple(take for take in TAKES if take.name in selected)
+    selected = takes_named(args.takes)
+    takes = tuple(take for take in TAKES if take in selected)
     return SessionPlan(args.out, reference, takes, duration=args.seconds)
 
 

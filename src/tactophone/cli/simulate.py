@@ -106,7 +106,7 @@ def _dataset(args: argparse.Namespace) -> int:
     _check_layout(args)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
-    jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=_takes_named(args.takes))
+    jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=takes_named(args.takes))
     output.make_folder(args.out)
     start = time.monotonic()
     try:
@@ -167,7 +167,7 @@ def _hand(args: argparse.Namespace) -> int:
     return 0
 
 
-def _takes_named(names: str) -> "list[Take]":
+def takes_named(names: str) -> "list[Take]":
     known = {take.name: take for take in TAKES}
     if names == "all":
         return list(TAKES)

@@ -65,15 +65,14 @@ class Device(Protocol):
         """Stop; silent from here on."""
 
 
-def open_at_rate(device: Device, sample_rate: int) -> None:
-    """Open a device that must run at a rate in Hz; raises `DeviceError`, with the device closed, if it does not."""
+def open_at_live_rate(device: Device) -> None:
+    """Open a device; raises `DeviceError`, with the device closed, if it does not run at `LIVE_SAMPLE_RATE`."""
     device.open()
-    found = device.sample_rate
-    if found != sample_rate:
+    if (found := device.sample_rate) != LIVE_SAMPLE_RATE:
         device.close()
         raise DeviceError(
-            f"the sound device runs at {found} Hz, but {sample_rate} Hz is needed: start it with that rate "
-            f"(jackd ... -r {sample_rate})"
+            f"the sound device runs at {found} Hz, but {LIVE_SAMPLE_RATE} Hz is needed: start it with that rate "
+            f"(jackd ... -r {LIVE_SAMPLE_RATE})"
         )
 
 

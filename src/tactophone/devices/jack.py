@@ -148,7 +148,7 @@ class JackClient:
         """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
             return f"{self._named()} is gone: start it again, and the client reconnects"
-        if self._stands_still:
+        if self._cycle and time.monotonic() - self._cycle.called_at > SILENT_AFTER:
             return f"{self._named()} stands still: if it stays so, start it again, and the client reconnects"
         return self._other_rate or self._unconnected
 
@@ -214,10 +214,6 @@ class JackClient:
     @property
     def _lost(self) -> bool:
         return self._client is not None and self._shutdowns.value > 0
-
-    @property
-    def _stands_still(self) -> bool:
-        return self._cycle is not None and time.monotonic() - self._cycle.called_at > SILENT_AFTER
 
     def _join(self, jack: Any) -> None:
         # libjack would close them while it joins again, see the top.

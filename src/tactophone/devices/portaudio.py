@@ -32,13 +32,13 @@ class PortAudioDevice:
 class PortAudioStream:
     """One direction of a PortAudio device, given by number or part of its name; empty is the system's default."""
 
+    sample_rate = LIVE_SAMPLE_RATE
+
     def __init__(
-        self, process: Process, direction: Literal["input", "output"], *, device: str = "", channels: int = 1,
-        sample_rate: int = LIVE_SAMPLE_RATE,
-    ) -> None:  # fmt: skip
+        self, process: Process, direction: Literal["input", "output"], *, device: str = "", channels: int = 1
+    ) -> None:
         self.xruns = self.process_faults = self.losses = 0
         self._process, self._direction, self._device, self._channels = process, direction, device, channels
-        self.sample_rate = sample_rate
         self._system = ""
         self._stream: Any = None
 

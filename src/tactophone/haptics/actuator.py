@@ -11,12 +11,12 @@ from typing import Any, Protocol, Self, TypeAlias
 
 import numpy as np
 
-from tactophone.devices.device import Device, Process, ThreadedDevice, open_at_rate
+from tactophone.devices.device import Device, Process, ThreadedDevice, open_at_live_rate
 from tactophone.devices.gamepad import GamepadDevice
 from tactophone.devices.jack import JackClient
 from tactophone.devices.portaudio import PortAudioStream
 from tactophone.errors import DeviceError
-from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
+from tactophone.types import FloatArray
 
 Render: TypeAlias = Callable[[FloatArray], None]
 """Writes the next samples of the waveform in place; its array has shape ``(samples,)``."""
@@ -40,7 +40,7 @@ class DeviceActuator:
         self.device = device
 
     def __enter__(self) -> Self:
-        open_at_rate(self.device, LIVE_SAMPLE_RATE)
+        open_at_live_rate(self.device)
         return self
 
     def __exit__(self, *_: object) -> None:

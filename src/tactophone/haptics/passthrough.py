@@ -14,7 +14,6 @@ the newest command, and only while commands keep arriving: whatever silences the
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -211,13 +210,11 @@ class _Pole:
         return self._value
 
 
-PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = MappingProxyType(
-    {
-        "direct": lambda limits: Passthrough(limits=limits),
-        "median-frequency": lambda limits: Passthrough(limits=limits, open_chain=_MedianChain),
-        "pitch": lambda limits: Passthrough(shift=1 / 8, dynamics=Dynamics(threshold_dbfs=-45.0), limits=limits),
-    }
-)
+PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = {
+    "direct": lambda limits: Passthrough(limits=limits),
+    "median-frequency": lambda limits: Passthrough(limits=limits, open_chain=_MedianChain),
+    "pitch": lambda limits: Passthrough(shift=1 / 8, dynamics=Dynamics(threshold_dbfs=-45.0), limits=limits),
+}
 """Renderers of the sound itself, by the name that ``feel --profile`` takes."""
 
 

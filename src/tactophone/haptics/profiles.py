@@ -9,7 +9,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -297,13 +296,11 @@ class EventsProfile:
         return self._base.command(prediction)
 
 
-PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = MappingProxyType(
-    {
-        "paper": lambda response: PaperProfile(), "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted,
-        "lra": LraProfile.fitted, "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
-        "events": lambda response: EventsProfile(PaperProfile()),
-    }
-)  # fmt: skip
+PROFILES: Mapping[str, Callable[[ActuatorResponse], Profile]] = {
+    "paper": lambda response: PaperProfile(), "perceptual": PerceptualProfile.fitted, "erm": ErmProfile.fitted,
+    "lra": LraProfile.fitted, "piezo": PiezoProfile.fitted, "dualsense": DualSenseProfile.fitted,
+    "events": lambda response: EventsProfile(PaperProfile()),
+}  # fmt: skip
 """Makes each profile for an actuator, by the name that ``feel --profile`` takes."""
 
 

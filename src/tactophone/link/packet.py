@@ -121,6 +121,23 @@ Address: TypeAlias = tuple[str, int]
 """Host and port of a datagram's source or destination, as the socket expects and returns them."""
 
 
+def split_address(text: str, port: int) -> Address:
+    """Split ``host``, ``host:port`` or ``[host]:port``, with a default port; `ValueError` for anything else.
+
+    >>> split_address("[2001:db8::1]:3479", 3478), split_address("2001:db8::1", 3478)
+    (('2001:db8::1', 3479), ('2001:db8::1', 3478))
+    """
+    host, colon, number = text.rpartition(":")
+    # The colons of an IPv6 address alone are no port.
+    if not colon or text.endswith("]") or (":" in host and not host.endswith("]")):
+        host, number = text, str(port)
+    if not host:
+        raise ValueError("there is no host")
+    if not number.isascii() or not number.isdecimal() or not 0 < int(number) < 1 << 16:
+        raise ValueError(f"{number!r} is no port")
+    return host.strip("[]"), int(number)
+
+
 class DatagramKind(enum.Enum):
     """The protocol of a datagram, by its first byte (RFC 7983 section 7)."""
 

@@ -137,9 +137,9 @@ def parse_report(packet: bytes) -> Report:
     body = packet[_HEAD.size :]
     match kind:
         case 203:
-            return Goodbye(ssrc, goodbye_reason(packet) or "")
-        case 202 if version := introduced_version(packet):
-            return Introduction(ssrc, version)
+            return Goodbye(ssrc, _text(body))
+        case 202 if body[:1] == bytes([_TOOL]) and (program := _text(body[1:])).startswith(_PROGRAM):
+            return Introduction(ssrc, program.removeprefix(_PROGRAM))
         case 201 if len(body) == _BLOCK.size:
             of, losses, highest, jitter, last_report, since = _BLOCK.unpack(body)
             fraction, lost = (losses >> 24) / 256, losses & 0xFFFFFF
@@ -164,24 +164,6 @@ def round_trip_time(report: ReceiverReport, *, now: float) -> float | None:
         return None
     elapsed = ((_ntp(now) >> 16 & 0xFFFFFFFF) - report.last_report) % (1 << 32) / 65_536
     return max(0.0, elapsed - report.since)
-
-
-def goodbye_reason(packet: bytes) -> str | None:
-    """Return the reason in a `Goodbye`, empty if it gives none; ``None`` for any other packet.
-
-    Characters that a terminal may interpret are left out.
-    """
-    if len(packet) < 2 or packet[1] != _GOODBYE:
-        return None
-    return _text(packet[_HEAD.size :])
-
-
-def introduced_version(packet: bytes) -> str | None:
-    """Return the version in an `Introduction`; ``None`` for any other packet."""
-    if packet[1:2] != bytes([_DESCRIPTION]) or packet[_HEAD.size : _HEAD.size + 1] != bytes([_TOOL]):
-        return None
-    program = _text(packet[_HEAD.size + 1 :])
-    return program.removeprefix(_PROGRAM) if program.startswith(_PROGRAM) else None
 
 
 def _text(field: bytes) -> str:

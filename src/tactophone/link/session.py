@@ -17,6 +17,7 @@ of a datagram gives its protocol (RFC 7983).
 import logging
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import pylibsrtp
 
@@ -34,7 +35,7 @@ from tactophone.link.handshake import (
 )
 from tactophone.link.identity import Identity, Peers
 from tactophone.link.packet import Address, DatagramKind, is_report, stream_of
-from tactophone.link.rtcp import Goodbye, Introduction, goodbye_reason, introduced_version
+from tactophone.link.rtcp import Goodbye, Introduction, parse_report
 
 RENEW_AFTER = 11 * 3600.0
 """Seconds after which the caller renews the keys; it then has an hour for it."""
@@ -361,19 +362,19 @@ class Session:
         events: list[Event] = [connection.renewed] if self._keys.confirm(connection, now) else []
         if current := self._keys.current:
             current.last_received = now  # also under the keys before: it is the same peer, and it lives
-        if report and (reason := goodbye_reason(packet)) is not None:
-            peer = self.peer
-            if reason:
-                # Sent away, not forgotten: the caller shows why, and calls again after a pause.
-                self.failure, self._call_after = reason, now + BUSY_PAUSE
-            else:
-                self.hung_up = peer or ""
-            return [*events, *self._end(f"{peer} hung up: {reason}" if reason else f"{peer} hung up")]
-        if report and (version := introduced_version(packet)) is not None:
-            self._peer_version = version
-            return events
-        events.append(PacketReceived(packet, report))
-        return events
+        with suppress(PacketError):  # a report that cannot be read is counted where the others are
+            match parse_report(packet) if report else None:
+                case Goodbye(reason=""):
+                    self.hung_up = self.peer or ""
+                    return [*events, *self._end(f"{self.peer} hung up")]
+                case Goodbye(reason=reason):
+                    # Sent away, not forgotten: the caller shows why, and calls again after a pause.
+                    self.failure, self._call_after = reason, now + BUSY_PAUSE
+                    return [*events, *self._end(f"{self.peer} hung up: {reason}")]
+                case Introduction(version=version):
+                    self._peer_version = version
+                    return events
+        return [*events, PacketReceived(packet, report)]
 
     def _handle_dtls(self, datagram: bytes, source: Address, now: float) -> list[Event]:
         if is_hello(datagram):

@@ -9,9 +9,8 @@ record on the system clock for the packet that caused the vibration.
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +19,7 @@ from tactophone.devices.jack import JackClient
 from tactophone.errors import TactophoneError
 from tactophone.hand import names_of
 from tactophone.microphones import MICROPHONES
-from tactophone.runtime.operator import run_operator
-from tactophone.runtime.pairing import pair_on_one_machine, temporary_keys
-from tactophone.runtime.robot import run_robot
-from tactophone.runtime.supervisor import Supervisor, supervised
+from tactophone.runtime.pairing import Sides, both_sides
 from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Finger, Settings
 from tactophone.telemetry.layout import MARKS, STAGES
@@ -183,14 +179,6 @@ class Graph:
     vibration_port: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Sides:
-    """Robot and operator while they run."""
-
-    robot: Supervisor
-    operator: Supervisor
-
-
 def measure(
     settings: Settings, graph: Graph, *, impulses: int = 100, seed: int = 0,
     progress: Callable[[float], None] = lambda share: None,
@@ -199,25 +187,24 @@ def measure(
 
     Raises `TactophoneError` when a side does not start, or the two do not connect.
     """
-    with running_sides(settings, graph) as sides:
+    with running_sides(settings, graph) as (operator, robot):
         player = ImpulsePlayer(impulses, seed=seed)
-        robot = sides.robot.name
         fingers = names_of(settings)
         ports = [f"{name}-{end}".lstrip("-") for name in fingers for end in MICROPHONES]
-        outputs = {port: f"{robot}:{port}" for port in ports}
+        outputs = {port: f"{robot.name}:{port}" for port in ports}
         if graph.impulse_port:
             outputs = {"impulse": graph.impulse_port}
         # Of a hand, the last finger: its step is computed after those of all others.
         last = fingers[-1] or "vibration"
-        inputs = {"vibration": graph.vibration_port or f"{sides.operator.name}:{last}"}
+        inputs = {"vibration": graph.vibration_port or f"{operator.name}:{last}"}
         client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
         client.open()
         try:
-            marks = _collect(player, Watcher(sides.robot.name), Watcher(sides.operator.name), progress)
+            marks = _collect(player, Watcher(robot.name), Watcher(operator.name), progress)
             period = client.period
         finally:
             client.close()
-        restarts = sides.robot.restarts + sides.operator.restarts
+        restarts = robot.restarts + operator.restarts
     return replace(analyse(player, marks, period=period), restarts=restarts)
 
 
@@ -238,7 +225,7 @@ def _collect(
 
 @contextmanager
 def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
-    """Run both sides, each in its process, and yield once they are connected; the robot captures ``open_source``."""
+    """Run operator and robot, and yield both once they are connected; the robot captures ``open_source``."""
     capture, output, process = settings.capture, settings.output, settings.process
     if not graph.impulse_port:  # else the path leads over hardware outside the graph
         capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
@@ -254,16 +241,9 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
         output=replace(output, actuator="jack"),
         process=replace(process, jack_server=graph.server or process.jack_server),
     )
-    with ExitStack() as stack:
-        folder = stack.enter_context(temporary_keys())
-        name = f"{process.name or 'latency'}-{secrets.token_hex(3)}"
-        robot, operator = pair_on_one_machine(settings, folder, name=name)
-        receive = partial(run_operator, robot=robot.process.name)
-        send = partial(run_robot, open_source=open_source)
-        receiving = Supervisor(receive, operator, name=operator.process.name)
-        sending = Supervisor(send, robot, name=robot.process.name)
-        stack.enter_context(supervised(receiving, sending))
-        watcher = Watcher(operator.process.name)
+    name = f"{process.name or 'latency'}-{secrets.token_hex(3)}"
+    with both_sides(settings, name=name, open_source=open_source) as sides:
+        watcher = Watcher(sides.operator.name)
         for _ in range(500):
             if watcher.snapshot().counters["packets_received"] > 10:
                 break
@@ -272,4 +252,4 @@ def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource =
             raise TactophoneError(
                 "robot and operator did not connect within 10 s: run `tactophone loopback` to see why"
             )
-        yield Sides(sending, receiving)
+        yield sides

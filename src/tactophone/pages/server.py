@@ -9,9 +9,9 @@ from contextlib import AbstractContextManager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tactophone.bridges.connections import QUEUE, RUNNER, Acceptor
+from tactophone.bridges.connections import RUNNER, Acceptor, listen
 from tactophone.errors import TactophoneError
 from tactophone.pages.security import AccessControl
 from tactophone.processes import Child, Parent
@@ -66,14 +66,14 @@ class Page(AbstractContextManager["Page", None]):
 
 def watch(
     name: str, address: str | None = None, *, microphone: Connection | None = None, recorder: Connection | None = None,
-    certificate: tuple[Path, Path] | None = None, names: tuple[str, ...] = (),
+    **place: Any,
 ) -> Page:  # fmt: skip
-    """Serve the operator's page for the run of that name; see `Page`.
+    """Serve the operator's page for the run of that name; ``place`` as in `Page`.
 
     ``microphone`` takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end), and
     ``recorder`` keeps logs when a page on this machine asks for one; without them, no page can.
     """
-    return Page(partial(_dashboard, name, microphone, recorder), address, certificate=certificate, names=names)
+    return Page(partial(_dashboard, name, microphone, recorder), address, **place)
 
 
 def serve_guide(orders: Connection) -> Page:
@@ -109,24 +109,12 @@ def _guide(orders: Connection) -> "web.Application":
 
 def _listen_everywhere(address: str) -> list[socket.socket]:
     """Listen at an address, and at 127.0.0.1 too if another machine can reach the address but this one cannot."""
-    sockets = [_listen(address)]
+    sockets = [listen(address, "the page", example=ADDRESS)]
     host, port = sockets[0].getsockname()[:2]
     if sockets[0].family == socket.AF_INET and host != "0.0.0.0" and not host.startswith("127."):
         with suppress(TactophoneError):  # the port may be in use there: the page is then not served at 127.0.0.1
-            sockets.append(_listen(f"127.0.0.1:{port}"))
+            sockets.append(listen(f"127.0.0.1:{port}", "the page", example=ADDRESS))
     return sockets
-
-
-def _listen(address: str) -> socket.socket:
-    host, _, port = address.rpartition(":")
-    host = host.strip("[]")
-    if not host or not port.isdecimal():
-        raise TactophoneError(f"{address!r} is not an address: write HOST:PORT, such as {ADDRESS}")
-    try:
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        return socket.create_server((host, int(port)), family=family, backlog=QUEUE)
-    except (OSError, OverflowError) as error:
-        raise TactophoneError(f"the page cannot listen at {address} ({error}): choose another address") from None
 
 
 def _serve(

@@ -1,15 +1,21 @@
-"""Robot and operator on one machine: two fresh identities, paired for one run."""
+"""Robot and operator on one machine: two fresh identities, paired for one run, and the two processes."""
 
 import os
 import shutil
 import socket
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from tactophone.link.identity import Identity, Peers
+from tactophone.runtime.operator import run_operator
+from tactophone.runtime.robot import run_robot
+from tactophone.runtime.supervisor import Supervisor, ignore, supervised
+from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Link, Settings
 from tactophone.telemetry.memory import is_alive
 
@@ -43,6 +49,33 @@ def temporary_keys() -> Iterator[Path]:
                 shutil.rmtree(left, ignore_errors=True)
     with tempfile.TemporaryDirectory(prefix=f"{_KEYS}{os.getpid()}-") as folder:
         yield Path(folder)
+
+
+class Sides(NamedTuple):
+    """Operator and robot while they run."""
+
+    operator: Supervisor
+    robot: Supervisor
+
+
+@contextmanager
+def both_sides(
+    settings: Settings, *, name: str, open_source: OpenSource = open_device,
+    between: Callable[[Settings], AbstractContextManager[int]] | None = None, report: Callable[[str], None] = ignore,
+) -> Iterator[Sides]:  # fmt: skip
+    """Run operator and robot, each in its process.
+
+    ``between`` opens what stands between the two, by the operator's settings, and yields the port that the robot calls;
+    ``report`` as of `Supervisor`.
+    """
+    with temporary_keys() as folder, ExitStack() as stack:
+        robot, operator = pair_on_one_machine(settings, folder, name=name)
+        if between:
+            robot = replace(robot, link=replace(robot.link, port=stack.enter_context(between(operator))))
+        receive, send = partial(run_operator, robot=robot.process.name), partial(run_robot, open_source=open_source)
+        receiving = Supervisor(receive, operator, name=name, report=report)
+        sending = Supervisor(send, robot, name=robot.process.name, report=report)
+        yield Sides(*stack.enter_context(supervised(receiving, sending)))
 
 
 def with_operator(robot: Settings, operator: Settings, folder: Path, *, name: str) -> tuple[Settings, Settings]:

@@ -33,7 +33,7 @@ from tactophone.haptics.passthrough import PASSTHROUGH, GateProfile, Passthrough
 from tactophone.haptics.profiles import ActuatorResponse, open_profile, parse_levels
 from tactophone.link.codec import NARROW_BAND, Codec, open_decoder, open_encoder
 from tactophone.link.identity import IDENTITY_FOLDER, Identity, Peers
-from tactophone.link.packet import Address
+from tactophone.link.packet import Address, split_address
 from tactophone.link.receive import ReceiveSession
 from tactophone.link.send import MOST_OPERATORS, SendGroup
 from tactophone.link.session import Session
@@ -247,7 +247,10 @@ def operators_of(link: Link) -> list[Address]:
     >>> operators_of(Link(peer="trainer.local, 192.0.2.7:48471, ::1, [2001:db8::7]:48472"))
     [('trainer.local', 48470), ('192.0.2.7', 48471), ('::1', 48470), ('2001:db8::7', 48472)]
     """
-    operators = [_endpoint(name.strip(), link.port) for name in link.peer.split(",") if name.strip()]
+    try:
+        operators = [split_address(name.strip(), link.port) for name in link.peer.split(",") if name.strip()]
+    except ValueError as error:
+        raise ConfigError(f"link.peer = {link.peer!r}: {error}; write host or host:port") from None
     if not operators:
         raise ConfigError("link.peer is empty: give the operator's host, as in --peer operator.local")
     if len(operators) > MOST_OPERATORS:
@@ -257,16 +260,6 @@ def operators_of(link: Link) -> list[Address]:
     if twice := [host for (host, port), count in Counter(operators).items() if count > 1]:
         raise ConfigError(f"link.peer names {twice[0]} twice: name each operator once, or with ports of their own")
     return operators
-
-
-def _endpoint(name: str, port: int) -> Address:
-    """Split ``host``, ``host:port`` or ``[host]:port``; the colons of an IPv6 address alone are no port."""
-    host, colon, number = name.rpartition(":")
-    if not colon or name.endswith("]") or (":" in host and not host.endswith("]")):
-        return name.strip("[]"), port
-    if not number.isascii() or not number.isdecimal() or not 0 < int(number) < 1 << 16:
-        raise ConfigError(f"link.peer = {name!r}: {number!r} is no port; write host or host:port")
-    return host.strip("[]"), int(number)
 
 
 def open_send_group(settings: Settings, channels: int, *, way: bool = False) -> SendGroup:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tactophone.errors import TactophoneError
 from tactophone.telemetry import layout
 from tactophone.telemetry.layout import ACTIONS, COUNTERS, GAUGES, MARKS, Action, FingerState, State
-from tactophone.telemetry.memory import PREFIX, Memory, folder
+from tactophone.telemetry.memory import PREFIX, Memory, folder, is_alive
 from tactophone.telemetry.records import RunStart, read_records
 from tactophone.types import FloatArray
 
@@ -162,11 +162,6 @@ class Watcher:
         """Seconds since the last sign of life."""
         return time.monotonic() - float(self._memory["beat"])
 
-    @property
-    def writer_alive(self) -> bool:
-        """Whether the writing process exists."""
-        return self._memory.writer_alive
-
     def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
         """Copy a finger's predictions after the first ``since``, of dtype `PREDICTION`, and return their total count.
 
@@ -264,4 +259,4 @@ def running() -> list[str]:
     True
     """
     names = sorted(path.name.removeprefix(PREFIX) for path in folder().glob(f"{PREFIX}*"))
-    return [name for name in names if (found := Watcher.find(name)) and found.writer_alive]
+    return [name for name in names if (found := Watcher.find(name)) and is_alive(found.pid)]
