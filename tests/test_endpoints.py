@@ -117,7 +117,7 @@ def test_a_robot_with_other_microphones_gets_its_own_pipeline_under_the_same_cei
         opened.append(channels)
         return pipeline_of(model)
 
-    endpoint = OperatorEndpoint(operator, pipeline_of(model), channels=2, reopen=reopen)
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), reopen=reopen)
     endpoint.pipeline.limits = Limits(ceiling=0.1)
     link = VirtualLink(robot, endpoint)
     begun = link.connect(0.0)
@@ -134,7 +134,7 @@ def test_a_robot_whose_sound_the_model_cannot_use_is_refused_in_words_on_both_en
     def reopen(channels: int) -> Pipeline:
         raise ModelError("the model needs contact and air; choose a one-channel model")
 
-    endpoint = OperatorEndpoint(operator, pipeline_of(model), channels=2, reopen=reopen)
+    endpoint = OperatorEndpoint(operator, pipeline_of(model), reopen=reopen)
     link = VirtualLink(robot, endpoint)
     begun = link.connect(0.0)
     steps = []

@@ -81,7 +81,7 @@ class OperatorEndpoint:
     session
         Opens the datagrams and puts the sound in order.
     pipeline
-        For sound of ``channels`` channels; or the pipelines of a hand, whose robot must have as many fingers.
+        For sound of two channels; or the pipelines of a hand, whose robot must have as many fingers.
     reopen
         Returns the pipeline for another number of channels, when a robot with other microphones connects; raises
         `ModelError` where the model cannot do with so many. Not for a hand.
@@ -90,18 +90,16 @@ class OperatorEndpoint:
     """
 
     def __init__(
-        self, session: ReceiveSession, pipeline: Pipeline | Hand, *, channels: int = 2,
-        reopen: Callable[[int], Pipeline] | None = None,
-    ) -> None:  # fmt: skip
+        self, session: ReceiveSession, pipeline: Pipeline | Hand, *, reopen: Callable[[int], Pipeline] | None = None
+    ) -> None:
         self.session = session
         self.hand = pipeline if isinstance(pipeline, Hand) else Hand([pipeline])
-        self._channels, self._reopen = channels, reopen
+        self._channels, self._reopen = 2, reopen
         self._accepted = 0
         self.refusal = ""
 
     @property
     def pipeline(self) -> Pipeline:
-        """The pipeline of the first finger, or the only one."""
         return self.hand.pipelines[0]
 
     @property

@@ -50,6 +50,13 @@ this table. Times are in s since the stream began. Without a command, frequency 
 _PLAIN_FIELDS = tuple({field.name for field in PREDICTION_FIELDS} & set(Prediction.__dataclass_fields__) - {"touch"})
 
 
+def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
+    """Return all that a row of a file holds, by name: the numbers, and the touch and the newest event in words."""
+    entries: dict[str, Any] = {field.name: field.of(prediction, command) for field in PREDICTION_FIELDS}
+    event = prediction.events[-1].kind if prediction.events else ""
+    return entries | {"touch": prediction.touch.name.lower(), "contact": int(entries["contact"]), "event": event}
+
+
 def prediction_of(row: Any) -> tuple[Prediction, HapticCommand]:
     """Return a prediction and its command from a row that holds every number of `PREDICTION_FIELDS` by name.
 

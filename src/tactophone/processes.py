@@ -22,7 +22,6 @@ from tactophone.errors import TactophoneError
 Message: TypeAlias = tuple[Literal["progress", "ready", "error", "bug"], str]
 """What a child tells its parent: what it does next, that it has begun, or the error or the bug that ended it."""
 
-
 ORPHAN_TIMEOUT = 2.5
 """Seconds after the end of its parent in which a child may end in order; a log is complete by then."""
 

@@ -24,7 +24,7 @@ from tactophone.bridges.mcap import (
     read_log,
     read_messages,
 )
-from tactophone.bridges.reader import entries_of
+from tactophone.bridges.reader import encoded
 from tactophone.errors import ConfigError, DatasetError
 from tactophone.link.codec import Codec, open_decoder
 from tactophone.link.packet import PayloadType
@@ -379,5 +379,5 @@ def test_a_prediction_without_a_command_equals_itself_and_is_valid_json() -> Non
     comparison = Comparison()
     comparison.add(LoggedPrediction(*first), LoggedPrediction(*first), certain=True)
     assert comparison.equal == 1
-    assert json.loads(json.dumps(entries_of(*first), allow_nan=False))["level_dbfs"] is None
-    assert entries_of(*second)["event"] == "slip"
+    assert json.loads(encoded(*first))["level_dbfs"] is None
+    assert json.loads(encoded(*second))["event"] == "slip"

@@ -98,7 +98,6 @@ class FoxgloveBridge:
         return sum(self._reader.missed.values()) + self._dropped
 
     def read(self) -> None:
-        """Send what is new to those who subscribed."""
         messages: list[Message] = []
         for message in self._reader.read():
             messages += self._sound.push(message.topic.name, message.data)

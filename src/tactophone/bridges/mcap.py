@@ -113,7 +113,6 @@ class McapLog:
 
     @property
     def missed(self) -> int:
-        """Predictions and bytes that were overwritten before they were read."""
         return sum(self._reader.missed.values())
 
     def read(self) -> None:

@@ -79,13 +79,11 @@ class OscBridge:
             self._inbound.close()
 
     def read(self) -> None:
-        """Send what is new, and obey a stop."""
         self._receive()
         self._send(self._reader.read())
 
     @property
     def missed(self) -> int:
-        """Predictions that were not passed on, as this process was too late."""
         return self._reader.missed
 
     def _send(self, found: list[Passed]) -> None:

@@ -4,13 +4,12 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import msgspec
 
 from tactophone.bridges import log_topics
 from tactophone.bridges.log_topics import Message, of_finger
-from tactophone.prediction_fields import PREDICTION_FIELDS, prediction_of
+from tactophone.prediction_fields import entries_of, prediction_of
 from tactophone.telemetry.layout import FingerState, State
 from tactophone.telemetry.records import EventBatch, RunStart, read_records
 from tactophone.telemetry.watcher import Watcher
@@ -34,12 +33,9 @@ FASTEST_DRIFT = 1e-4
 _INFO, _WARNING = 2, 3
 
 
-def entries_of(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
-    """Return a prediction and its command by name, exactly; ``None`` for NaN and infinity, which JSON does not have."""
-    numbers = {field.name: field.of(prediction, command) for field in PREDICTION_FIELDS}
-    entries: dict[str, Any] = {name: value if math.isfinite(value) else None for name, value in numbers.items()}
-    event = prediction.events[-1].kind if prediction.events else ""
-    return entries | {"touch": prediction.touch.name.lower(), "contact": int(entries["contact"]), "event": event}
+def encoded(prediction: Prediction, command: HapticCommand) -> bytes:
+    """Return a prediction and its command as JSON, exactly; NaN and infinity, which JSON does not have, are null."""
+    return msgspec.json.encode(entries_of(prediction, command))
 
 
 class RunReader:
@@ -69,7 +65,7 @@ class RunReader:
     def _begin(self) -> None:
         watcher = self.watcher
         self.names = watcher.finger_names()
-        self._log_count, self._prediction_counts = 0, [0] * watcher.fingers
+        self._log_count = 0
         self._epoch = time.time() - time.monotonic()
         self._clocks = [StreamClock() for _ in self.names]
         self._partial: tuple[bytes, ...] = ()
@@ -113,18 +109,15 @@ class RunReader:
     def _predictions(self, now: float) -> Iterator[Message]:
         for finger, name in enumerate(self.names):
             topic = of_finger(log_topics.PREDICTION, finger, name)
-            rows, count = self.watcher.predictions(self._prediction_counts[finger], finger=finger)
-            missed = count - self._prediction_counts[finger] - len(rows)
-            if missed > 0:
+            rows, missed = self.watcher.new_predictions(finger=finger)
+            if missed:
                 self.missed["predictions"] += missed
                 yield self._event(now, f"{missed} predictions were not read in time", _WARNING)
-            self._prediction_counts[finger] = count
             for row in rows:
                 prediction, command = prediction_of(row)
                 # A prediction carries the time of its stream, which is even; the time of reading is a staircase.
                 self._clocks[finger].follow(self._epoch + float(row["made"]), prediction.end)
-                data = msgspec.json.encode(entries_of(prediction, command))
-                yield Message(topic, self._clocks[finger].time(prediction.end), data)
+                yield Message(topic, self._clocks[finger].time(prediction.end), encoded(prediction, command))
 
     def _state(self, now: float) -> Iterator[Message]:
         state, before = self.watcher.state(), self._settled
@@ -245,9 +238,9 @@ class PredictionReader:
         self.fingers = names if all(names) else [finger]
         self._epoch = time.time() - time.monotonic()
         self._last: dict[str, tuple[float, Passed]] = {}
-        self._begin()
-        # What a run did before, perhaps long ago, is not the present.
-        self._read()
+        self._clocks = [StreamClock() for _ in self.fingers]
+        for place in range(len(self.fingers)):
+            self.watcher.new_predictions(finger=place)  # what a run did before, perhaps long ago, is not the present
         self.missed = 0
 
     def read(self) -> list[Passed]:
@@ -271,26 +264,18 @@ class PredictionReader:
         self._last |= {passed.finger: (before, passed) for passed in ended}
         return ended
 
-    def _begin(self) -> None:
-        self._counts, self._clocks = [0] * len(self.fingers), [StreamClock() for _ in self.fingers]
-        self.missed = 0
-
     def _read(self) -> list[Passed]:
         if self.watcher.follow():
-            missed = self.missed
-            self._begin()
-            self.missed = missed
+            self._clocks = [StreamClock() for _ in self.fingers]
         return [passed for place in range(len(self.fingers)) for passed in self._read_finger(place)]
 
     def _read_finger(self, place: int) -> Iterator[Passed]:
-        rows, count = self.watcher.predictions(self._counts[place], finger=place)
-        rows = rows[-BACKLOG:]
-        self.missed += max(0, count - self._counts[place] - len(rows))
-        self._counts[place] = count
+        rows, missed = self.watcher.new_predictions(finger=place)
+        self.missed += missed + max(0, len(rows) - BACKLOG)
         if not len(rows):
             return
         after = self.watcher.gauge("latency_render") + self.watcher.gauge("latency_device")
-        for row in rows:
+        for row in rows[-BACKLOG:]:
             prediction, command = prediction_of(row)
             if not (math.isfinite(command.amplitude) and math.isfinite(command.frequency)):
                 command = HapticCommand(0.0, 0.0, command.time)

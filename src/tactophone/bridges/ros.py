@@ -168,11 +168,9 @@ class RosBridge:
 
     @property
     def missed(self) -> int:
-        """Predictions that were not passed on, as this process was too late."""
         return self._reader.missed
 
     def read(self) -> None:
-        """Pass on what is new, and obey a stop or a mute."""
         for action, reader in self._requests.items():
             # Whatever a stranger sends in numbers, one read takes some of it and asks once.
             if reader.take(N=10):

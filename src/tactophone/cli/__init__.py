@@ -138,7 +138,6 @@ def _parse(words: list[str], verb: str) -> argparse.Namespace:
 
 
 def add_verb(parser: argparse.ArgumentParser, verb: str) -> None:
-    """Declare a verb's options, examples and function."""
     module = importlib.import_module(f"tactophone.cli.{_SHARED_MODULES.get(verb, verb.replace('-', '_'))}")
     parser.set_defaults(verb=verb)
     module.add_arguments(parser)

@@ -37,7 +37,6 @@ NOTES = (
     "recognising surfaces, not by roughness.",
 )
 
-
 EXAMPLES = (
     "tactophone benchmark --fast",
     "tactophone benchmark --data recordings --methods texture,level --splits 4-fold",

@@ -58,7 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the other end, and run this side until either hangs up."""
     from tactophone.call.process import CallProcess, Plan
     from tactophone.link.identity import IDENTITY_FOLDER
 

@@ -28,7 +28,6 @@ from tactophone.perception.calibration import Calibration
 MOST_ALIKE = 5
 """Most warnings of one kind that are printed one by one."""
 
-
 EXAMPLES = (
     "tactophone dataset show recordings --plot recordings.png",
     "tactophone dataset check recordings --calibration calibration.toml",
@@ -37,11 +36,10 @@ EXAMPLES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    add_action = options.add_actions(parser)
 
     def add(name: str, run: Callable[[argparse.Namespace], int], words: str) -> argparse.ArgumentParser:
-        sub = actions.add_parser(name, help=words, description=words)
-        sub.set_defaults(run=run)
+        sub = add_action(name, words, run)
         sub.add_argument("folder", metavar="DIR", help="a folder with metadata.csv, manifest.csv or opus/stereo/")
         return sub
 

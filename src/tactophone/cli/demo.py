@@ -78,7 +78,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run both sides over the recording, or one for each finger; write picture and sound, print scores."""
     output.make_folder(args.out)
     if not args.recording:
         output.log().print("a simulated finger strokes a smooth stone, then a rough one ...", style="dim")

@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the devices, or the settings; or try or measure the actuator."""
     if args.verb == "settings":
         for section, entries in groupby(SETTINGS.values(), key=lambda entry: entry.name.partition(".")[0]):
             print(f"[{section}]")

@@ -71,7 +71,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Score a model, or cross-validate a recipe with its baselines, or under every combination of settings."""
     if args.note and not args.model:
         raise ConfigError("--note writes into a model's card: name the MODEL")
     if args.vary:

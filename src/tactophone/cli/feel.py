@@ -249,7 +249,12 @@ def _process(path: Path, stem: str, args: argparse.Namespace, settings: Settings
         )  # fmt: skip
     mono = sound.channels == 1 and not settings.detector.model and tip == DEFAULT_TIP
     counts = Counter(event.kind for event in events)
-    notes = preparation.notes(source.channels) + _missing_treble(source, card) + list(misfits.values())
+    notes = [*preparation.notes(source.channels), *misfits.values()]
+    if source.sample_rate < card.sample_rate:
+        notes.append(
+            f"recorded at {source.sample_rate} Hz, so without what the model uses up to {card.sample_rate // 2} Hz: "
+            "rough may be rendered smooth; record at a higher rate"
+        )
     scores = score_run(read_timeline(outputs.timeline), truth) if label else None
     return Result(path, pipeline, profile, mono, label, truth, summary, files, floor, notes, scores, counts)
 
@@ -271,15 +276,6 @@ def _prepare(path: Path, card: ModelCard, settings: Settings) -> tuple[Preparati
 def _measure_floor(path: Path, preparation: Preparation, card: ModelCard) -> RecordingFloor:
     with PreparedSource(FileSource(path), preparation) as sound:
         return measure_floor(sound, sample_rate=sound.sample_rate, rule=card.gate.rule)
-
-
-def _missing_treble(source: FileSource, card: ModelCard) -> list[str]:
-    if source.sample_rate >= card.sample_rate:
-        return []
-    return [
-        f"recorded at {source.sample_rate} Hz, so without what the model uses up to {card.sample_rate // 2} Hz: rough "
-        "may be rendered smooth; record at a higher rate"
-    ]
 
 
 def _open_pipeline(

@@ -38,7 +38,6 @@ MOST_LOST = 0.005
 
 HEADINGS = {"balanced_accuracy": "balanced accuracy", "false_positive_rate": "smooth as rough"}
 
-
 EXAMPLES = (
     "tactophone finetune general.onnx recordings --general simulated",
     "tactophone finetune paper recordings --general simulated --strategy fine-tuned --out mine.onnx",
@@ -89,7 +88,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fine-tune, measure before and after, write the model."""
     from tactophone.training import finetune
 
     began = time.monotonic()

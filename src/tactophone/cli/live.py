@@ -201,10 +201,7 @@ def _bridges(args: argparse.Namespace, settings: Settings, name: str) -> "Iterat
     chosen = settings.bridges
     for path in args.record:
         if path.suffix == ".mcap":
-            extras.require_modules("mcap", "zstandard")
-            from tactophone.bridges.mcap import McapLog
-
-            yield partial(McapLog, name, path.absolute())
+            yield page.log_of(name, path)
     for text in args.bridge:
         bridge, _, address = text.partition("=")
         if bridge == "foxglove":

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from tactophone.evaluation.predict import TakePredictions
     from tactophone.evaluation.rules import Goal, OperatingPoint
 
-
 EXAMPLES = {
     "model": ("tactophone model show texture", "tactophone model import general.pt --out general.onnx"),
     "set-threshold": (
@@ -36,10 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     if parser.get_default("verb") == "set-threshold":
         _add_set_threshold(parser)
         return
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
-    words = "show a model's card: input, decision rule, training data, scores"
-    show = actions.add_parser("show", help=words, description=words)
-    show.set_defaults(run=_show)
+    add_action = options.add_actions(parser)
+    show = add_action("show", "show a model's card: input, decision rule, training data, scores", _show)
     show.add_argument("model", metavar="NAME|FILE",
         help=f"a model file, or one that ships: {', '.join(shipped_models()) or 'none'}")  # fmt: skip
     options.add_json(show, "print the card as JSON")
@@ -48,8 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "notebook saved (model.pt, with its threshold; model_script.pt); a TorchScript file is a program that torch "
         "runs while loading: import it only from a source you trust"
     )
-    published = actions.add_parser("import", help=words, description=words)
-    published.set_defaults(run=_import)
+    published = add_action("import", words, _import)
     published.add_argument("source", type=Path, metavar="FILE", help="the TorchScript file, or model.pt")
     published.add_argument("--out", type=Path, metavar="FILE",
         help="the model file to write (default: FILE.onnx, in this folder)")  # fmt: skip
@@ -93,7 +89,6 @@ def _lines(card: ModelCard) -> list[tuple[str, str]]:
 
 
 def _outline(entries: Mapping[str, Any], indent: str = "") -> list[tuple[str, str]]:
-    """List nested entries under headings."""
     lines = []
     for key, value in entries.items():
         if not isinstance(value, Mapping):
@@ -141,7 +136,6 @@ def _add_set_threshold(parser: argparse.ArgumentParser) -> None:
 
 
 def _set_threshold(args: argparse.Namespace) -> int:
-    """Choose the rule, draw the trade-off, write the model file."""
     goal: Goal = "false_positive_rate" if args.false_bumps is None else "false_bumps_per_minute"
     limit = args.false_positives if args.false_bumps is None else per_minute(args.false_bumps)
     from tactophone.evaluation import rules as trials
@@ -209,8 +203,6 @@ def _rendered(model: Model, recordings: Sequence[Recording], rules: Sequence[Dec
 
 
 def _rows(before: "OperatingPoint", chosen: "OperatingPoint") -> list[dict[str, str]]:
-    """What the decision rules before and after give on the data."""
-
     words: dict[str, Callable[[OperatingPoint], str]] = {
         "rough from, until": lambda point: f"{point.rule.rough_on:.3f}, {point.rule.rough_off:.3f}",
         "updates in a row": lambda point: str(point.rule.confirm),

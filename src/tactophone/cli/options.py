@@ -2,7 +2,7 @@
 
 import argparse
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -155,6 +155,18 @@ def add_settings(parser: argparse.ArgumentParser, verb: str, usual: Sequence[str
         help="any other setting, such as link.port=48471")  # fmt: skip
     for name in flags_of(verb):
         add_flag(group, name, own.get(name))
+
+
+def add_actions(parser: argparse.ArgumentParser) -> Callable[..., argparse.ArgumentParser]:
+    """Let a verb have actions; returns what adds one, by its name, its words and the function that runs it."""
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+
+    def add(name: str, words: str, run: Callable[[argparse.Namespace], int]) -> argparse.ArgumentParser:
+        action = actions.add_parser(name, help=words, description=words)
+        action.set_defaults(run=run)
+        return action
+
+    return add
 
 
 def add_fingers(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from tactophone.errors import ConfigError, TactophoneError
 from tactophone.settings import Settings
 
 if TYPE_CHECKING:  # what only --dashboard needs: a web server's libraries, and processes
-    from tactophone.bridges.process import BridgeProcess
+    from tactophone.bridges.process import Bridge, BridgeProcess
     from tactophone.pages.server import Page
 
 
@@ -123,6 +123,14 @@ def _certificate(settings: Settings) -> tuple[Path, Path] | None:
     return folder / CERTIFICATE_FILE, folder / KEY_FILE
 
 
+def log_of(name: str, path: Path) -> "Callable[[], Bridge]":
+    """Return what opens the log of a run in its own process."""
+    extras.require_modules("mcap", "zstandard")
+    from tactophone.bridges.mcap import McapLog
+
+    return partial(McapLog, name, path.absolute())
+
+
 class PageRecorder:
     """Obeys the page's process, and answers it; a context manager that ends a log that is still open.
 
@@ -162,12 +170,10 @@ class PageRecorder:
                 self._answer({"refused": str(error)})
 
     def _begin(self) -> None:
-        extras.require_modules("mcap", "zstandard")
-        from tactophone.bridges.mcap import McapLog
         from tactophone.bridges.process import BridgeProcess
 
         self._path = (self._folder / f"{self._name}-{time.strftime('%Y%m%d-%H%M%S')}.mcap").absolute()
-        log = BridgeProcess(partial(McapLog, self._name, self._path), report=self._fail)
+        log = BridgeProcess(log_of(self._name, self._path), report=self._fail)
         log.__enter__()
         self._log = log
         self._report(f"recording to {self._path}")

@@ -63,7 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Serve the page, and run both sides, until interrupted."""
     return _play(args) if args.verb == "play" else _try(args)
 
 

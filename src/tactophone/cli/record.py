@@ -30,7 +30,6 @@ SCENARIOS = ("held", "table", "box")
 KEYS = {" ": Key.GO, "\n": Key.GO, "\r": Key.GO, "r": Key.RETAKE, "q": Key.QUIT, "\x03": Key.QUIT, "\x04": Key.QUIT}
 STYLES = {Stage.RECORDING: "bold red", Stage.PAUSED: "yellow", Stage.REVIEW: "cyan", Stage.COUNTDOWN: "bold yellow"}
 
-
 EXAMPLES = (
     "tactophone record slate --label rough --calibration calibration.toml",
     "tactophone record 'polished marble' --label smooth --source finger --seconds 2 --takes short_light,long_light",
@@ -58,7 +57,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record until all takes are done, or the user quits."""
     os.umask(0o077)  # no other user of this machine hears what is recorded
     plan = _plan(args)
     target = RecordedObject(

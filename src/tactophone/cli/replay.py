@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 CHANGES = ("detector.model", "rendering.profile", "rendering.ceiling")
 """What may differ from the run that was logged."""
 
-
 EXAMPLES = (
     "tactophone replay run.mcap",
     "tactophone replay run.mcap --out again --profile lra --plot",

@@ -15,7 +15,6 @@ from tactophone.errors import ConfigError, DatasetError, did_you_mean
 if TYPE_CHECKING:
     from tactophone.dataset.heights import HeightReport
 
-
 EXAMPLES = (
     "tactophone roughness profile.csv --unit um",
     "tactophone roughness slate.npy --pixel 29.4e-6 --resolution 5",

@@ -178,7 +178,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask for the tip, record, check the microphones, fit, write the model; or only check them."""
     if args.check:
         return _check_set_up(args)
     args.out = args.out or Path("finger.onnx")
@@ -304,7 +303,6 @@ def _fit(model: Model, recorded: _Recorded, *, threshold_dbfs: float, tip: str) 
 
 
 def _check_set_up(args: argparse.Namespace) -> int:
-    """Record silence, strokes and taps, and write the calibration file if the set-up is good."""
     rate, path = options.per_minute(args.false_alarms), args.out or Path("calibration.toml")
     stroked = _names(args, "smooth")[0] if args.smooth is not None else CHECKED_OBJECT
     with AudioInput(args, stroked) as audio, console.single_keys() as has_keyboard, output.live_display() as live:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tactophone.cli import output
+from tactophone.cli import options, output
 from tactophone.cli.options import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
 from tactophone.simulation.takes import TAKES  # not by the door, which loads numba
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tactophone.simulation.catalogue import SimulatedObject
     from tactophone.simulation.takes import Take
 
-
 EXAMPLES = (
     "tactophone simulate objects",
     "tactophone simulate dataset simulated --objects 0,5 --takes short_light,long_light --seconds 2",
@@ -26,11 +25,9 @@ EXAMPLES = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    add_action = options.add_actions(parser)
     for name, (words, declare, run) in _ACTIONS.items():
-        action = actions.add_parser(name, help=words, description=words)
-        action.set_defaults(run=run)
-        declare(action.add_argument)
+        declare(add_action(name, words, run).add_argument)
 
 
 def _objects_arguments(add: Callable[..., object]) -> None:
@@ -98,7 +95,7 @@ def _dataset(args: argparse.Namespace) -> int:
     from tactophone.simulation.catalogue import PAPER
     from tactophone.simulation.render import RenderOptions, plan_dataset, render_dataset, write_manifest
 
-    options = RenderOptions(
+    chosen = RenderOptions(
         args.seconds, args.seed, opus=args.opus, hall=args.hall, authors_layout=args.authors_layout, bits=args.bits,
         tip=args.tip, gain_db=args.gain,
     )  # fmt: skip
@@ -106,7 +103,7 @@ def _dataset(args: argparse.Namespace) -> int:
     _check_layout(args)
     if args.authors_layout and (args.scenarios or any(obj.number not in PAPER for obj in objects)):
         raise ConfigError("the authors' layout has objects 00 to 22 and no scenarios; omit --scenarios and others")
-    jobs = plan_dataset(objects, options, scenarios=args.scenarios, takes=takes_named(args.takes))
+    jobs = plan_dataset(objects, chosen, scenarios=args.scenarios, takes=takes_named(args.takes))
     output.make_folder(args.out)
     start = time.monotonic()
     try:

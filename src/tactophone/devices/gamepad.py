@@ -80,7 +80,6 @@ class GamepadDevice(ThreadedDevice):
         return "" if self._pad else "the gamepad is gone: connect it again, and the vibration returns"
 
     def open(self) -> None:
-        """Start; raises `DeviceError` with the candidates when there is no such pad."""
         self._pad = self._choose()
         super().open()
 

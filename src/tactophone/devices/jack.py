@@ -120,12 +120,10 @@ class JackClient:
 
     @property
     def xruns(self) -> int:
-        """Periods lost since `open`, as counted by the server."""
         return self._xruns.value
 
     @property
     def losses(self) -> int:
-        """Times that the server was lost."""
         return self._losses + self._lost
 
     @property
@@ -145,7 +143,6 @@ class JackClient:
 
     @property
     def fault(self) -> str:
-        """What is wrong now; empty when nothing is."""
         if self._lost or self._client is None:
             return f"{self._named()} is gone: start it again, and the client reconnects"
         if self._cycle and time.monotonic() - self._cycle.called_at > SILENT_AFTER:
@@ -375,7 +372,6 @@ def is_pipewire() -> bool:
 
 
 def _address(name: str) -> ctypes.c_void_p:
-    """Return the address of a function of the C library."""
     return ctypes.cast(getattr(ctypes.CDLL(None), name), ctypes.c_void_p)
 
 

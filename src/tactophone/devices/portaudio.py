@@ -44,7 +44,6 @@ class PortAudioStream:
 
     @property
     def latency(self) -> float:
-        """Delay in s that PortAudio reports."""
         return float(self._stream.latency) if self._stream else 0.0
 
     @property

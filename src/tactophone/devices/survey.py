@@ -99,7 +99,12 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         rate,
         microphones=_microphones_problem(device.inputs, LIVE_SAMPLE_RATE),
         actuator=_actuator_problem(device.outputs, LIVE_SAMPLE_RATE),
-        settings=_dualsense_settings(device)
+        settings=(
+            "output.actuator=portaudio",
+            f"output.device={device.index}",
+            f"output.channel={DUALSENSE_CHANNEL}",
+            "rendering.profile=dualsense",
+        )
         if dualsense
         else (f"capture.device={device.index}", f"output.device={device.index}"),
         note="use source jack instead"
@@ -109,15 +114,6 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
 
 
 _DUALSENSE_NOTE = "; a DualSense: two voice coils that play any waveform"
-
-
-def _dualsense_settings(device: PortAudioDevice) -> tuple[str, ...]:
-    return (
-        "output.actuator=portaudio",
-        f"output.device={device.index}",
-        f"output.channel={DUALSENSE_CHANNEL}",
-        "rendering.profile=dualsense",
-    )
 
 
 def _dualsense_port(names: Sequence[str]) -> str:

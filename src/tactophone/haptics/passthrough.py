@@ -255,7 +255,6 @@ class PassthroughRenderer(Renderer):
         self._gain, self._since_command, self._period = 0.0, 0, 0
 
     def render(self, out: FloatArray) -> None:
-        """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         for start in range(0, len(out), MAX_PIECE):
             self._write(out[start : start + MAX_PIECE])
 

@@ -46,7 +46,6 @@ class PacketReceived:
 
 Event: TypeAlias = Connected | Renewed | Disconnected | PacketReceived
 
-
 _PACKET, _REPORT, _CONNECTED, _DISCONNECTED, _RENEWED = range(5)
 
 

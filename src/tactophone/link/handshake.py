@@ -314,7 +314,6 @@ class Handshake:
         return ready
 
     def step(self, now: float) -> None:
-        """Let OpenSSL process its input."""
         try:
             self._connection.do_handshake()
             self.agreement = self._agree()

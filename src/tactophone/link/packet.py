@@ -106,7 +106,6 @@ SOUND_FORMATS: dict[PayloadType, tuple[str, int]] = {
 }
 """Codec and channels of each payload type of sound: a hand of N fingers has 2 N."""
 
-
 _PLAIN = _VERSION << 6
 """First byte of a header without padding, extension and contributing sources."""
 
@@ -115,7 +114,6 @@ _HALF_TURN = 1 << 31
 
 _SOUND_KINDS = {int(kind): kind for kind in PayloadType if kind != PayloadType.RED}
 """Payload types outside redundancy, by number: a look-up takes a fifth of the time of the enumeration's own."""
-
 
 Address: TypeAlias = tuple[str, int]
 """Host and port of a datagram's source or destination, as the socket expects and returns them."""

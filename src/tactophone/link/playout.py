@@ -311,7 +311,6 @@ class Playout:
         return size
 
     def _read(self, size: int) -> FloatArray:
-        """Return the next samples at the sender's rate."""
         while len(self._decoded) < size:
             self._decoded = np.concatenate([self._decoded, self._next()])
         sound, self._decoded = self._decoded[:size], self._decoded[size:]
@@ -343,7 +342,6 @@ class Playout:
         return self._append(samples[skipped:], fade=self._discontinuous)
 
     def _conceal(self, size: int, following: Payload) -> FloatArray:
-        """Conceal lost samples before a payload that is here."""
         try:
             samples = self._decoder_for(following).conceal(size, following.content)
         except PacketError:

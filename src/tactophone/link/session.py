@@ -151,7 +151,6 @@ class KeyRing:
         self.use(None)
 
     def of_stream(self, stream: int) -> Connection | None:
-        """Return the connection of a peer's SSRC; ``None`` if there is none."""
         for connection in (self.current, self.beside):
             if connection is not None and connection.stream == stream:
                 return connection

@@ -100,7 +100,6 @@ class ImpulsePlayer:
         return self._cycles[: self._count]
 
     def process(self, inputs: list[FloatArray], outputs: list[FloatArray]) -> None:
-        """Play and record a period, as the JACK callback."""
         size, position = len(outputs[0]), self.position
         if position + size > len(self.played) or self._count >= len(self._cycles):
             self.position = len(self.played)

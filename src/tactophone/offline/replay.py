@@ -20,7 +20,7 @@ import soundfile
 
 from tactophone.bridges.log_topics import topics_of
 from tactophone.bridges.mcap import LogEnd, LogEntry, LogFile, LoggedPrediction, read_log, read_messages
-from tactophone.bridges.reader import entries_of
+from tactophone.bridges.reader import encoded
 from tactophone.bridges.sound import SoundMessages
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, DatasetError
@@ -230,7 +230,7 @@ class Comparison:
 
     def add(self, logged: LoggedPrediction, computed: LoggedPrediction, *, certain: bool) -> None:
         # By their entries, as NaN differs from itself; telemetry does not publish the flag `faulty`.
-        if entries_of(logged.prediction, logged.command) == entries_of(computed.prediction, computed.command):
+        if encoded(logged.prediction, logged.command) == encoded(computed.prediction, computed.command):
             self.equal += 1
         elif not certain:
             self.uncertain += 1

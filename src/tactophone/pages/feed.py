@@ -139,21 +139,18 @@ class Feed:
             self._state_sent = now
             state = {**asdict(snapshot.state), **asdict(snapshot.finger)}
             header |= {"state": state, "counters": snapshot.counters, "gauges": snapshot.gauges}
-        header["origin"], tables = self._origin(snapshot), self._tables(snapshot)
-        self._last = snapshot
-        if hand := self._run.hand():
-            header["hand"] = hand
-        return pack(header, tables)
-
-    def _tables(self, snapshot: Snapshot) -> dict[str, NDArray[Any]]:
+        header["origin"] = origin = self._origin(snapshot)
         first = snapshot.vibration_end - len(snapshot.vibration)
-        origin = self._origin(snapshot)
-        return {
+        tables: Tables = {
             "steps": step_table(snapshot.steps, origin),
             "events": event_table(snapshot.steps, origin),
             "sound": self._envelope(snapshot),
             "scope": snapshot.vibration[-first % SCOPE_STEP :: SCOPE_STEP],
         }
+        self._last = snapshot
+        if hand := self._run.hand():
+            header["hand"] = hand
+        return pack(header, tables)
 
     def _envelope(self, snapshot: Snapshot) -> NDArray[np.float64]:
         """Return the time of each bucket's end and its envelope; an unfinished bucket waits for the next message."""

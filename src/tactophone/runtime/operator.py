@@ -23,20 +23,10 @@ from tactophone.link.receive import PredictionReceived, ReceiveEvent, ReceiveSes
 from tactophone.link.stream import DecodedAudio
 from tactophone.link.udp import UdpSocket
 from tactophone.link.way import Keeper
+from tactophone.runtime import wiring
 from tactophone.runtime.gate import RESTARTED, STARTED_MUTED, FingerOutput
 from tactophone.runtime.latency import LocalPeer, operator_stages
 from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
-from tactophone.runtime.wiring import (
-    microphone_faults,
-    open_actuator,
-    open_endpoint,
-    open_renderer,
-    open_session,
-    open_way,
-    rehearse_statistics,
-    send_outgoing,
-    tip_warning,
-)
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import MARKS, Fault, State
 from tactophone.telemetry.records import ARRIVAL_DIGITS
@@ -96,29 +86,29 @@ class Operator(Side):
         super().__init__(settings, info, role="operator")
         self._keeper = keeper
         fingers = each_finger(settings)
-        renderers = [open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
-        self._actuator = open_actuator(
+        renderers = [wiring.open_renderer(own, self._pull, hand=settings.is_hand) for own in fingers]
+        self._actuator = wiring.open_actuator(
             settings,
             self._render,
             roughness=lambda: self._fingers[0].roughness,
             ceiling=lambda: self._fingers[0].gate.limits.ceiling,
         )
-        self._session = ReceiveSession(open_session(settings, way=keeper is not None))
+        self._session = ReceiveSession(wiring.open_session(settings, way=keeper is not None))
         info.progress("opening the models")
-        self._endpoint = open_endpoint(settings, self._session)
+        self._endpoint = wiring.open_endpoint(settings, self._session)
         # A process that replaces a failed one never vibrates by itself: its predecessor may have ended because of it.
         muted_because = RESTARTED if info.restarts else STARTED_MUTED if settings.rendering.muted else ""
         self._fingers = [
             FingerOutput(own, renderer, self._endpoint, index=index, name=name, muted_because=muted_because)
             for index, (own, renderer, name) in enumerate(zip(fingers, renderers, names_of(settings), strict=True))
         ]
-        warnings = [tip_warning(own) for own in fingers]
+        warnings = [wiring.tip_warning(own) for own in fingers]
         self._tip_warning = "; ".join(dict.fromkeys(filter(None, warnings)))
         info.progress("rehearsing")
         for finger in self._fingers:
             finger.renderer.render(np.zeros(settings.output.period, np.float32))
             finger.renderer.reset()
-        rehearse_statistics()
+        wiring.rehearse_statistics()
         info.progress("opening the actuator and the port")
         self._session.bandwidth = round(max(finger.pipeline.detector.bandwidth for finger in self._fingers))
         self._local_robot = LocalPeer(robot)
@@ -134,7 +124,7 @@ class Operator(Side):
         with self._resources:
             link = self._settings.link
             self._socket = self._resources.enter_context(
-                open_way(self._keeper, self._session.session, restarts=self._info.restarts)
+                wiring.open_way(self._keeper, self._session.session, restarts=self._info.restarts)
                 if self._keeper
                 else UdpSocket(link.host, link.port)
             )
@@ -153,7 +143,7 @@ class Operator(Side):
         if not self._thread.is_alive():
             self._recorder.write()
         self._session.session.hang_up()
-        send_outgoing(self._session.session, self._socket)
+        wiring.send_outgoing(self._session.session, self._socket)
         self._resources.close()
 
     def stop(self) -> None:
@@ -198,7 +188,6 @@ class Operator(Side):
         return lost
 
     def _update_counts(self) -> None:
-        """Copy the counts of session, device, renderers and pipelines."""
         device, faults, invalid = self._actuator.device, Counter[str](), Counter[str]()
         for finger in self._fingers:
             faults.update(finger.renderer.faults)
@@ -242,7 +231,7 @@ class Operator(Side):
         if self._actuator.device.fault:
             yield Fault("actuator", self._actuator.device.fault)
         for finger in self._fingers:
-            yield from microphone_faults(finger.pipeline.detector, finger=finger.name)
+            yield from wiring.microphone_faults(finger.pipeline.detector, finger=finger.name)
         silent = now - self._received_at
         if self._endpoint.refusal:
             yield Fault("refused", f"the robot's sound cannot be used: {self._endpoint.refusal}")
@@ -301,7 +290,7 @@ class Operator(Side):
                 self._session.session.hang_up(f"the operator cannot use this sound: {self._endpoint.refusal}")
             # Sound is not answered; what else there is to send after sound may wait for the next poll.
             if polled or step is None:
-                send_outgoing(self._session.session, self._socket)
+                wiring.send_outgoing(self._session.session, self._socket)
             # All that the commands did not need: here the thread would wait for the next packet.
             if self._recorder.due(received):
                 self._recorder.write(self._local_robot.truth)
@@ -320,7 +309,6 @@ class Operator(Side):
         self._recorder.mark(position, (_RECEIVED, received - waited), (_RELEASED, received), (_DECODED, decoded))
 
     def _submit(self, step: PipelineStep, origin: int) -> None:
-        """Pass a step's newest command to the renderer of its finger."""
         bounded, end = self._fingers[step.finger].submit(step), (origin + step.block.end) % (1 << 32)
         if bounded.commands:
             self._submitted = end

@@ -22,22 +22,11 @@ from tactophone.link.events import Event
 from tactophone.link.udp import UdpSocket
 from tactophone.link.way import Keeper
 from tactophone.microphones import MICROPHONES
+from tactophone.runtime import wiring
 from tactophone.runtime.latency import robot_stages
 from tactophone.runtime.priority import name_thread, prioritize_thread
 from tactophone.runtime.supervisor import NO_ANSWER, ProcessInfo, Side
-from tactophone.runtime.wiring import (
-    OpenSource,
-    finger_fault,
-    open_device,
-    open_microphone_check,
-    open_rehearsed_pipeline,
-    open_send_group,
-    open_way,
-    operators_of,
-    rehearse_encoder,
-    rehearse_statistics,
-    send_outgoing,
-)
+from tactophone.runtime.wiring import OpenSource, open_device
 from tactophone.settings import Settings
 from tactophone.telemetry.layout import MARKS, Fault, FingerState, State
 from tactophone.telemetry.records import ARRIVAL_DIGITS
@@ -101,8 +90,8 @@ class Robot(Side):
             info.progress("compiling the simulation")
             rehearse()
         info.progress("rehearsing")
-        self._group = open_send_group(settings, self._source.channels, way=keeper is not None)
-        self._operators = operators_of(settings.link)
+        self._group = wiring.open_send_group(settings, self._source.channels, way=keeper is not None)
+        self._operators = wiring.operators_of(settings.link)
         fingers, found = each_finger(settings), self._source.channels
         if settings.is_hand and found != (wanted := len(MICROPHONES) * len(fingers)):
             raise ConfigError(
@@ -112,10 +101,10 @@ class Robot(Side):
         channels = channels_of(settings, alone=self._source.channels)
         self._microphones = MicrophoneCheck(settings, channels=channels)
         predicting = zip(fingers, channels, strict=True) if settings.link.send_predictions else ()
-        detectors = [open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
+        detectors = [wiring.open_rehearsed_pipeline(own, channels=count).detector for own, count in predicting]
         self._endpoint = RobotEndpoint(self._group, detectors, channels=channels)
-        rehearse_encoder(self._group.encoder.codec)
-        rehearse_statistics()
+        wiring.rehearse_encoder(self._group.encoder.codec)
+        wiring.rehearse_statistics()
         # Guards the sessions, which the thread of the sound and those of the network share, and the log of both. No
         # other lock is taken under it, and no thread waits for the network or a device while it holds it.
         self._lock = threading.Lock()
@@ -125,7 +114,7 @@ class Robot(Side):
             self._resources.enter_context(self._source)
             self._sockets = [
                 self._resources.enter_context(
-                    open_way(self._keeper, member.session, restarts=self._info.restarts)
+                    wiring.open_way(self._keeper, member.session, restarts=self._info.restarts)
                     if self._keeper
                     else UdpSocket()
                 )
@@ -263,11 +252,11 @@ class Robot(Side):
                     self._group.receive(datagrams[start : start + MOST_AT_ONCE], now=now, operator=operator)
             with self._lock:
                 self._group.poll(now, operator=operator)
-                send_outgoing(session, socket)
+                wiring.send_outgoing(session, socket)
 
     def _send_outgoing(self) -> None:
         for member, socket in zip(self._group.members, self._sockets, strict=True):
-            send_outgoing(member.session, socket)
+            wiring.send_outgoing(member.session, socket)
 
 
 def run_robot(
@@ -293,7 +282,7 @@ class MicrophoneCheck:
 
     def __init__(self, settings: Settings, *, channels: Sequence[int]) -> None:
         fingers = zip(each_finger(settings), channels, strict=True)
-        self._checks = [open_microphone_check(own, channels=count) for own, count in fingers]
+        self._checks = [wiring.open_microphone_check(own, channels=count) for own, count in fingers]
         self._names = names_of(settings)
         self._waiting: deque[PipelineStep] = deque(maxlen=MOST_UNCHECKED)
 
@@ -309,7 +298,7 @@ class MicrophoneCheck:
                 check.push(step.block)
         for name, check in zip(self._names, self._checks, strict=True):
             for fault in check.faults if check else ():
-                yield finger_fault(name, fault.code, str(fault))
+                yield wiring.finger_fault(name, fault.code, str(fault))
 
 
 def paced(

@@ -19,14 +19,8 @@ from tactophone.capture.live import jack_source, portaudio_source
 from tactophone.endpoints import OperatorEndpoint
 from tactophone.errors import ConfigError, ModelError, PacketError
 from tactophone.hand import channels_of, each_finger, names_of
-from tactophone.haptics.actuator import (
-    Actuator,
-    RenderHand,
-    clocked_hand_actuator,
-    gamepad_actuator,
-    jack_hand_actuator,
-    portaudio_hand_actuator,
-)
+from tactophone.haptics import actuator
+from tactophone.haptics.actuator import Actuator, RenderHand
 from tactophone.haptics.limits import Limits
 from tactophone.haptics.oscillator import Oscillator, Renderer
 from tactophone.haptics.passthrough import PASSTHROUGH, GateProfile, PassthroughRenderer
@@ -110,21 +104,21 @@ def open_actuator(
             names = [name or "vibration" for name in names_of(settings)]
             ports = {name: own.output.port for name, own in zip(names, fingers, strict=True)}
             name = process.name or "tactophone-operator"
-            return jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
+            return actuator.jack_hand_actuator(render, ports=ports, server=process.jack_server, name=name)
         case "portaudio":
             channels = [own.output.channel for own in fingers]
-            return portaudio_hand_actuator(render, device=output.device, channels=channels)
+            return actuator.portaudio_hand_actuator(render, device=output.device, channels=channels)
         case "gamepad" if settings.is_hand:
             raise ConfigError("a gamepad's motors play one finger: choose another --actuator, or leave --fingers out")
         case "gamepad":
-            return gamepad_actuator(
+            return actuator.gamepad_actuator(
                 lambda out: render([out]), device=output.device, roughness=roughness, ceiling=ceiling
             )
     if make := output.actuator not in ("file", "none") and load(ACTUATORS, output.actuator):
-        actuator: Actuator = make(render=render, fingers=len(fingers), device=output.device)
-        return actuator
+        made: Actuator = make(render=render, fingers=len(fingers), device=output.device)
+        return made
     path = Path(output.device or "vibration.wav") if output.actuator == "file" else None
-    return clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
+    return actuator.clocked_hand_actuator(render, fingers=len(fingers), period=output.period, path=path)
 
 
 def actuator_response(settings: Settings) -> ActuatorResponse:
@@ -335,7 +329,6 @@ def open_endpoint(settings: Settings, session: ReceiveSession) -> OperatorEndpoi
 
 
 def rehearse_encoder(codec: Codec) -> bytes:
-    """Encode a packet of noise with an encoder of this codec; returns it."""
     return open_encoder(codec).encode(_noise(codec.packet_size / LIVE_SAMPLE_RATE, codec.channels))
 
 

@@ -69,7 +69,6 @@ class PredictionLog(RunFollower):
         self._full = False
         self._path, self._report = path, report
         self._writer = TimelineWriter(path, fingers=list(filter(None, self.watcher.finger_names())))
-        self._counts = [0] * self.watcher.fingers
 
     def __enter__(self) -> Self:
         try:
@@ -93,16 +92,13 @@ class PredictionLog(RunFollower):
             self._report(f"{self._path}: the log ends here ({error.strerror}); the run goes on")
 
     def _write_new(self) -> None:
-        if self.watcher.follow():
-            self._counts = [0] * self.watcher.fingers
+        self.watcher.follow()
         for finger in range(self.watcher.fingers):
-            rows, count = self.watcher.predictions(self._counts[finger], finger=finger)
-            missed = count - self._counts[finger] - len(rows)
-            if missed > 0:
+            rows, missed = self.watcher.new_predictions(finger=finger)
+            if missed:
                 self.missed += missed
                 until = f" before {rows[0]['window_end']:.3f} s" if len(rows) else ""
                 self._report(f"{self._path}: {missed} predictions{until} are missing, as they were not read in time")
             for entry in rows:
                 self._writer.write_row(*prediction_of(entry), finger=finger)
-            self._counts[finger] = count
         self._writer.flush()

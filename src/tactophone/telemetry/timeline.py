@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactophone.errors import DatasetError
-from tactophone.prediction_fields import PREDICTION_FIELDS
+from tactophone.prediction_fields import PREDICTION_FIELDS, entries_of
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
 COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
@@ -34,10 +34,7 @@ def row(prediction: Prediction, command: HapticCommand) -> dict[str, Any]:
     >>> print(*row(prediction, HapticCommand(0.5, 70.0, time=0.259)).values())
     0.259 0.256 0.1 0.2 0.7 rough 1 -20.0 0.78 70.0 0.5 0 tap 0.23
     """
-    entries: dict[str, Any] = {field.name: field.of(prediction, command) for field in PREDICTION_FIELDS}
-    entries |= {"touch": prediction.touch.name.lower(), "contact": int(entries["contact"])}
-    event = prediction.events[-1] if prediction.events else None
-    entries |= {"event": event.kind if event else "", "event_time": event.time if event else ""}
+    entries = entries_of(prediction, command) | ({} if prediction.events else {"event_time": ""})
     return {key: round(value, _DIGITS) if isinstance(value := entries[key], float) else value for key in COLUMNS}
 
 

@@ -93,6 +93,7 @@ class Watcher:
         self.restarts = 0
         self._memory = Memory(name, create=False)
         self._following: Memory | None = None
+        self._predictions_read = [0] * self.fingers
 
     @classmethod
     def find(cls, name: str) -> Self | None:
@@ -115,12 +116,12 @@ class Watcher:
             if drain or self._following is None:
                 return False
         self._memory, self._following = self._following, None
+        self._predictions_read = [0] * self.fingers
         self.restarts += 1
         return True
 
     @property
     def fingers(self) -> int:
-        """Number of fingers of the run."""
         return self._memory.fingers
 
     def finger_names(self) -> list[str]:
@@ -149,7 +150,6 @@ class Watcher:
 
     @property
     def pid(self) -> int:
-        """Pid of the writing process."""
         return int(self._memory["pid"])
 
     @property
@@ -159,7 +159,6 @@ class Watcher:
 
     @property
     def _age(self) -> float:
-        """Seconds since the last sign of life."""
         return time.monotonic() - float(self._memory["beat"])
 
     def predictions(self, since: int = 0, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
@@ -168,6 +167,12 @@ class Watcher:
         Fewer than ``total - since`` rows mean that the rest was overwritten before this call.
         """
         return self._ring("prediction", since, finger)
+
+    def new_predictions(self, *, finger: int = 0) -> tuple[NDArray[np.void], int]:
+        """Copy a finger's predictions since the last call; return them, and how many were overwritten before it."""
+        since = self._predictions_read[finger]
+        rows, self._predictions_read[finger] = self.predictions(since, finger=finger)
+        return rows, max(0, self._predictions_read[finger] - since - len(rows))
 
     def log(self, since: int = 0) -> tuple[bytes, int]:
         """Copy the session log after its first ``since`` bytes, and return its total length.

@@ -190,7 +190,6 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         return sorted(recent, key=lambda request: request.time)
 
     def close(self) -> None:
-        """End this run's telemetry and free its name."""
         self._memory.unlink()
 
     def _renew(self, step: PipelineStep) -> int:
