@@ -7,10 +7,10 @@ In a package, `[project.entry-points."tactophone.actuators"]` with `mine = "pack
 import numpy as np
 
 from tactophone import LIVE_SAMPLE_RATE, HapticCommand, Oscillator
-from tactophone.haptics.actuator import ClockedDevice, DeviceActuator, RenderHand
+from tactophone.haptics.actuator import Actuator, ClockedDevice, RenderHand
 
 
-def make(*, render: RenderHand, fingers: int, device: str) -> DeviceActuator:
+def make(*, render: RenderHand, fingers: int, device: str) -> Actuator:
     """Return an actuator that prints a bar for each period of 10 ms; replace `play` by a call of your driver."""
 
     def play(inputs: list[np.ndarray], outputs: list[np.ndarray]) -> None:
@@ -18,7 +18,7 @@ def make(*, render: RenderHand, fingers: int, device: str) -> DeviceActuator:
         print(*(f"{'#' * round(40 * float(np.abs(out).max())):40}" for out in outputs))
 
     period = LIVE_SAMPLE_RATE // 100
-    return DeviceActuator(ClockedDevice(play, period=period, outputs=fingers))
+    return Actuator(ClockedDevice(play, period=period, outputs=fingers))
 
 
 if __name__ == "__main__":

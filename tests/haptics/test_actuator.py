@@ -9,7 +9,7 @@ from tactophone.devices.dummy import DummyServer
 from tactophone.devices.jack import JackClient
 from tactophone.errors import DeviceError
 from tactophone.haptics.actuator import (
-    DeviceActuator,
+    Actuator,
     Render,
     clocked_hand_actuator,
     jack_hand_actuator,
@@ -20,15 +20,15 @@ from tactophone.types import FloatArray
 from . import contract
 
 
-def jack_actuator(render: Render, *, port: str = "system:playback_1", **kwargs: str) -> DeviceActuator:
+def jack_actuator(render: Render, *, port: str = "system:playback_1", **kwargs: str) -> Actuator:
     return jack_hand_actuator(lambda outs: render(outs[0]), ports={"vibration": port}, **kwargs)
 
 
-def portaudio_actuator(render: Render, *, device: str) -> DeviceActuator:
+def portaudio_actuator(render: Render, *, device: str) -> Actuator:
     return portaudio_hand_actuator(lambda outs: render(outs[0]), device=device, channels=[1])
 
 
-def clocked_actuator(render: Render, *, period: int = 128, path: Path | None = None) -> DeviceActuator:
+def clocked_actuator(render: Render, *, period: int = 128, path: Path | None = None) -> Actuator:
     return clocked_hand_actuator(lambda outs: render(outs[0]), fingers=1, period=period, path=path)
 
 

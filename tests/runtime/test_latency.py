@@ -46,7 +46,7 @@ def test_the_stages_add_up_to_the_total(name: str) -> None:
     with Telemetry(name) as telemetry:
         for packet in range(1, 50):
             for index, mark in enumerate(MARKS):
-                telemetry.mark(index, 120 * packet, now=packet + lags[mark])
+                telemetry.mark((index, 120 * packet, packet + lags[mark]))
         watcher = Watcher(name)
         robot = robot_stages(watcher, codec)
         for stage, duration in robot.items():

@@ -128,7 +128,7 @@ def test_a_run_goes_on_when_its_memory_is_overwritten_and_repairs_it(name: str, 
         telemetry.count("xruns")
         telemetry.publish(STEP_OF_SILENCE, now=time.monotonic())
         telemetry.rendered(np.zeros(128, np.float32))
-        telemetry.mark(0, 240, now=1.0)
+        telemetry.mark((0, 240, 1.0))
         telemetry.update(State(role="test"), now=time.monotonic())
         snapshot = Watcher(name).snapshot()
         assert (snapshot.counters["xruns"], snapshot.state.role, snapshot.alive) == (4, "test", True)

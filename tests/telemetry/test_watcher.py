@@ -103,8 +103,8 @@ def test_a_pulse_contains_callbacks_amplitude_and_heartbeat(telemetry: Telemetry
 
 def test_marks_are_kept_by_kind_newest_last(telemetry: Telemetry) -> None:
     for index in range(5000):
-        telemetry.mark(MARKS.index("sent"), 120 * index, now=float(index))
-    telemetry.mark(MARKS.index("detected"), 7, now=1.0)
+        telemetry.mark((MARKS.index("sent"), 120 * index, float(index)))
+    telemetry.mark((MARKS.index("detected"), 7, 1.0))
     sent = Watcher(telemetry.name).marks("sent")
     assert sent[-1].tolist() == (120 * 4999, 4999.0)
     assert (np.diff(sent["position"]) == 120).all()

@@ -145,7 +145,9 @@ class FoxgloveBridge:
             await view.close(code=1002, message=f"wanted one of {', '.join(PROTOCOLS)}".encode())
             return view
         viewer = _Viewer(view, self._shown, self._latched)
-        await view.send_str(json.dumps(_server_info(self.name)))
+        info = {"op": "serverInfo", "name": f"tactophone {self.name}", "capabilities": [], "metadata": {}}
+        info |= {"supportedEncodings": ["json", "protobuf"], "sessionId": secrets.token_hex(4)}
+        await view.send_str(json.dumps(info))
         await view.send_str(self._advertised)
         self._viewers.add(viewer)
         sending = asyncio.ensure_future(viewer.send())
@@ -221,13 +223,6 @@ class _Viewer:
         for latched in self._latched.values():
             if self._shown[latched.topic.name] == channel:
                 self.offer(latched)
-
-
-def _server_info(name: str) -> dict[str, Any]:
-    return {
-        "op": "serverInfo", "name": f"tactophone {name}", "capabilities": [],
-        "supportedEncodings": ["json", "protobuf"], "metadata": {}, "sessionId": secrets.token_hex(4),
-    }  # fmt: skip
 
 
 def _channel(number: int, topic: Topic) -> dict[str, Any]:

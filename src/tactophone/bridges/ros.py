@@ -214,20 +214,14 @@ class RosBridge:
         values = {"armed": str(state.armed).lower(), "muted_because": state.muted_because, "link": state.link}
         values |= {name: str(value) for name, value in counters.items() if value}
         values |= {"predictions_missed": str(self.missed)} if self.missed else {}
-        self._diagnostics.write(
-            messages.DiagnosticArray(
-                messages.header(now),
-                [
-                    messages.DiagnosticStatus(
-                        level=1 if state.faults else 0,
-                        name=f"tactophone: {self._name}",
-                        message="; ".join(fault.text for fault in state.faults) or "OK",
-                        hardware_id=",".join(self._reader.fingers),
-                        values=[messages.KeyValue(key, value) for key, value in values.items()],
-                    )
-                ],
-            )
+        status = messages.DiagnosticStatus(
+            level=1 if state.faults else 0,
+            name=f"tactophone: {self._name}",
+            message="; ".join(fault.text for fault in state.faults) or "OK",
+            hardware_id=",".join(self._reader.fingers),
+            values=[messages.KeyValue(key, value) for key, value in values.items()],
         )
+        self._diagnostics.write(messages.DiagnosticArray(messages.header(now), [status]))
 
 
 class RosSource(AlwaysOpen):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from tactophone.call.ice import Finder, Server, mapped_addresses
+from tactophone.call.ice import Finder, Server, mapped_addresses, servers_of
 from tactophone.call.messages import Nat
 from tactophone.link.packet import Address
 from tactophone.settings import Call
@@ -43,7 +43,6 @@ class Findings:
     ipv6: bool
 
     def sentences(self) -> Iterator[str]:
-        """Yield the findings, a line each."""
         yield f"this machine: {WORDS[self.nat]}" + (f"; it is seen at {self.public}" if self.public else "")
         yield f"STUN: {', '.join(f'{host}:{port}' for host, port in self.stun) or 'no server'} answered"
         yield f"mailbox: {'answers' if self.mailbox else 'does not answer; name another with --set call.mailbox=...'}"
@@ -86,15 +85,12 @@ async def find_nat(stun: list[Server]) -> tuple[Nat, str, list[Address]]:
 
 
 async def examine(settings: Call) -> Findings:
-    servers = [Server(each) for each in settings.stun.split(",") if each.strip()]
-    turn = Server(settings.turn) if settings.turn else None
-    asked = [*servers, *filter(None, [turn])]  # a relay answers as a STUN server too
+    asked, turn = servers_of(settings)
     (nat, seen, stun), mailbox, relay = await asyncio.gather(find_nat(asked), _answers(settings.mailbox), _relays(turn))
     return Findings(nat, seen, stun, mailbox, relay, turn is not None, _has_ipv6())
 
 
 def why_no_way(here: Nat, there: Nat, *, relay: bool) -> str:
-    """Return why two ends found no way, and what helps."""
     reasons = f"here, {WORDS[here]}; there, {WORDS[there]}"
     if relay:
         return f"no way between the two networks, not even over the relay: {reasons}; check call.turn with --check"

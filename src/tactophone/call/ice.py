@@ -20,6 +20,7 @@ from tactophone.call.messages import Address, Nat, Offer
 from tactophone.errors import DeviceError
 from tactophone.link.packet import split_address
 from tactophone.link.way import READING, SILENT, WANTED, Way, read_kept
+from tactophone.settings import Call
 
 GATHER_TIMEOUT = 1.5
 """Seconds for which a server that does not answer is waited for."""
@@ -72,6 +73,12 @@ class Server:
             )
             return str(found[0][4][0]), self.port
         return None
+
+
+def servers_of(settings: Call) -> tuple[list[Server], Server | None]:
+    """Return the STUN servers that may be asked, the relay among them, and the relay; ``None`` if none is set."""
+    turn = Server(settings.turn) if settings.turn else None
+    return [*(Server(each) for each in settings.stun.split(",") if each.strip()), *filter(None, [turn])], turn
 
 
 class Finder:

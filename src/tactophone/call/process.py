@@ -173,11 +173,10 @@ class _Call:
     """One call, from the code to the end of the last way."""
 
     def __init__(self, plan: Plan, pair: socket.socket, live: socket.socket) -> None:
-        from tactophone.call.ice import Server
+        from tactophone.call.ice import servers_of
 
         self._plan, self._pair, self._live = plan, pair, live
-        self._stun = [Server(each) for each in plan.settings.stun.split(",") if each.strip()]
-        self._turn = Server(plan.settings.turn) if plan.settings.turn else None
+        self._servers, self._turn = servers_of(plan.settings)
         self._finder: Finder | None = None
         self._closing: set[asyncio.Task[None]] = set()
 
@@ -310,7 +309,7 @@ class _Call:
     def _ask_nat(self) -> asyncio.Task[Any]:
         from tactophone.call.check import find_nat
 
-        return asyncio.ensure_future(find_nat([*self._stun, *filter(None, [self._turn])]))
+        return asyncio.ensure_future(find_nat(self._servers))
 
     def _close_later(self, closing: Coroutine[Any, Any, None]) -> None:
         """Close what is not needed any more, which takes an answer from the network, beside everything else."""

@@ -124,7 +124,6 @@ class RecordedSource(ChangedSource):
             start += len(samples)
 
     def truth_of(self, finger: int = 0) -> int:
-        """Return the recording's label at the end of the last block; -1 where it is unknown."""
         return self._label_at(self._time)
 
 
@@ -157,5 +156,4 @@ class CombinedSource:
             yield AudioBlock(samples, blocks[0].sample_rate, blocks[0].start)
 
     def truth_of(self, finger: int = 0) -> int:
-        """Return the `Touch` of a finger at the end of the newest block; -1 when it is not known."""
         return self._sources[finger].truth_of()

@@ -11,14 +11,13 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tactophone.cli import audio, live, options, output, page
 from tactophone.errors import ConfigError, TactophoneError
-from tactophone.settings import Settings
+from tactophone.settings import Settings, change
 
 if TYPE_CHECKING:
     from tactophone.call.messages import Role
@@ -141,11 +140,8 @@ class _Side(AbstractContextManager["_Side", None]):
 
         self._args, self._keeper, self._role = args, process.keeper, ""
         self.name = settings.process.name or args.verb
-        self.settings = replace(
-            settings,
-            link=replace(settings.link, peer="[{}]:{}".format(*PEER)),
-            rendering=replace(settings.rendering, muted=True),
-            process=replace(settings.process, name=self.name),
+        self.settings = change(
+            settings, ["link.peer=[{}]:{}".format(*PEER), "rendering.muted=true", f"process.name={self.name}"]
         )
         self.microphone: Connection | None = None
         self._resources = ExitStack()

@@ -168,14 +168,10 @@ def _record(amplitude: float, settings: Settings) -> FloatArray:
     from tactophone.runtime.wiring import open_actuator
 
     recorder = SweepRecorder(sweep(amplitude))
-
-    def open_input(process: Process) -> Device:
-        return _input(process, settings)
-
-    def open_output() -> Device:
-        return open_actuator(settings, lambda outs: recorder.play(outs[0])).device
-
-    return recorder.run(open_input, open_output)
+    return recorder.run(
+        lambda process: _input(process, settings),
+        lambda: open_actuator(settings, lambda outs: recorder.play(outs[0])).device,
+    )
 
 
 def _input(process: Process, settings: Settings) -> Device:

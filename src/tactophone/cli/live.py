@@ -79,7 +79,6 @@ def add_record(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run one side or both until interrupted, or until the sound ends."""
     from tactophone.runtime.supervisor import supervised
 
     settings, open_source, microphone = options.settings_of(args), None, None

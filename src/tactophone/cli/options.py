@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -59,13 +60,10 @@ def per_minute(text: str) -> float:
     0.5
     """
     number, _, unit = text.partition("/")
-    try:
-        rate = float(number)
-    except ValueError:
-        rate = math.nan
-    if unit not in ("", "min") or not 0 < rate <= 600:
-        raise DatasetError(f"{text!r} is not a rate; write a number over 0 to 600 a minute, such as 1/min")
-    return rate
+    if unit in ("", "min"):
+        with suppress(ConfigError):
+            return Within(float, 0, 600, over=True)(number)
+    raise DatasetError(f"{text!r} is not a rate; write a number over 0 to 600 a minute, such as 1/min")
 
 
 class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -74,13 +72,8 @@ class HelpFormatter(argparse.ArgumentDefaultsHelpFormatter):
     def _get_help_string(self, action: argparse.Action) -> str | None:
         # bool first, as it is a number too; an empty text or list is no default worth showing, but 0 is.
         default = action.default
-        if (
-            isinstance(default, bool)
-            or default is argparse.SUPPRESS
-            or not (default or isinstance(default, int | float))
-        ):
-            return action.help
-        return super()._get_help_string(action)
+        shown = default is not argparse.SUPPRESS and (default or isinstance(default, int | float))
+        return super()._get_help_string(action) if shown and not isinstance(default, bool) else action.help
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         if "\n" in text:

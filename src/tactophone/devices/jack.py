@@ -160,13 +160,11 @@ class JackClient:
             self._join(jack)
         except jack.JackError:
             self.close()
-            raise DeviceError(
-                "PipeWire does not answer: start it (`systemctl --user start pipewire`), or choose portaudio"
-                if is_pipewire()
-                else f"no JACK server {self._server}".rstrip()
-                + ": start one, such as `jackd -R -d alsa -r 48000 -p 128`; on PipeWire `pw-jack tactophone ...`, "
-                "or choose portaudio"
-            ) from None
+            advice = "start one, such as `jackd -R -d alsa -r 48000 -p 128`; on PipeWire `pw-jack tactophone ...`"
+            found = f"{f'no JACK server {self._server}'.rstrip()}: {advice}"
+            if is_pipewire():
+                found = "PipeWire does not answer: start it (`systemctl --user start pipewire`)"
+            raise DeviceError(f"{found}, or choose portaudio") from None
         self._connect_ports()
         if self._unconnected:
             unconnected = self._unconnected
@@ -233,25 +231,20 @@ class JackClient:
         self._shutdowns.count(client, "jack_on_shutdown")  # PipeWire 0.3.65 never calls jack_on_info_shutdown's
         self._client, self._rate, self._cycle = client, self._rate or client.samplerate, None
         _OPEN.add(self)
-        self._other_rate = (
-            ""
-            if client.samplerate == self._rate
-            else (
-                f"{self._named()} runs at {client.samplerate} Hz now, but {self._rate} Hz is needed: "
-                + (
-                    f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
-                    if is_pipewire()
-                    else f"start it with that rate (jackd ... -r {self._rate})"
-                )
-            )
-        )
-        if not self._other_rate:
-            if self._process is not None:
-                inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
-                self._cycle = _Cycle(self, self._process, inputs, outputs)
-                client.set_process_callback(self._cycle)
-            client.activate()
-            self._connected_at = -1
+        self._other_rate = ""
+        if client.samplerate != self._rate:
+            advice = f"start it with that rate (jackd ... -r {self._rate})"
+            if is_pipewire():
+                advice = f"`pw-metadata -n settings 0 clock.force-rate {self._rate}` sets that"
+            found, wanted = f"{self._named()} runs at {client.samplerate} Hz now", f"{self._rate} Hz is needed"
+            self._other_rate = f"{found}, but {wanted}: {advice}"
+            return
+        if self._process is not None:
+            inputs, outputs = _Arrays(jack, client.inports), _Arrays(jack, client.outports)
+            self._cycle = _Cycle(self, self._process, inputs, outputs)
+            client.set_process_callback(self._cycle)
+        client.activate()
+        self._connected_at = -1
 
     def _connect_ports(self) -> None:
         self._unconnected, self._connected_at = "", self._changes.value

@@ -92,7 +92,7 @@ class PortAudioStream:
 
     def _choose(self, sound: Any) -> PortAudioDevice:
         """Return the only device that matches; several or none are an error that lists them."""
-        known = [device for device in devices() if self._count(device) >= self._channels]
+        known = [device for device in devices() if getattr(device, f"{self._direction}s") >= self._channels]
         if not self._device:
             default = sound.default.device[self._direction]
             matching = [device for device in known if device.index == default]
@@ -107,9 +107,6 @@ class PortAudioStream:
             f"{len(matching)} PortAudio devices for {self._direction} match {self._device or 'the default'!r}, but "
             f"exactly one with {self._channels} channels must; there are: {listed or 'none'}"
         )
-
-    def _count(self, device: PortAudioDevice) -> int:
-        return device.inputs if self._direction == "input" else device.outputs
 
     def _make(self, sound: Any, index: int) -> Any:
         settings = {

@@ -62,8 +62,8 @@ def _jack(server: str) -> SurveyedDevice:
         len(outputs),
         len(inputs),
         rate,
-        microphones=_microphones_problem(len(outputs), rate),
-        actuator=_actuator_problem(len(inputs), rate),
+        microphones=_rate_problem(rate) or _microphones_problem(len(outputs)),
+        actuator=_rate_problem(rate) or ("" if inputs else "no outputs"),
         settings=(
             "capture.source=jack",
             *microphones,
@@ -97,8 +97,8 @@ def _assess(device: PortAudioDevice) -> SurveyedDevice:
         device.inputs,
         device.outputs,
         rate,
-        microphones=_microphones_problem(device.inputs, LIVE_SAMPLE_RATE),
-        actuator=_actuator_problem(device.outputs, LIVE_SAMPLE_RATE),
+        microphones=_microphones_problem(device.inputs),
+        actuator="" if device.outputs else "no outputs",
         settings=(
             "output.actuator=portaudio",
             f"output.device={device.index}",
@@ -123,18 +123,14 @@ def _dualsense_port(names: Sequence[str]) -> str:
     return next((name for name in ports if re.search(r"(_RL|AUX2|_3)$", name)), "")
 
 
-def _microphones_problem(inputs: int, rate: int) -> str:
-    if rate != LIVE_SAMPLE_RATE:
-        return f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
+def _rate_problem(rate: int) -> str:
+    return "" if rate == LIVE_SAMPLE_RATE else f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
+
+
+def _microphones_problem(inputs: int) -> str:
     if inputs == 1:
         return "one input: only with a one-channel model (capture.air empty)"
     return "" if inputs else "no inputs"
-
-
-def _actuator_problem(outputs: int, rate: int) -> str:
-    if rate != LIVE_SAMPLE_RATE:
-        return f"runs at {rate} Hz, needs {LIVE_SAMPLE_RATE}"
-    return "" if outputs else "no outputs"
 
 
 def _missing(system: str, name: str, why: str) -> SurveyedDevice:

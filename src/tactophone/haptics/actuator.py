@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import numpy as np
 
@@ -25,16 +25,11 @@ RenderHand: TypeAlias = Callable[[Sequence[FloatArray]], None]
 """The same for all fingers of a hand: an array for each."""
 
 
-class Actuator(AbstractContextManager[Any, None], Protocol):
-    """Plays what ``render`` writes; a context manager. Once entered it never raises, and every fault is silence."""
+class Actuator(AbstractContextManager["Actuator", None]):
+    """Plays on a device what ``render`` writes. Once entered it never raises, and every fault is silence.
 
-    @property
-    def device(self) -> Device:
-        """Its device, with rate, delay, faults and counts."""
-
-
-class DeviceActuator:
-    """An `Actuator` on any device; made by the functions below."""
+    ``device``: with rate, delay, faults and counts.
+    """
 
     def __init__(self, device: Device) -> None:
         self.device = device
@@ -96,14 +91,14 @@ class ClockedDevice(ThreadedDevice):
 
 def jack_hand_actuator(
     render: RenderHand, *, ports: Mapping[str, str], server: str = "", name: str = "tactophone-operator"
-) -> DeviceActuator:
+) -> Actuator:
     """Play each finger on a JACK port, by the name of the client's own port; ``"-"`` leaves one unconnected."""
     wires = {own: port.removeprefix("-") for own, port in ports.items()}
     process = _outputs(render, range(1, len(ports) + 1))
-    return DeviceActuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
+    return Actuator(JackClient(name, process, inputs={}, outputs=wires, server=server))
 
 
-def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> DeviceActuator:
+def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: Sequence[int]) -> Actuator:
     """Play each finger on a channel of a PortAudio device, given by number or part of its name; the others are silent.
 
     ``channels``: counted from 1. Beyond the first, channels are opened in pairs, because sound servers name them by
@@ -112,24 +107,22 @@ def portaudio_hand_actuator(render: RenderHand, *, device: str = "", channels: S
     """
     highest = max(channels)
     process, opened = _outputs(render, channels), 1 if highest == 1 else highest + highest % 2
-    return DeviceActuator(PortAudioStream(process, "output", device=device, channels=opened))
+    return Actuator(PortAudioStream(process, "output", device=device, channels=opened))
 
 
 def gamepad_actuator(
     render: Render, *, device: str = "", roughness: Callable[[], float], ceiling: Callable[[], float],
     find: Callable[[], list[Any]] | None = None,
-) -> DeviceActuator:  # fmt: skip
+) -> Actuator:  # fmt: skip
     """Turn the motors of a gamepad; arguments as of `tactophone.devices.gamepad.GamepadDevice`."""
     process = _outputs(lambda outs: render(outs[0]), [1])
-    return DeviceActuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
+    return Actuator(GamepadDevice(process, device=device, roughness=roughness, ceiling=ceiling, find=find))
 
 
-def clocked_hand_actuator(
-    render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None
-) -> DeviceActuator:
+def clocked_hand_actuator(render: RenderHand, *, fingers: int, period: int = 128, path: Path | None = None) -> Actuator:
     """Request waveforms in step with the system clock; discard them, or write a WAV file with a channel for each."""
     process = _outputs(render, range(1, fingers + 1))
-    return DeviceActuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
+    return Actuator(ClockedDevice(process, period=period, path=path, outputs=fingers))
 
 
 def _outputs(render: RenderHand, channels: Sequence[int]) -> Process:

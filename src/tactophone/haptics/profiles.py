@@ -157,7 +157,6 @@ class DualSenseProfile(PaperProfile):
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        """Make the profile for a measured band."""
         rough = response.within(ROUGH_STIMULUS.frequency)
         smooth = response.within(rough * SMOOTH_STIMULUS.frequency / ROUGH_STIMULUS.frequency)
         return cls(
@@ -211,7 +210,6 @@ class ErmProfile:
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:
-        """Make the profile for a motor's speeds."""
         return cls(slowest=known(response.slowest, cls().slowest), fastest=known(response.fastest, cls().fastest))
 
     def command(self, prediction: Prediction) -> HapticCommand:

@@ -16,7 +16,6 @@ The settings of Opus and why (measured with libopus 1.3.1):
 Payload type and first bytes give codec, channels and samples of a payload. The sender chooses, and the receiver needs
 no setting that could disagree.
 
-
 The payloads of Opus are those of libopus's multistream API, equal to the bit. But each stream is encoded and decoded by
 a call of its own, on the state that the multistream API made: that API computes sizes of states at every packet, which
 executes four CPUID instructions, and in a virtual machine each of these takes 20 µs (measured; caches are cold

@@ -433,11 +433,7 @@ class Admission:
 
     def admits(self, pending: Pending, *, known: bool, now: float) -> bool:
         """Whether a hello is answered: within the rate, and if a stranger's, with a place to take."""
-        if (
-            not known
-            and self._is_full(pending, known=False)
-            and self._replaceable(pending, known=False, now=now) is None
-        ):
+        if not known and self._is_full(pending, known=False) and not self._replaceable(pending, known=False, now=now):
             return False
         return self._limits[known].take(now)
 

@@ -86,8 +86,8 @@ class Identity:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the certificate, as two-digit groups, for two people to compare."""
-        return fingerprint_of(self.certificate)
+        """SHA-256 of the certificate, as RFC 8122 has it (``4A:AD:B9:...``), for two people to compare."""
+        return self.certificate.fingerprint(hashes.SHA256()).hex(":").upper()
 
     @property
     def trust_command(self) -> str:
@@ -167,11 +167,6 @@ class Peers:
 
 def _common_name(certificate: x509.Certificate) -> str:
     return str(certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
-
-
-def fingerprint_of(certificate: x509.Certificate) -> str:
-    """Format a certificate's SHA-256 as in RFC 8122: ``4A:AD:B9:...``."""
-    return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
 
 
 def parse_fingerprint(text: str) -> str:

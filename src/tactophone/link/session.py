@@ -247,7 +247,7 @@ class Session:
     @property
     def version_conflict(self) -> str:
         """One sentence for the user where the two ends run different versions; else empty."""
-        if not (self._current and self._version and self._peer_version) or self._peer_version == self._version:
+        if not (self._keys.current and self._version and self._peer_version) or self._peer_version == self._version:
             return ""
         return (
             f"{self.peer} runs tactophone {self._peer_version}, this machine {self._version}: "
@@ -260,13 +260,9 @@ class Session:
 
     def claims(self, fingerprint: str) -> bool:
         """Whether this session is connected to a peer, or will be at the end of its handshake."""
-        if self._current and self._current.agreement.fingerprint == fingerprint:
+        if self._keys.current and self._keys.current.agreement.fingerprint == fingerprint:
             return True
         return bool(self._pending) and self._handshakes.accepted == fingerprint
-
-    @property
-    def _current(self) -> Connection | None:
-        return self._keys.current
 
     @property
     def remote(self) -> tuple[Address, frozenset[int]] | None:
@@ -308,12 +304,12 @@ class Session:
                 self._drop(key, handshake.failure)
         if self._keys.beside and now > self._keys.beside.until:
             self._keys.use(self._keys.current)
-        if self._version and self._current and now >= self._introduce_at:
-            self.send(bytes(Introduction(self._current.agreement.secrets.local_ssrc, self._version)))
-            self._introduce_at = now + max(INTRODUCTION_PAUSE, now - self._current.begun)
-        if self._current and now - self._current.last_received > SESSION_TIMEOUT:
+        if self._version and self._keys.current and now >= self._introduce_at:
+            self.send(bytes(Introduction(self._keys.current.agreement.secrets.local_ssrc, self._version)))
+            self._introduce_at = now + max(INTRODUCTION_PAUSE, now - self._keys.current.begun)
+        if self._keys.current and now - self._keys.current.last_received > SESSION_TIMEOUT:
             return self._end(f"nothing received for {SESSION_TIMEOUT:g} s")
-        if self._current and now > self._current.until:
+        if self._keys.current and now > self._keys.current.until:
             return self._end("the keys were not renewed in time")
         if self._callees and not self._pending and now > self._call_after:
             self._call(now)
@@ -321,9 +317,9 @@ class Session:
 
     def hang_up(self, reason: str = "") -> list[Event]:
         """Send a goodbye, so that the other end need not wait for the timeout; a caller shows the reason."""
-        if self._current is None:
+        if self._keys.current is None:
             return []
-        self.send(bytes(Goodbye(self._current.agreement.secrets.local_ssrc, reason)))
+        self.send(bytes(Goodbye(self._keys.current.agreement.secrets.local_ssrc, reason)))
         return self._end("closed on this side")
 
     def outgoing(self) -> list[tuple[bytes, Address]]:
@@ -332,7 +328,7 @@ class Session:
 
     def _call(self, now: float) -> None:
         """Begin a handshake if there is no session, if the peer is silent, or if the keys are old."""
-        current = self._current
+        current = self._keys.current
         if current is None or now - current.last_received > RECALL_AFTER:
             # An operator that only stood still goes on with the stream; one that is new makes a new one of it.
             continues, callee = current.agreement.continuation if current else b"", self._callees[0]
@@ -350,7 +346,7 @@ class Session:
         report = is_report(datagram)  # by the header, which is not encrypted
         connection = self._keys.of_stream(stream_of(datagram, report=report))
         if connection is None:
-            self.faults["rejected" if self._current else "stray"] += 1
+            self.faults["rejected" if self._keys.current else "stray"] += 1
             return []
         try:
             packet = connection.unprotect(datagram)
@@ -407,8 +403,8 @@ class Session:
             self._drop(displaced, "another call took its place")
         # The hello names the session that it continues, if any; only the finished handshake proves that it may.
         handshake.known = known
-        if self._current and self._current.agreement.continuation in hello:
-            handshake.continues = self._current.agreement.continuation
+        if self._keys.current and self._keys.current.agreement.continuation in hello:
+            handshake.continues = self._keys.current.agreement.continuation
         self._pending[key] = handshake
         self._collect(handshake, source)
 
@@ -429,7 +425,7 @@ class Session:
 
     def _connect(self, handshake: Handshake, agreement: Agreement, address: Address, now: float) -> list[Event]:
         """Take the keys of a finished handshake: only here is a running session replaced, or continued."""
-        current = self._current
+        current = self._keys.current
         if current and current.agreement.fingerprint != agreement.fingerprint:
             # A second trusted caller gets a goodbye with the reason, under its own keys; the first goes on undisturbed.
             self.sent_away = agreement.peer, now

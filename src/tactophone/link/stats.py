@@ -19,7 +19,6 @@ here                      WebRTC (``RTCInboundRtpStreamStats``)
 ``samples_skipped``       none: gaps too long to conceal
 ========================  ===================================================================================
 
-
 Delay and skew are estimated without a common clock. A packet's arrival time less its timestamp is its transit time plus
 an unknown constant. The *minimum* over a while is the delay of the empty network: what lies above it is queueing, and
 its slow drift is the difference of the two clocks. Loss and jitter do not move the minimum, so playout and staleness

@@ -9,7 +9,7 @@ record on the system clock for the packet that caused the vibration.
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from tactophone.hand import names_of
 from tactophone.microphones import MICROPHONES
 from tactophone.runtime.pairing import Sides, both_sides
 from tactophone.runtime.wiring import OpenSource, open_device
-from tactophone.settings import Finger, Settings
+from tactophone.settings import Finger, Settings, change
 from tactophone.telemetry.layout import MARKS, STAGES
 from tactophone.telemetry.watcher import Watcher
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
@@ -197,12 +197,10 @@ def measure(
         last = fingers[-1] or "vibration"
         inputs = {"vibration": graph.vibration_port or f"{operator.name}:{last}"}
         client = JackClient("tactophone-player", player.process, inputs=inputs, outputs=outputs, server=graph.server)
-        client.open()
-        try:
+        with closing(client):
+            client.open()
             marks = _collect(player, Watcher(robot.name), Watcher(operator.name), progress)
             period = client.period
-        finally:
-            client.close()
         restarts = robot.restarts + operator.restarts
     return replace(analyse(player, marks, period=period), restarts=restarts)
 
@@ -225,22 +223,16 @@ def _collect(
 @contextmanager
 def running_sides(settings: Settings, graph: Graph, *, open_source: OpenSource = open_device) -> Iterator[Sides]:
     """Run operator and robot, and yield both once they are connected; the robot captures ``open_source``."""
-    capture, output, process = settings.capture, settings.output, settings.process
+    changes = ["detector.check_microphones=false", "capture.source=jack", "output.actuator=jack"]
+    if graph.server:
+        changes.append(f"process.jack_server={graph.server}")
     if not graph.impulse_port:  # else the path leads over hardware outside the graph
-        capture, output = replace(capture, contact="-", air="-"), replace(output, port="-")
         free = dict.fromkeys(("capture.contact", "capture.air", "output.port"), "-")
-        settings = replace(
-            settings,
-            fingers=tuple(Finger(each.name, tuple((dict(each.settings) | free).items())) for each in settings.fingers),
-        )
-    settings = replace(
-        settings,
-        detector=replace(settings.detector, check_microphones=False),
-        capture=replace(capture, source="jack"),
-        output=replace(output, actuator="jack"),
-        process=replace(process, jack_server=graph.server or process.jack_server),
-    )
-    name = f"{process.name or 'latency'}-{secrets.token_hex(3)}"
+        changes += [f"{name}={port}" for name, port in free.items()]
+        fingers = (Finger(each.name, tuple((dict(each.settings) | free).items())) for each in settings.fingers)
+        settings = replace(settings, fingers=tuple(fingers))
+    settings = change(settings, changes)
+    name = f"{settings.process.name or 'latency'}-{secrets.token_hex(3)}"
     with both_sides(settings, name=name, open_source=open_source) as sides:
         watcher = Watcher(sides.operator.name)
         for _ in range(500):

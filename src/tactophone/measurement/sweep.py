@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,15 +129,9 @@ class SweepRecorder:
             self._recorded.append(inputs[0].copy())
 
     def run(self, open_input: Callable[[Process], Device], open_output: Callable[[], Device]) -> FloatArray:
-        microphone, actuator = open_input(self.record), open_output()
-        microphone.open()
-        try:
+        with closing(open_input(self.record)) as microphone, closing(open_output()) as actuator:
+            microphone.open()
             actuator.open()
-            try:
-                if not self._ended.wait(len(self._waveform) / LIVE_SAMPLE_RATE + 5):
-                    raise DeviceError("the sound card stopped during the sweep: see `tactophone devices`")
-            finally:
-                actuator.close()
-        finally:
-            microphone.close()
+            if not self._ended.wait(len(self._waveform) / LIVE_SAMPLE_RATE + 5):
+                raise DeviceError("the sound card stopped during the sweep: see `tactophone devices`")
         return np.concatenate(self._recorded) if self._recorded else np.zeros(0, np.float32)

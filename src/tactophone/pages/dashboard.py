@@ -6,7 +6,6 @@ for a stalled browser; when it resumes, it receives what it missed in a single m
 
 import asyncio
 import json
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.connection import Connection
@@ -22,6 +21,7 @@ from tactophone.pages.views import (
     VIEWERS,
     Answers,
     admit,
+    exchange,
     finger_of,
     is_local,
     messages_of,
@@ -132,22 +132,12 @@ async def _live(
         await say_command(view, request)
         if logs is not None:
             await view.send_str(json.dumps(logs.status))
-        async with asyncio.TaskGroup() as tasks:
-            finger = finger_of(request)
-            sending = tasks.create_task(_send(view, Feed(run, finger=finger), credit))
-            await _receive(view, run, logs, credit, local=is_local(request), finger=finger)
-            sending.cancel()
+        finger = finger_of(request)
+        receiving = _receive(view, run, logs, credit, local=is_local(request), finger=finger)
+        await exchange(view, Feed(run, finger=finger).message, receiving, credit=credit, interval=PERIOD)
     finally:
         views.discard(view)
     return view
-
-
-async def _send(view: web.WebSocketResponse, feed: Feed, credit: asyncio.Semaphore) -> None:
-    with suppress(ConnectionError):
-        while not view.closed:
-            await credit.acquire()
-            await view.send_bytes(feed.message())
-            await asyncio.sleep(PERIOD)
 
 
 async def _receive(

@@ -1,6 +1,5 @@
 """The messages of a viewer: what is new in a run since the last message, as a JSON header and tables of float32.
 
-
 ::
 
     uint32   length of the header, a multiple of four

@@ -62,7 +62,6 @@ class StoneBoxSource(AlwaysOpen):
         _finger_over((Touch.SMOOTH,) * 5, 0, self._tip).render(64)
 
     def truth_of(self, finger: int = 0) -> int:
-        """Return the true touch at the end of the last block."""
         touch = self._finger.truth.touch
         return int(touch[-1]) if touch.size else int(Touch.NONE)
 

@@ -11,7 +11,6 @@ import select
 import statistics
 import time
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 from tactophone.pages.devices import command_of
 from tactophone.pages.feed import STEP_COLUMNS, WatchedRun, pack, step_table
 from tactophone.pages.game import GameSettings, Point, Round, read_results, within_reach
-from tactophone.pages.views import CREDIT, STATIC, TAKEN, admit, is_local, messages_of, page, say_command
+from tactophone.pages.views import CREDIT, STATIC, TAKEN, admit, exchange, is_local, messages_of, page, say_command
 from tactophone.perception.decision import count_bumps, count_dips
 from tactophone.telemetry.layout import Action, Request
 from tactophone.telemetry.watcher import Snapshot
@@ -73,10 +72,7 @@ class _PlayerSlot:
         await say_command(view, request)
         player = _Player(self._game, self._run, view, self._played, local=is_local(request))
         try:
-            async with asyncio.TaskGroup() as tasks:
-                sending = tasks.create_task(player.send())
-                await player.receive()
-                sending.cancel()
+            await exchange(view, player.message, player.receive(), credit=player.credit, interval=PERIOD)
         finally:
             player.lift()
             self._played = max(self._played, player.played)
@@ -90,7 +86,7 @@ class _Player:
         self, game: GameSettings, run: WatchedRun, view: web.WebSocketResponse, played: int, *, local: bool
     ) -> None:
         self._game, self._run, self._view = game, run, view
-        self._credit = asyncio.Semaphore(CREDIT)
+        self.credit = asyncio.Semaphore(CREDIT)
         self._round: Round | None = None
         self._begun = 0.0
         self._last: Snapshot | None = None
@@ -101,14 +97,13 @@ class _Player:
     async def receive(self) -> None:
         actions: dict[str, Callable[..., Awaitable[None]]] = {
             "begin": self._begin, "move": self._move, "choose": self._choose, "delay": self._delay,
-            "stop": partial(self._request, "stop"), "mute": partial(self._request, "mute"),
-            "arm": partial(self._request, "arm"),
+            **{action: partial(self._request, action) for action in ("stop", "mute", "arm")},
         }  # fmt: skip
         async for message in messages_of(self._view):
             if message.type is not WSMsgType.TEXT:
                 continue
             if message.data == "ok":
-                self._credit.release()
+                self.credit.release()
                 continue
             try:
                 arguments = json.loads(message.data)
@@ -121,17 +116,13 @@ class _Player:
             raise ValueError("only a page on the run's own machine may arm")
         self._run.ask(Request(action))
 
-    async def send(self) -> None:
-        """Send the vibration since the last message, until the connection closes."""
-        with suppress(ConnectionError):
-            while not self._view.closed:
-                await self._credit.acquire()
-                if (snapshot := self._run.snapshot(self._last)) is None:
-                    self._credit.release()
-                else:
-                    await self._view.send_bytes(self._message(snapshot))
-                    self._last = snapshot
-                await asyncio.sleep(PERIOD)
+    def message(self) -> bytes:
+        """Return the vibration since the last message; empty while there is no run."""
+        if (snapshot := self._run.snapshot(self._last)) is None:
+            return b""
+        message = self._message(snapshot)
+        self._last = snapshot
+        return message
 
     def lift(self) -> None:
         last = self._round.path[-1] if self._round and self._round.path else Point(0, 0, 0, 0)

@@ -126,6 +126,28 @@ async def messages_of(view: web.WebSocketResponse) -> AsyncIterator[WSMessage]:
         yield message
 
 
+async def exchange(
+    view: web.WebSocketResponse, message: Callable[[], bytes], receiving: Awaitable[None], *,
+    credit: asyncio.Semaphore, interval: float,
+) -> None:  # fmt: skip
+    """Send a page what ``message`` returns, if anything, every ``interval`` s and as it has credit, while receiving."""
+
+    async def send() -> None:
+        with suppress(ConnectionError):
+            while not view.closed:
+                await credit.acquire()
+                if content := message():
+                    await view.send_bytes(content)
+                else:
+                    credit.release()
+                await asyncio.sleep(interval)
+
+    async with asyncio.TaskGroup() as tasks:
+        sending = tasks.create_task(send())
+        await receiving
+        sending.cancel()
+
+
 async def end_flood(view: web.WebSocketResponse) -> None:
     """Close a page that floods; the run never notices."""
     await view.close(code=FLOOD, message=b"this page sends too much: reload it")

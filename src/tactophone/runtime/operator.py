@@ -152,7 +152,6 @@ class Operator(Side):
             finger.stop()
 
     def housekeep(self, now: float) -> None:
-        """Apply requests and update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         requests = self._telemetry.requests(now)
         refused = {(finger.index, action) for finger in self._fingers for action in finger.apply(requests)}
         self._telemetry.count("requests_refused", len(refused))
@@ -338,7 +337,7 @@ class Operator(Side):
             telemetry.gauge("device_period", self._period / LIVE_SAMPLE_RATE)
         if submitted != self._rendered:
             self._rendered = submitted
-            telemetry.mark(_RENDERED, submitted, now=time.monotonic())
+            telemetry.mark((_RENDERED, submitted, time.monotonic()))
 
 
 def run_operator(settings: Settings, info: ProcessInfo, *, robot: str = "", keeper: Keeper | None = None) -> None:

@@ -95,7 +95,7 @@ class SessionRecorder:
         # The log comes first: who reads a step finds what it was made of.
         self._log_arrivals()
         marks, self._marks = self._marks, []
-        self._telemetry.mark_all((index, position, now) for position, reached in marks for index, now in reached)
+        self._telemetry.mark(*((index, position, now) for position, reached in marks for index, now in reached))
         steps, self._steps = self._steps, []
         truths = {finger: truth_of(finger) for finger in {step.finger for step, *_ in steps}} if truth_of else {}
         for step, computed, touch, vibrated in steps:

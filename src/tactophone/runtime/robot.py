@@ -141,7 +141,6 @@ class Robot(Side):
         self._resources.close()
 
     def housekeep(self, now: float) -> None:
-        """Update telemetry; call it every `HOUSEKEEPING_INTERVAL`."""
         with self._lock:
             group = self._group
             counters, round_trip, loss = dict(group.counters), group.round_trip, group.loss
@@ -155,6 +154,7 @@ class Robot(Side):
         period = self._source.period if isinstance(self._source, LiveSource) else 0
         self._update_budget(now, lambda: robot_stages(self._watcher, self._group.encoder.codec, period=period))
         of_all = f" ({len(peers)} of {len(self._operators)} operators)" if len(self._operators) > 1 else ""
+        link = f"connected to {', '.join(peers)}{of_all}" if peers else "calling"
         names = itertools.zip_longest(
             names_of(self._settings), [each.name for each in self._endpoint.detectors], fillvalue=""
         )
@@ -162,11 +162,7 @@ class Robot(Side):
             role="robot",
             source=self._settings.capture.source,
             channels=len(MICROPHONES) if self._settings.is_hand else self._source.channels,
-            link=f"{hung_up} hung up"
-            if hung_up
-            else f"connected to {', '.join(peers)}{of_all}"
-            if peers
-            else "calling",
+            link=f"{hung_up} hung up" if hung_up else link,
             faults=(*self._warnings, *self._device_faults(), *link_faults, *self._microphones.faults()),
             fingers=tuple(FingerState(name, muted_because="", detector=detector) for name, detector in names),
         )

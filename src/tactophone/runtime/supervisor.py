@@ -183,7 +183,6 @@ class Supervisor:
         raise TactophoneError(f"{self.name} did not start: {failure}; it was last {doing}")
 
     def _watch(self) -> None:
-        """Supervise the process, and its successors, until the side ends."""
         # If this is refused, the network thread has warned already.
         prioritize_thread(self._settings.process.priority)
         while not self._ended.is_set():

@@ -83,7 +83,6 @@ class PredictionLog(RunFollower):
             self._writer.__exit__(*error)
 
     def read(self) -> None:
-        """Write the predictions made since the last read."""
         try:
             if not self._full:
                 self._write_new()

@@ -2,7 +2,6 @@
 
 import math
 import struct
-from collections.abc import Iterable
 from contextlib import AbstractContextManager, suppress
 from typing import Any
 
@@ -140,12 +139,8 @@ class Telemetry(AbstractContextManager["Telemetry", None]):
         # Counted once it is whole, so that a reader never sees part of a record.
         count += np.uint64(len(data))
 
-    def mark(self, index: int, position: int, *, now: float) -> None:
-        """Record that the block of sound that ends at the RTP timestamp ``position`` has reached ``MARKS[index]``."""
-        self.mark_all(((index, position, now),))
-
-    def mark_all(self, reached: Iterable[tuple[int, int, float]]) -> None:
-        """Do as :meth:`mark` for many: index, timestamp and time of each."""
+    def mark(self, *reached: tuple[int, int, float]) -> None:
+        """Record what stages sound has reached: the index in `MARKS`, the RTP timestamp of its end, and when (s)."""
         counts, marked, rows = self._mark_counts, self._marked, self._rows["marks"]
         for index, position, now in reached:
             count = counts[index]
