@@ -115,7 +115,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Of the process; 0 if it never started."""
+        """Process id; 0 if it never started."""
         return self._process.pid or 0
 
     @property

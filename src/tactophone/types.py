@@ -105,7 +105,7 @@ FINGER_NAMES = ("thumb", "index", "middle", "ring", "little")
 """Names of the fingers of one hand, in the order of gloves."""
 
 FINGER_PATTERN = "[a-z][a-z0-9_-]{0,15}"
-"""Of a finger's name: it becomes part of file names and topics."""
+"""Pattern of a finger's name, which becomes part of file names and topics."""
 
 MOST_FINGERS = 10
 """Fingers of one hand, or of a pair of them: the link has a payload type for each number."""

@@ -210,7 +210,7 @@ class Passed:
 
     @property
     def roughness(self) -> float:
-        """Of what it touches, 0 to 1; 0 without contact."""
+        """Roughness of what it touches, 0 to 1; 0 without contact."""
         return self.prediction.roughness if self.contact else 0.0
 
     def ended(self, now: float) -> "Passed":

@@ -1,4 +1,4 @@
-"""Microphones as sources: on JACK ports, on a PortAudio device, in a browser; through losses and overflows.
+"""Live microphones as sources: on JACK ports, a PortAudio device or a page; with losses and overflows counted.
 
 The device's own thread copies a period into a queue and returns; the iterator takes it out. When the queue holds more
 than `LONGEST_WAIT`, new sound is dropped and counted, as it would be stale by the time it is rendered.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tactophone.evaluation.predict import TakePredictions
 
 FAST_SECONDS, FAST_SEED = 3.0, 5
-"""Of the simulated takes that are rendered where no data is given."""
+"""Length of the simulated takes, and their random seed, where no data is given."""
 
 NOTES = (
     "Each table is of one data set and one split; every recording was predicted by a model that was trained without "

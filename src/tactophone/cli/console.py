@@ -35,7 +35,7 @@ STRIP = 60
 """Updates, 12 s, of vibration that the line above the figures shows; the newest is at its right."""
 
 STYLES = {Touch.SMOOTH: "blue", Touch.ROUGH: "red"}
-"""Of vibration in a terminal's own colours, which its theme makes legible."""
+"""How vibration is drawn: in the terminal's own colours, which its theme makes legible."""
 
 INTERVAL = 0.2
 """Seconds between two updates; a person reads no faster, and this process also hosts the watchdog."""

@@ -1,4 +1,4 @@
-"""``tactophone send``, ``receive`` and ``loopback``; and the options and the end that all live verbs share.
+"""``tactophone send``, ``receive`` and ``loopback``, and what live verbs share: their options, and how a run ends.
 
 Each log and each bridge is a process of its own that reads telemetry, so that none of them delays the sound.
 """

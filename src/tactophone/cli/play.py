@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(args: argparse.Namespace) -> int:
     from tactophone.pages.game import GameSettings, open_finger, serve_game
-    from tactophone.simulation.takes import shuffled  # not by the door, which loads numba
+    from tactophone.simulation.takes import shuffled
 
     settings = change(options.settings_of(args, NEAR), SIMULATED)
     if args.results.is_dir():

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tactophone.cli import options, output
 from tactophone.cli.options import SEED, Within
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.simulation.takes import TAKES  # not by the door, which loads numba
+from tactophone.simulation.takes import TAKES
 from tactophone.types import DEFAULT_TIP, TIP_NAMES
 
 if TYPE_CHECKING:

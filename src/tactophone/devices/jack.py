@@ -52,7 +52,7 @@ _PIDFD_GETFD = 438
 """Number of the system call (Linux 5.6), the same on all architectures; Python 3.11 has no function for it."""
 
 _SOCKET_NAME = "/jack_"
-"""In the paths of all sockets between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
+"""Part of the path of every socket between jackd and its clients, as in ``/dev/shm/jack_default_0_0``."""
 
 
 @dataclass(frozen=True, slots=True)

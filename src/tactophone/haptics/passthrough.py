@@ -27,7 +27,7 @@ STEP_SIZE = 12
 """Samples from one value of the low band to the next: 4 kHz, four times the highest frequency of the actuator."""
 
 TAPS = 97
-"""Of the low-pass before decimation: 1 ms of delay, 50 dB down from 2.3 kHz on."""
+"""Length of the low-pass before decimation: 1 ms of delay, 50 dB down from 2.3 kHz on."""
 
 GRAIN = 1440
 """Samples, 30 ms, over which the two heads of the pitch shifter alternate: two periods of 70 Hz."""

@@ -111,7 +111,7 @@ class ActuatorResponse:
 
 
 UNKNOWN = ActuatorResponse()
-"""Of an actuator that was not measured: profiles then use typical figures."""
+"""Response of an actuator that was not measured: profiles then use typical figures."""
 
 
 def known(value: float, typical: float) -> float:
@@ -180,7 +180,7 @@ class PerceptualProfile:
     """`faint_db` and `strong_db`: levels over threshold; 33 dB is what full drive reaches at 40 Hz."""
     name: str = "perceptual"
     response: ActuatorResponse = UNKNOWN
-    """Of the actuator: its level at a frequency is compensated as far as full drive allows."""
+    """The actuator's response, for which the level is corrected as far as full drive allows."""
 
     @classmethod
     def fitted(cls, response: ActuatorResponse) -> Self:

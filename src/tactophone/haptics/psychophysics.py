@@ -17,7 +17,7 @@ PITCH_JND = 0.18
 """Just-noticeable difference of frequency (Pongrac, Multimedia Systems 13, 297, 2008)."""
 
 LEVEL_JND_DB = 1.5
-"""Of level: a Weber fraction of 0.2, the finest of the published 0.2 to 0.58."""
+"""Just-noticeable difference of level: a Weber fraction of 0.2, the finest of the published 0.2 to 0.58."""
 
 _BEST, _CORNER = 250.0, 40.0
 

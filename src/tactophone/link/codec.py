@@ -69,8 +69,8 @@ class Codec:
     bandwidth: float = NARROW_BAND
     """The highest frequency in Hz to transmit: the model's bandwidth."""
     bitrate_bps: int = 0
-    """Of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter packets and
-    wider bands."""
+    """Bitrate of all channels together, Opus only; by default 96 kbit/s for two channels of 4 kHz, more for shorter
+    packets and wider bands."""
 
     def __post_init__(self) -> None:
         if self.name not in ("pcm16", "opus"):

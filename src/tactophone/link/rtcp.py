@@ -33,7 +33,7 @@ class ReceiverReport:
     of: int
     """`ssrc` and `of`: SSRC of the reporting end, and of the stream that it reports on."""
     fraction_lost: float
-    """Of the packets expected since the last report, 0 to 1, before recovery by redundancy."""
+    """Share of the packets expected since the last report, 0 to 1, before recovery by redundancy."""
     lost: int
     """Packets lost since the stream began."""
     highest: int

@@ -37,7 +37,7 @@ _LEVELS = ("ceiling", "output_level")
 _WITHOUT_VALUE = ("stop", "mute", "arm")
 
 MAX_NAME_BYTES = 64
-"""Of a profile's name: the size of the mailbox."""
+"""Longest name of a profile: the mailbox holds no more."""
 
 
 @dataclass(frozen=True, slots=True)

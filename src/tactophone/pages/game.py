@@ -44,11 +44,11 @@ class GameSettings:
     """What the page's server needs."""
 
     name: str
-    """Of the operator's run, whose vibration the page plays."""
+    """Name of the operator's run, whose vibration the page plays."""
     orders: Sequence[Sequence[Touch]]
     """Orders of the stones, round after round, then from the first again."""
     seed: int
-    """Of the first round; it grows by one per round."""
+    """Seed of the first round; each further round adds 1."""
     finger: Connection
     """Connection to the finger; takes ``("lay", order, seed)`` and ``("move", x, y, force)``."""
     results: Path

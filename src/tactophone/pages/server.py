@@ -23,7 +23,7 @@ ADDRESS = "127.0.0.1:0"
 """Default address of a page: only this machine, any free port."""
 
 NICENESS = 5
-"""Of the page's process: on a busy machine, the page waits, not the sound."""
+"""Niceness of the page's process: on a busy machine, the page waits, not the sound."""
 
 
 class Page(AbstractContextManager["Page", None]):

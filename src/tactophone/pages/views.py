@@ -21,7 +21,7 @@ from tactophone.bridges.connections import Acceptor, FloodGate
 from tactophone.pages.security import HEADERS, AccessControl
 
 VERSION = "1"
-"""Of the messages between page and server; `live.js` sends its own. Change both when a message changes."""
+"""Version of the messages between page and server; `live.js` sends its own. Change both when a message changes."""
 
 TAKEN = 4001
 """WebSocket close code, of the range for applications: another window took the place."""
@@ -130,7 +130,7 @@ async def exchange(
     view: web.WebSocketResponse, message: Callable[[], bytes], receiving: Awaitable[None], *,
     credit: asyncio.Semaphore, interval: float,
 ) -> None:  # fmt: skip
-    """Send a page what ``message`` returns, if anything, every ``interval`` s and as it has credit, while receiving."""
+    """Send a page what ``message`` returns, if anything, every ``interval`` s as its credit allows, while receiving."""
 
     async def send() -> None:
         with suppress(ConnectionError):

@@ -27,7 +27,7 @@ STARTED_MUTED = "started muted: arm to vibrate"
 RESTARTED = "restarted after a fault: find the cause, then arm"
 
 LOWEST_THRESHOLD_DBFS = -120.0
-"""Of the contact gate: below the rounding of 24-bit samples."""
+"""Lowest contact threshold that is accepted: below the rounding of 24-bit samples."""
 
 
 class OutputGate:

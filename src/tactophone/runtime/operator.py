@@ -63,7 +63,7 @@ START_ROBOT = "start `tactophone send` there; or a router blocks the port: use `
 """Advice where no robot ever calls."""
 
 SAME_MACHINE = "the robot's process, which this command started, is still starting; a busy machine takes longer"
-"""The same where both sides began together: there is nothing to start."""
+"""Advice where both sides began together: there is nothing to start."""
 
 _RECEIVED, _RELEASED, _DECODED, _DETECTED, _RENDERED = map(MARKS.index, MARKS[2:])
 

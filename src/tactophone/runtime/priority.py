@@ -17,9 +17,9 @@ SWITCH_INTERVAL = 100e-6
 of 32 samples and more."""
 
 MAIN_PRIORITY = 1
-"""Of the main thread, the lowest there is. It has little to do, but holds the interpreter meanwhile: without a priority
-of its own it waits for the machine then, and the threads of the sound wait for it. At a load of 21 on two cores,
-packets then waited up to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
+"""Priority of the main thread, the lowest there is. It has little to do, but holds the interpreter while it works:
+without a priority it then waits for the machine, and the threads of the sound wait for it. At a load of 21 on two
+cores, packets then waited up to 280 ms and 54 of 1,600 came too late; with it 11 ms, and none."""
 
 COLLECTION_INTERVAL = 10.0
 """Seconds between two collections of garbage: under 0.1 ms each once the imports are frozen. They also free the tuples

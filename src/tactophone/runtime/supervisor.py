@@ -135,7 +135,7 @@ class Supervisor:
 
     @property
     def pid(self) -> int:
-        """Of the current process; 0 before the first."""
+        """Process id of the current process; 0 before the first."""
         return self._child.pid if self._child else 0
 
     def wait(self, timeout: float) -> bool:

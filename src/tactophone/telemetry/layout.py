@@ -142,7 +142,7 @@ class State:
     output: str = ""
     sample_rate: int = LIVE_SAMPLE_RATE
     channels: int = 2
-    """Of the sound of each finger."""
+    """Channels of each finger's sound."""
     faults: tuple[Fault, ...] = ()
     fingers: tuple[FingerState, ...] = (FingerState(),)
     """At least one."""

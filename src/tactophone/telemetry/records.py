@@ -40,7 +40,7 @@ class FingerStart(TypedDict):
     name: Annotated[str, msgspec.Meta(pattern=f"^({FINGER_PATTERN})?$")]
     """Empty for the only one."""
     settings: dict[str, Any]
-    """Of its own, by dotted name."""
+    """Settings of its own, by dotted name."""
     calibration: Annotated[str, msgspec.Meta(max_length=1 << 20)]
     """Text of the calibration file; empty if there is none."""
 
@@ -56,7 +56,7 @@ class RunStart:
     models: dict[str, str] = field(default_factory=dict)
     """SHA-256 of each model file that the settings may lead to, by its name."""
     versions: dict[str, str] = field(default_factory=dict)
-    """Of Tactophone and of what its numbers depend on."""
+    """Versions of Tactophone and of what its numbers depend on."""
     epoch: Seconds = 0.0
     """Seconds since 1970 at 0 of the monotonic clock, on which all other times are."""
     fingers: Annotated[list[FingerStart], msgspec.Meta(max_length=MOST_FINGERS)] = field(default_factory=list)
@@ -67,7 +67,7 @@ class EventBatch:
     """Events that the end processed together, encoded as the link encodes them."""
 
     time: Seconds
-    """Of the monotonic clock."""
+    """Seconds on the monotonic clock."""
     events: tuple[bytes, ...] = ()
     polled: bool = False
     """Whether they came with the passing of time, not from the network; there may then be none."""
@@ -90,7 +90,7 @@ class Controls:
     """0 when the change came before the next arrival; otherwise it came while this step of the last arrival, counted
     from 1, was computed."""
     finger: FingerIndex = 0
-    """Of a hand: whose controls these are."""
+    """Index of the finger whose controls these are."""
 
 
 Record: TypeAlias = RunStart | EventBatch | Controls

@@ -15,7 +15,7 @@ from tactophone.prediction_fields import PREDICTION_FIELDS, entries_of
 from tactophone.types import HapticCommand, PipelineStep, Prediction, Touch
 
 COLUMNS = tuple(field.name for field in PREDICTION_FIELDS if field.name != "window_start")
-"""Of the CSV file, and the keys of each entry of the JSON file; without a touch event the last two are empty."""
+"""Columns of the CSV file, and keys of each entry of the JSON file; without a touch event the last two are empty."""
 
 _SPECIAL = ("touch", "unknown", "event", "event_time")
 
