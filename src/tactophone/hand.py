@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tactophone.errors import ConfigError, did_you_mean
-from tactophone.settings import SETTINGS, Finger, Settings, read_tables, set_value, value_of
+from tactophone.settings import SETTINGS, Finger, Settings, read_tables, set_value
 from tactophone.types import FINGER_NAMES, FINGER_PATTERN, MOST_FINGERS
 
 OWN_SETTINGS: Mapping[str, str] = {
@@ -47,7 +47,9 @@ def with_fingers(settings: Settings, text: str) -> Settings:
     fingers cannot share.
     """
     for key in _UNSHARED:
-        name, value = OWN_SETTINGS[key], value_of(settings, OWN_SETTINGS[key])
+        name = OWN_SETTINGS[key]
+        section, _, own = name.partition(".")
+        value = getattr(getattr(settings, section), own)
         if value != SETTINGS[name].default:
             raise ConfigError(
                 f"{name} = {value!r} applies to a single finger; with --fingers, set {key} in that finger's table"

@@ -14,10 +14,8 @@ class PredictionField:
 
     name: str
     dtype: str
-    """NumPy's, of the exact number."""
+    """NumPy's type of the exact number."""
     unit: str
-    digits: int
-    """Digits after the point that are worth looking at."""
     meaning: str
     of: Callable[[Prediction, HapticCommand], float]
     step: bool = True
@@ -25,23 +23,23 @@ class PredictionField:
 
 
 PREDICTION_FIELDS = (
-    PredictionField("time", "f8", "s", 4, "when the command was made", lambda _, command: command.time, step=False),
-    PredictionField("window_start", "f8", "s", 4, "start of the window", lambda found, _: found.start, step=False),
-    PredictionField("window_end", "f8", "s", 4, "end of the window", lambda found, _: found.end, step=False),
-    PredictionField("none", "f8", "", 3, "probability of no contact", lambda found, _: found.probabilities[0]),
-    PredictionField("smooth", "f8", "", 3, "probability of a smooth surface", lambda found, _: found.probabilities[1]),
-    PredictionField("rough", "f8", "", 3, "probability of a rough surface", lambda found, _: found.probabilities[2]),
-    PredictionField("touch", "i1", "", 0, "decision, a number of `Touch`", lambda found, _: found.touch),
-    PredictionField("contact", "?", "", 0, "whether it touches", lambda found, _: found.touch > 0, step=False),
-    PredictionField("level_dbfs", "f8", "dBFS", 1, "level of the contact channel", lambda found, _: found.level_dbfs),
-    PredictionField("roughness", "f8", "", 3, "0 (smooth) to 1 (rough)", lambda found, _: found.roughness),
-    PredictionField("frequency", "f8", "Hz", 1, "frequency of the vibration", lambda _, command: command.frequency),
-    PredictionField("amplitude", "f8", "", 3, "0 to 1 of full drive, as limited", lambda _, command: command.amplitude),
-    PredictionField("unknown", "i1", "", 0, "1 if roughness is a guess", lambda found, _: int(found.unknown),
+    PredictionField("time", "f8", "s", "when the command was made", lambda _, command: command.time, step=False),
+    PredictionField("window_start", "f8", "s", "start of the window", lambda found, _: found.start, step=False),
+    PredictionField("window_end", "f8", "s", "end of the window", lambda found, _: found.end, step=False),
+    PredictionField("none", "f8", "", "probability of no contact", lambda found, _: found.probabilities[0]),
+    PredictionField("smooth", "f8", "", "probability of a smooth surface", lambda found, _: found.probabilities[1]),
+    PredictionField("rough", "f8", "", "probability of a rough surface", lambda found, _: found.probabilities[2]),
+    PredictionField("touch", "i1", "", "decision, a number of `Touch`", lambda found, _: found.touch),
+    PredictionField("contact", "?", "", "whether it touches", lambda found, _: found.touch > 0, step=False),
+    PredictionField("level_dbfs", "f8", "dBFS", "level of the contact channel", lambda found, _: found.level_dbfs),
+    PredictionField("roughness", "f8", "", "0 (smooth) to 1 (rough)", lambda found, _: found.roughness),
+    PredictionField("frequency", "f8", "Hz", "frequency of the vibration", lambda _, command: command.frequency),
+    PredictionField("amplitude", "f8", "", "0 to 1 of full drive, as limited", lambda _, command: command.amplitude),
+    PredictionField("unknown", "i1", "", "1 if roughness is a guess", lambda found, _: int(found.unknown),
                     step=False),
-    PredictionField("event", "i1", "", 0, "newest touch event, a place in `EVENT_KINDS` from 1; 0 without one",
+    PredictionField("event", "i1", "", "newest touch event, a place in `EVENT_KINDS` from 1; 0 without one",
                     lambda found, _: 1 + EVENT_KINDS.index(found.events[-1].kind) if found.events else 0, step=False),
-    PredictionField("event_time", "f8", "s", 4, "time of this event; NaN without one",
+    PredictionField("event_time", "f8", "s", "time of this event; NaN without one",
                     lambda found, _: found.events[-1].time if found.events else math.nan, step=False),
 )  # fmt: skip
 """Every field of a prediction and its command, in order; shared memory, CSV, JSON and pages derive their layout from

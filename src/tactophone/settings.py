@@ -443,8 +443,3 @@ def set_value(settings: Settings, name: str, value: Any, *, where: str) -> Setti
     section, _, key = name.partition(".")
     checked = SETTINGS[name].check(value, where=where)
     return replace(settings, **{section: replace(getattr(settings, section), **{key: checked})})
-
-
-def value_of(settings: Settings, name: str) -> Any:
-    section, _, key = name.partition(".")
-    return getattr(getattr(settings, section), key)

@@ -221,13 +221,13 @@ def faulty_operators() -> tuple[Sequence[bytes], Run]:
 
 
 def _connected(session: Session) -> Connected:
-    assert session._current is not None
-    secrets = session._current.agreement.secrets
+    assert session._keys.current is not None
+    secrets = session._keys.current.agreement.secrets
     return Connected("peer", secrets.local_ssrc, secrets.remote_ssrc)
 
 
 def _ssrc(session: Session) -> int:
-    return session._current.agreement.secrets.local_ssrc if session._current else 0
+    return session._keys.current.agreement.secrets.local_ssrc if session._keys.current else 0
 
 
 def _small(sequence: int, timestamp: int) -> bytes:
@@ -267,8 +267,8 @@ def _keep(pair: Pair) -> None:
             pair.carry()
         pair.connect()
     for session in (pair.robot, pair.operator):
-        if session._current:
-            session._current.last_received = pair.now
+        if session._keys.current:
+            session._keys.current.last_received = pair.now
 
 
 def call_messages() -> tuple[Sequence[bytes], Run]:

@@ -25,8 +25,8 @@ def replies(session: Session, datagram: bytes, *, now: float = 0.0) -> list[byte
 
 
 def keep_alive(session: Session) -> None:
-    if session._current:
-        session.send(bytes(ReceiverReport(session._current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0)))
+    if session._keys.current:
+        session.send(bytes(ReceiverReport(session._keys.current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0)))
 
 
 def connected() -> SessionPair:

@@ -61,7 +61,7 @@ class Stream:
         return np.concatenate([event.block.samples[:, 0] for event in self.events if isinstance(event, DecodedAudio)])
 
     def keys(self) -> bytes:
-        current = self.operator.session._current
+        current = self.operator.session._keys.current
         assert current is not None
         return current.agreement.secrets.inbound
 
@@ -87,7 +87,7 @@ def test_renewed_keys_lose_no_sample(lost: int) -> None:
 def test_old_keys_are_refused_after_the_overlap() -> None:
     stream = Stream(renew_after=2.0)
     stream.run(1.9)
-    old = stream.robot.members[0].session._current
+    old = stream.robot.members[0].session._keys.current
     assert old is not None
     stream.run(0.5)
     assert len(list(stream.operator.session._keys)) == 2
@@ -108,13 +108,13 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
     while pair.now < 23 * 3600:
         # Reports alone keep the session alive; a step just below the time after which the robot would call again.
         for side in (pair.robot, pair.operator):
-            assert side._current is not None
+            assert side._keys.current is not None
             side.send(report(side))
         pair.wait(0.9 * RECALL_AFTER, step=0.9 * RECALL_AFTER)
         pair.exchange()
-        assert pair.operator._current is not None
-        ages.append(pair.now - pair.operator._current.begun)
-        keys.add(pair.operator._current.agreement.secrets.inbound)
+        assert pair.operator._keys.current is not None
+        ages.append(pair.now - pair.operator._keys.current.begun)
+        keys.add(pair.operator._keys.current.agreement.secrets.inbound)
     assert max(ages) < RENEW_AFTER + 10
     assert len(keys) == 3
     assert [event for event in pair.at_operator if isinstance(event, Disconnected)] == []
@@ -123,8 +123,8 @@ def test_keys_are_renewed_every_eleven_hours_and_never_older_than_twelve() -> No
 def test_keys_that_cannot_be_renewed_end_the_session() -> None:
     pair = SessionPair()
     pair.wait(0.2)
-    assert pair.operator._current is not None
-    pair.operator._current.last_received = pair.now = MAX_KEY_AGE + 1
+    assert pair.operator._keys.current is not None
+    pair.operator._keys.current.last_received = pair.now = MAX_KEY_AGE + 1
     assert pair.operator.poll(pair.now) == [Disconnected("the keys were not renewed in time")]
 
 
@@ -133,7 +133,7 @@ def test_keys_are_not_renewed_shortly_before_the_sequence_wraps() -> None:
     stream.run(0.1)
     packetizer = stream.robot.members[0].stream
     assert packetizer is not None
-    assert stream.robot.members[0].session._current is not None
+    assert stream.robot.members[0].session._keys.current is not None
     packetizer._sequence = 0xFFFF - 300
     stream.events.clear()
     before = stream.keys()
@@ -144,5 +144,5 @@ def test_keys_are_not_renewed_shortly_before_the_sequence_wraps() -> None:
 
 
 def report(session: Session) -> bytes:
-    assert session._current is not None
-    return bytes(ReceiverReport(session._current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0))
+    assert session._keys.current is not None
+    return bytes(ReceiverReport(session._keys.current.agreement.secrets.local_ssrc, 1, 0.0, 0, 0, 0.0))

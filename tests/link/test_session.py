@@ -251,7 +251,7 @@ def test_the_first_byte_gives_the_kind_of_a_datagram(first: int, kind: str) -> N
 
 def test_nothing_secret_is_shown() -> None:
     pair = connected()
-    shown = repr(ROBOT) + repr(pair.robot._current.agreement)  # type: ignore[union-attr]
+    shown = repr(ROBOT) + repr(pair.robot._keys.current.agreement)  # type: ignore[union-attr]
     assert "hidden" in shown
     assert OPERATOR.fingerprint not in repr(ROBOT)
     assert isinstance(pair.robot, Session)

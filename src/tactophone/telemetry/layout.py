@@ -111,7 +111,6 @@ class Fault:
 
     code: str
     text: str
-    since: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
