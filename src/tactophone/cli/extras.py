@@ -75,10 +75,7 @@ def require_modules(*modules: str) -> None:
 def explain(error: ModuleNotFoundError) -> str:
     """Return one line that says which module is missing and how to install it.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        The same error, if no extra has the module: then it is a mistake in the code.
+    Raises the same error if no extra has the module: then it is a mistake in the code.
 
     >>> explain(ModuleNotFoundError(name="pylibsrtp.policy"))
     "pylibsrtp is not installed: pip install 'tactophone[link]'"

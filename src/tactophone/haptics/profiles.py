@@ -120,15 +120,8 @@ def known(value: float, typical: float) -> float:
 
 
 def parse_levels(text: str) -> tuple[tuple[float, float], ...]:
-    """Parse levels written as ``40:-12,160:0``.
+    """Parse levels written as ``40:-12,160:0``; `ConfigError` for another form, or frequencies that do not rise.
 
-    Raises
-    ------
-    ConfigError
-        If the text has another form, or the frequencies do not rise.
-
-    Examples
-    --------
     >>> parse_levels("40:-12, 160:0")
     ((40.0, -12.0), (160.0, 0.0))
     """

@@ -13,21 +13,9 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from tactophone.pages import views
 from tactophone.pages.devices import Fingertips, PageMicrophone
 from tactophone.pages.feed import Feed, WatchedRun
-from tactophone.pages.views import (
-    CREDIT,
-    STATIC,
-    VIEWERS,
-    Answers,
-    admit,
-    exchange,
-    finger_of,
-    is_local,
-    messages_of,
-    page,
-    say_command,
-)
 from tactophone.telemetry.layout import FingerState, Request, State
 
 PERIOD = 1 / 60
@@ -107,11 +95,11 @@ def dashboard(name: str, microphone: Connection | None = None, recorder: Connect
     ``microphone`` takes the sound of a page that listens. ``recorder`` keeps logs: true begins one, false ends it, and
     each answer names the file of the log, empty while there is none; this process writes no file.
     """
-    app, run, views = web.Application(), WatchedRun(name), set[web.WebSocketResponse]()
-    logs = Answers(recorder, views, kept={"recording": ""}) if recorder is not None else None
-    app.router.add_get("/", page(STATIC / "index.html"))
-    app.router.add_get("/try", page(STATIC / "try.html"))
-    app.router.add_get("/live", partial(_live, run, views, logs))
+    app, run, watching = web.Application(), WatchedRun(name), set[web.WebSocketResponse]()
+    logs = views.Answers(recorder, watching, kept={"recording": ""}) if recorder is not None else None
+    app.router.add_get("/", views.page(views.STATIC / "index.html"))
+    app.router.add_get("/try", views.page(views.STATIC / "try.html"))
+    app.router.add_get("/live", partial(_live, run, watching, logs))
     app.router.add_get("/feel", Fingertips(run).connect)
     if microphone is not None:
         app.router.add_get("/listen", PageMicrophone(microphone).connect)
@@ -121,31 +109,31 @@ def dashboard(name: str, microphone: Connection | None = None, recorder: Connect
 
 
 async def _live(
-    run: WatchedRun, views: set[web.WebSocketResponse], logs: Answers | None, request: web.Request
+    run: WatchedRun, watching: set[web.WebSocketResponse], logs: views.Answers | None, request: web.Request
 ) -> web.StreamResponse:
-    view = await admit(request, views, VIEWERS)
+    view = await views.admit(request, watching, views.VIEWERS)
     if view is None:
         return web.Response()
-    views.add(view)
-    credit = asyncio.Semaphore(CREDIT)
+    watching.add(view)
+    credit = asyncio.Semaphore(views.CREDIT)
     try:
-        await say_command(view, request)
+        await views.say_command(view, request)
         if logs is not None:
             await view.send_str(json.dumps(logs.status))
-        finger = finger_of(request)
-        receiving = _receive(view, run, logs, credit, local=is_local(request), finger=finger)
-        await exchange(view, Feed(run, finger=finger).message, receiving, credit=credit, interval=PERIOD)
+        finger = views.finger_of(request)
+        receiving = _receive(view, run, logs, credit, local=views.is_local(request), finger=finger)
+        await views.exchange(view, Feed(run, finger=finger).message, receiving, credit=credit, interval=PERIOD)
     finally:
-        views.discard(view)
+        watching.discard(view)
     return view
 
 
 async def _receive(
-    view: web.WebSocketResponse, run: WatchedRun, logs: Answers | None, credit: asyncio.Semaphore, *, local: bool,
+    view: web.WebSocketResponse, run: WatchedRun, logs: views.Answers | None, credit: asyncio.Semaphore, *, local: bool,
     finger: int,
 ) -> None:  # fmt: skip
     snapshot = None
-    async for message in messages_of(view):
+    async for message in views.messages_of(view):
         if message.type is not WSMsgType.TEXT:
             continue
         if message.data == "ok":

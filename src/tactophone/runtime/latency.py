@@ -90,12 +90,7 @@ def follow(marks: Marks) -> dict[str, NDArray[np.float64]]:
     """Match the marks of each block of sound through the stages.
 
     ``marks``: by stage. The blocks of the first stage are followed; a block has reached another stage when a mark at
-    its end or beyond has.
-
-    Returns
-    -------
-    dict
-        For each stage the times (s), one for each block that has reached them all.
+    its end or beyond has. Returns for each stage the times (s), one for each block that has reached them all.
     """
     first = next(iter(marks))
     if any(not len(found) for found in marks.values()):
