@@ -127,6 +127,7 @@ class Oscillator(Renderer):
         self.reset()
 
     def reset(self) -> None:
+        """Return to silence and the initial state; a stop stays in force."""
         super().reset()
         self._seen = (self._slot, self.limits, self.limits.ceiling, self.stopped)
         self._amplitude = self._amplitude_gap = 0.0
@@ -135,6 +136,7 @@ class Oscillator(Renderer):
         self._age, self._since_command = self._settled, 0
 
     def render(self, out: FloatArray) -> None:
+        """Write the next ``len(out)`` samples, shape ``(samples,)``, in place."""
         self._apply_changes()
         self.silent = True
         # The newest command holds for so many samples more, counted as rendered: no clock is read, so that a late

@@ -122,6 +122,7 @@ class Watcher:
 
     @property
     def fingers(self) -> int:
+        """Number of fingers of the run."""
         return self._memory.fingers
 
     def finger_names(self) -> list[str]:
@@ -150,6 +151,7 @@ class Watcher:
 
     @property
     def pid(self) -> int:
+        """Process id of the writing process."""
         return int(self._memory["pid"])
 
     @property
