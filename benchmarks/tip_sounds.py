@@ -16,10 +16,12 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from tactophone.dataset.read import open_dataset
 from tactophone.dataset.values import Recording
+from tactophone.perception.detector import CERTAINLY_NONE, WindowDetector
 from tactophone.perception.fit import HARD, SOFT, FitCheck, Misfit
 from tactophone.perception.models import TIP_MODELS, open_detector
 from tactophone.types import AudioBlock
@@ -35,7 +37,7 @@ Verdicts = list[tuple[float, str]]
 
 
 class Recorder(FitCheck):
-    """Keeps the description at each verdict."""
+    """Keeps the description at each verdict, and of how many windows it is."""
 
     def reset(self) -> None:
         super().reset()
@@ -43,7 +45,7 @@ class Recorder(FitCheck):
 
     def _judge(self, channels: int) -> Misfit | None:
         if self._heard().any():
-            self.found.append(self.description())
+            self.found.append(np.append(*self.description()))
         return None
 
 
@@ -65,11 +67,18 @@ def blocks(takes: list[Recording], channel: int | None) -> list[AudioBlock]:
     return [AudioBlock(sound[start : start + BLOCK], rate, start) for start in range(0, len(sound), BLOCK)]
 
 
+def listener(model: str, sound: list[AudioBlock]) -> WindowDetector:
+    """Open a model that classifies nothing, which takes most of the time and changes no notice."""
+    detector = open_detector(model, sample_rate=sound[0].sample_rate, follow_floor=True).detector
+    detector.classify = lambda windows, *_: [(CERTAINLY_NONE, np.zeros(0, np.float32))] * len(windows)
+    return detector
+
+
 def describe(run: Run, model: str, channel: int | None) -> Floats:
-    """Return the descriptions of a run, ``(verdicts, values)``, with one channel or both."""
+    """Return the descriptions of a run, ``(verdicts, values and number of windows)``, with one channel or both."""
     sound = blocks(run[1], channel)
-    detector = open_detector(model, sample_rate=sound[0].sample_rate, follow_floor=True)
-    recorder = detector.detector.fit = Recorder(model, detector.detector.card.sample_rate, air=model == "stylus")
+    detector = listener(model, sound)
+    recorder = detector.fit = Recorder(model, detector.card.sample_rate, air=model == "stylus")
     for block in sound:
         detector.push(block)
     return np.array(recorder.found)
@@ -78,12 +87,12 @@ def describe(run: Run, model: str, channel: int | None) -> Floats:
 def notices(run: Run, tip: str) -> Verdicts:
     """Return when, in s, and by which code something is noticed under a tip's model."""
     sound = blocks(run[1], None)
-    detector = open_detector(TIP_MODELS[tip], sample_rate=sound[0].sample_rate, follow_floor=True)
+    detector = listener(TIP_MODELS[tip], sound)
     found: Verdicts = []
     for block in sound:
         detector.push(block)
-        if detector.misfit:
-            found.append((block.end / block.sample_rate, detector.misfit.code))
+        if detector.fit and detector.fit.misfit:
+            found.append((block.end / block.sample_rate, detector.fit.misfit.code))
     return found
 
 
@@ -103,18 +112,37 @@ def fit(runs: list[Run], out: Path) -> None:
         for each in pool.map(described, runs):
             for name, values in each:
                 found[name].append(values)
-    arrays = {}
+    arrays: dict[str, Floats] = {}
     for microphones in ("both", "contact", "air"):
-        means, covariances = [], []
-        for tip in (*SOFT, *HARD, "lmt"):
-            if sets := found[f"{microphones} {tip}"]:  # each run weighs the same
-                weights = np.concatenate([np.full(len(values), 1 / len(values)) for values in sets])
-                values = np.concatenate(sets)
-                means.append(np.average(values, axis=0, weights=weights))
-                covariances.append(np.cov(values.T, aweights=weights, bias=True))
-        covariance = np.mean(covariances, axis=0) + RIDGE_DB**2 * np.eye(len(means[0]))
-        arrays |= {f"{microphones}-means": np.array(means), f"{microphones}-precision": np.linalg.inv(covariance)}
-    np.savez_compressed(out, **{name: np.float32(values) for name, values in arrays.items()})
+        tips = [found[f"{microphones} {tip}"] for tip in (*SOFT, *HARD, "lmt") if f"{microphones} {tip}" in found]
+        arrays |= {f"{microphones}-{name}": fitted.astype(np.float32) for name, fitted in gaussians(tips).items()}
+    np.savez_compressed(out, **arrays)  # type: ignore[arg-type]
+
+
+def gaussians(tips: list[list[Floats]]) -> dict[str, Floats]:
+    """Return the means of each tip's runs, and the covariance of all: that of long runs, and more the fewer windows.
+
+    Each run and each tip weighs the same. A straight line in ``1 / windows`` is fitted to the products of deviations.
+    """
+    means, off, weights = [], [], []
+    for runs in tips:
+        values = np.concatenate(runs)
+        weight = np.concatenate([np.full(len(run), 1 / len(run) / len(runs) / len(tips)) for run in runs])
+        means.append(np.average(values[:, :-1], axis=0, weights=weight))
+        off.append(np.column_stack((values[:, :-1] - means[-1], values[:, -1])))
+        weights.append(weight)
+    deviations, part, weight = np.concatenate(off)[:, :-1], 1 / np.concatenate(off)[:, -1], np.concatenate(weights)
+    moments = [(deviations.T * weight * power) @ deviations for power in (np.ones_like(part), part)]
+    line = np.linalg.inv([[weight.sum(), weight @ part], [weight @ part, weight @ part**2]])
+    between, within = (_positive(np.tensordot(row, moments, 1)) for row in line)
+    between += RIDGE_DB**2 * np.eye(len(between))
+    spread, basis = scipy.linalg.eigh(within, between)
+    return {"means": np.array(means), "basis": basis, "within": np.maximum(spread, 0)}
+
+
+def _positive(matrix: Floats) -> Floats:
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(values, 0)) @ vectors.T)
 
 
 def score(runs: list[Run], seconds: float) -> None:

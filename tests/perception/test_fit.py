@@ -65,6 +65,27 @@ def test_a_tip_of_the_other_kind_is_named(sound: str, tip: str, kinds: str, othe
     assert other in found.text
 
 
+def test_another_tip_is_noticed_within_seconds() -> None:
+    found = misfit(stroked("stylus")[: 4 * RATE], "pad")
+    assert found
+    assert found.code == "other-tip"
+
+
+def test_a_pad_is_noticed_under_a_model_for_rubber() -> None:
+    found = misfit(stroked("pad"), "rubber")
+    assert found
+    assert found.text.endswith("--tip pad")
+
+
+@pytest.mark.parametrize("tip", ["pad", "stylus"])
+def test_a_motor_is_no_other_tip(tip: str) -> None:
+    random, time = np.random.default_rng(1), np.arange(SECONDS * RATE) / RATE
+    tones = sum(np.sin(2 * np.pi * 110 * harmonic * time) / harmonic**0.7 for harmonic in range(1, 31))
+    sound = 0.02 * tones[:, None] * (np.sin(2 * np.pi * 0.5 * time) > 0)[:, None] * np.array([0.1, 1])
+    found = misfit(np.float32(sound + 2e-4 * random.standard_normal((len(time), 2))), tip)
+    assert found is None or found.code != "other-tip"
+
+
 def test_one_microphone_on_both_channels_is_named_whatever_gain_and_sign() -> None:
     contact = stroked("pad")[:, :1]
     found = misfit(np.hstack((contact, -0.3 * contact)), "pad")
