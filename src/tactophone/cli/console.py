@@ -24,7 +24,8 @@ if TYPE_CHECKING:  # its import takes 0.3 s, which would slow down --help
     from tactophone.runtime.supervisor import Supervisor
 
 KEYS: dict[str, Action] = {" ": "stop", "m": "mute", "a": "arm"}
-"""Which key makes which request; the space bar is the emergency stop, as it is the largest key."""
+"""Which key makes which request; the space bar is the emergency stop, as it is the largest key. A page's
+keys are in `pages/static/stop.js`."""
 
 QUIT_KEYS = ("q", "\x03", "\x04")
 """Keys that end the run: q, Ctrl-C and Ctrl-D."""

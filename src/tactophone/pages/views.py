@@ -21,7 +21,7 @@ from tactophone.bridges.connections import Acceptor, FloodGate
 from tactophone.pages.security import HEADERS, AccessControl
 
 VERSION = "1"
-"""Version of the messages between page and server; `live.js` sends its own. Change both when a message changes."""
+"""Version of the messages between page and server; `feed.js` sends its own. Change both when a message changes."""
 
 TAKEN = 4001
 """WebSocket close code, of the range for applications: another window took the place."""

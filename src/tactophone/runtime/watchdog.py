@@ -17,7 +17,8 @@ CHECK_INTERVAL = 0.005
 """Seconds between two checks."""
 
 SILENT_TIMEOUT = 2.0
-"""Seconds without any sign of life after which a process counts as stalled."""
+"""Seconds without any sign of life after which a process counts as stalled; the much shorter time for one that vibrates
+is the setting `stall_timeout`."""
 
 LATE_PERIODS = 8
 """Periods for which a process that vibrates may be late. A busy machine is late by a number of periods rather than by

@@ -3,7 +3,7 @@
 import { Chart, line } from "./charts.js";
 import { Controls } from "./controls.js";
 import { Hero } from "./hero.js";
-import { Feed } from "./live.js";
+import { Feed } from "./feed.js";
 import { FULL_SCALE, Meter } from "./meter.js";
 import { Record } from "./record.js";
 import { StateBar } from "./statebar.js";

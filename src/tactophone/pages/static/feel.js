@@ -1,7 +1,7 @@
 // *Feel it here*: the button, the way it is rendered, and the feed of commands while it is on.
 
 import { put } from "./text.js";
-import { Feed } from "./live.js";
+import { Feed } from "./feed.js";
 import { Fingertip } from "./fingertip.js";
 
 const $ = (id) => document.getElementById(id);

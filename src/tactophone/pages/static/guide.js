@@ -1,7 +1,7 @@
 // The page of a guided command: its steps, the button of each step, meters, and the result; it decides nothing itself.
 
 import { percent, put } from "./text.js";
-import { socketTo } from "./live.js";
+import { socketTo } from "./feed.js";
 import { Meter } from "./meter.js";
 
 const $ = (id) => document.getElementById(id);

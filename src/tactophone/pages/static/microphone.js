@@ -1,6 +1,6 @@
 // The page that listens: the device's microphone, unprocessed, to the run.
 
-import { NO_RETRY, socketTo } from "./live.js";
+import { NO_RETRY, socketTo } from "./feed.js";
 
 const RATE = 48000;
 const MOST_QUEUED = 40000; // bytes, 0.2 s: on a slow network sound is dropped rather than sent late

@@ -1,4 +1,5 @@
 // The button Stop, and the keys: the space bar or Esc stop at one press, M mutes, and only holding the button releases a stop.
+// The terminal has keys of its own: cli/console.py.
 
 const HOLD = 900; // ms to hold the button that releases a stop
 

@@ -2,7 +2,7 @@
 
 import { dbfs, put, showFaults } from "./text.js";
 import { Hero } from "./hero.js";
-import { Feed } from "./live.js";
+import { Feed } from "./feed.js";
 import { Meter } from "./meter.js";
 import { Microphone } from "./microphone.js";
 import { StateBar } from "./statebar.js";

@@ -1,7 +1,7 @@
 // The stone box: start, round, reveal. Predictions and the order of the stones arrive only when the curtain is lifted.
 
 import { put, formatNumber } from "../static/text.js";
-import { Feed } from "../static/live.js";
+import { Feed } from "../static/feed.js";
 import { reveal, saveCard } from "./reveal.js";
 import { Fingertip } from "../static/fingertip.js";
 import { Speaker } from "../static/speaker.js";
