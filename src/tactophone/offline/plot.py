@@ -64,11 +64,13 @@ def _draw_roughness(axis: Any, lines: dict[str, Any]) -> None:
         lines["rough"], lines["smooth"] + lines["rough"],
         out=np.full_like(lines["rough"], np.nan), where=lines["smooth"] + lines["rough"] > 0,
     )  # fmt: skip
-    without = "roughness without contact"
-    axis.step(lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7, label=without)
     axis.step(
         lines["time"], np.where(in_contact, share, np.nan), where="post", color=TOUCH_COLOURS[Touch.ROUGH],
-        linewidth=1.1, label="in contact",
+        linewidth=1.1, label="roughness in contact",
+    )  # fmt: skip
+    axis.step(
+        lines["time"], share, where="post", color=_NO_CONTACT_COLOUR, linewidth=0.7, zorder=1,
+        label="... without contact",
     )  # fmt: skip
     axis.axhline(0.5, color=GREY, linewidth=0.6, linestyle=(0, (4, 4)))
     axis.set(ylim=(-0.04, 1.04), yticks=(0, 0.5, 1), ylabel="P(rough | contact)")
@@ -116,4 +118,6 @@ def _add_legend(figure: Any) -> None:
         for touch, colour in TOUCH_COLOURS.items()
     ]
     handles = [*strips, *(handle for axis in figure.axes for handle in axis.get_legend_handles_labels()[0])]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
+    for line in legend.get_lines():
+        line.set_linewidth(1.5)
