@@ -168,7 +168,7 @@ def _parts(reports: "Mapping[str, Report]", *, by_recording: bool) -> Iterator[o
     bumps, dips = (f"{rate:.1f}" if math.isfinite(rate) else "-" for rate in (first.false_bumps, first.dips))
     yield f"false bumps a minute of smooth contact: {bumps}; dips a minute of rough contact: {dips}\n"
     unknown, inside, outside = map(output.percent, (first.unknown, first.unknown_wrong, first.known_wrong))
-    yield f"unknown: {unknown} of contact, of which {inside} are wrong, and {outside} of the rest\n"
+    yield f"unknown: {unknown} of contact; wrong: {inside} of unknown predictions, {outside} of all others\n"
     # Three columns of a score and its interval are what 80 characters hold.
     headings = dict(zip(_HEADLINE, ("balanced accuracy", "area under ROC", "recall at 1 %"), strict=False))
     for rule in RULES if len(reports) > 1 else ():

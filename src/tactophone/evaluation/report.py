@@ -73,7 +73,7 @@ class Report:
     known_wrong: float
     """`unknown`, `unknown_wrong` and `known_wrong`: see :func:`unknown_shares`."""
     rules: dict[Rule, dict[str, Estimate]]
-    """For each rule, each metric of :func:`tactophone.evaluation.measure` with its interval; over true contact,
+    """For each rule, each metric of :func:`tactophone.evaluation.metrics.measure` with its interval; over true contact,
     whatever the model's gate reports, so that all models are scored on the same windows."""
     by_surface: tuple[GroupScore, ...]
     by_recording: tuple[GroupScore, ...]
@@ -140,9 +140,9 @@ def make_report(
 
 
 def unknown_shares(takes: Iterable[TakePredictions]) -> tuple[float, float, float]:
-    """Return the share of contact, true and rendered, that is unknown; the shares wrong of that, and of the rest.
+    """Return the share of predictions that are unknown, the share of these that are wrong, and that of all others.
 
-    By the two-class rule; NaN without any.
+    Of predictions in contact, true and rendered; by the two-class rule; NaN without any.
     """
     counts = np.zeros((2, 2))  # known and unknown, right and wrong
     for take in takes:
