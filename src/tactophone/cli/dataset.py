@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "or an MCAP file of --record",
     )  # fmt: skip
     sub.add_argument("out", type=Path, metavar="OUT", help="new folder to write to")
-    sub.add_argument("--format", choices=("biotac",), help="of a published set: CSV files with pac1 to pac22")
+    sub.add_argument("--format", choices=("biotac",), help="BioTac vibration as published: CSV with pac1 to pac22")
     sub.add_argument("--surface", default="", metavar="NAME", help="of an MCAP file: the surface that was touched")
     sub.add_argument("--label", default="", metavar="LABEL", help="of an MCAP file: none, smooth or rough")
     add("card", _card, "write a data card, README.md, in Hugging Face's format")
