@@ -66,7 +66,7 @@ BAND_EDGES = np.geomspace(35, 1000, 9)
 """Hz, of the bands of a vibration."""
 
 FAINT = 1e-8
-"""Power added to each of its powers."""
+"""Added to each power, as silence has no logarithm."""
 
 RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else name: name for name in PASSTHROUGH}
 """The renderer of each method: a name that a recipe has too gets ``/felt``."""
@@ -74,9 +74,9 @@ RENDERERS: Mapping[str, str] = {f"{name}/felt" if name in FEATURE_RECIPES else n
 
 @dataclass(frozen=True, slots=True)
 class NetworkMethod:
-    """The paper's network: as a model file, which runs as the live system runs it, or with a choice undone, by torch.
+    """The paper's network in a model file, which runs as the live system runs it.
 
-    An ablation has no model file, since none holds it.
+    An ``ablation``, the network with a choice undone, is run by torch: no model file holds it.
     """
 
     recipe: "NetworkRecipe"

@@ -32,11 +32,11 @@ LEAST, EVERY, LONG = 15, 8, 60
 tip while noise is unknown (1.8 s)."""
 
 OVER_DB, QUIET_DB = 5.0, 3.0
-"""By how much a channel is louder than the noise, in the median of its bands, from which it is touch whatever the
-gate says; and up to which it may be silence."""
+"""A channel that is so much louder than the noise, in the median of its bands, is touch whatever the gate says; up to
+the second figure it may be silence."""
 
 FALL_DB, RISE_DB = 1.0, 0.02
-"""By how much, at most, that noise follows a window down and up; while the gate says touch, only down."""
+"""The most by which that noise follows a window down, and up; while the gate says touch, only down."""
 
 TOUCH_MEMORY, NOISE_MEMORY = 160, 60
 """Windows after which the weight of one has fallen to 1/e: 4.8 s and 1.8 s."""
@@ -84,7 +84,7 @@ class Misfit(NamedTuple):
 def _tips() -> dict[str, Floats]:
     """Return for each microphone of `ANOTHER` the ``means``, soft tips before hard ones, and the covariance of all.
 
-    Of means less ``basis`` (``@``), it is 1 and, of ``n`` windows, ``within / n``.
+    In the coordinates ``values @ basis`` it is diagonal: 1, and ``within / n`` more for a description of ``n`` windows.
     """
     with np.load(Path(__file__).parent / "models" / "tips.npz") as file:
         return {name: np.asarray(file[name], np.float64) for name in file.files}
@@ -149,7 +149,7 @@ class FitCheck:
             self._noise = self._noise + max(1 / self._quiet, 1 / NOISE_MEMORY) * (level - self._noise)
 
     def description(self) -> tuple[Floats, int]:
-        """Return touch less noise, whatever the gains, and of how many windows it is: of each channel heard, in dB.
+        """Return touch less noise, whatever the gains, in dB for each channel heard, and the number of its windows.
 
         Levels in the bands less their mean; their standard deviation; and three measures of impulses.
         """

@@ -21,7 +21,7 @@ class RecordedObject:
     label: Touch
     """As a person says."""
     surface: str = ""
-    """If several objects share it: splits keep a surface on one side."""
+    """What several objects may share: splits keep a surface on one side."""
     material: str = ""
     scenario: str = "table"
     """How it is held: ``held``, ``table``, ``box``, or any other name."""
