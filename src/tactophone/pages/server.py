@@ -70,8 +70,8 @@ def watch(
 ) -> Page:  # fmt: skip
     """Serve the operator's page for the run of that name; ``place`` as in `Page`.
 
-    ``microphone`` takes the sound of a page that listens (`tactophone.capture.browser_source` has the other end), and
-    ``recorder`` keeps logs when a page on this machine asks for one; without them, no page can.
+    ``microphone`` takes the sound of a page that listens (`tactophone.capture.live.browser_source` has the other end),
+    and ``recorder`` keeps logs when a page on this machine asks for one; without them, no page can.
     """
     return Page(partial(_dashboard, name, microphone, recorder), address, **place)
 
