@@ -100,6 +100,7 @@ class OperatorEndpoint:
 
     @property
     def pipeline(self) -> Pipeline:
+        """The pipeline of the first finger, or the only one."""
         return self.hand.pipelines[0]
 
     @property

@@ -1,4 +1,4 @@
-"""The microphones of a finger, in the order of their channels: a third one begins here."""
+"""The microphones of a finger, and how many fingers sound has."""
 
 CONTACT = 0
 """Channel of the contact microphone, the piezo on the finger pad."""

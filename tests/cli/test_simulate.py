@@ -45,6 +45,7 @@ def test_the_catalogue_is_printed_with_its_roughness(capsys: pytest.CaptureFixtu
     [
         (["--objects", "cheese"], "is not an object"),
         (["--takes", "long"], "is not a take"),
+        (["--takes", "short_ligth"], "--takes: 'short_ligth' is not a take"),
         (["--seconds", "0"], "must be over 0"),
         (["--seed", "-1"], "--seed -1: must be 0 or more"),
         (["--authors-layout", "--objects", "all"], "00 to 22"),

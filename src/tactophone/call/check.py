@@ -91,6 +91,7 @@ async def examine(settings: Call) -> Findings:
 
 
 def why_no_way(here: Nat, there: Nat, *, relay: bool) -> str:
+    """Return why two ends found no way, and what helps."""
     reasons = f"here, {WORDS[here]}; there, {WORDS[there]}"
     if relay:
         return f"no way between the two networks, not even over the relay: {reasons}; check call.turn with --check"

@@ -99,7 +99,8 @@ def _rows(measured: "ImpulseLatency", delays: "DecisionDelays | None", card: "Mo
         durations["decision: edge to changed vibration"] = np.array(delays.edge)
     for stage, found in durations.items():
         # A server without a card delivers a period early: its negative times are those of no microphone (`_notes`).
-        yield {"stage": stage} | {name: f"{max(value, 0.0):7.2f}" for name, value in _percentiles_ms(found).items()}
+        shown = {f"{name:>7}": f"{max(value, 0.0):7.2f}" for name, value in _percentiles_ms(found).items()}
+        yield {"stage": stage} | shown
 
 
 def _notes(measured: "ImpulseLatency", settings: Settings, *, dummy: bool) -> str:

@@ -171,7 +171,7 @@ def takes_named(names: str) -> "list[Take]":
     unknown = [name for name in names.split(",") if name not in known]
     if unknown:
         raise ConfigError(
-            f"{unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
+            f"--takes: {unknown[0]!r} is not a take; there are {', '.join(known)}{did_you_mean(unknown[0], known)}"
         )
     return [known[name] for name in names.split(",")]
 

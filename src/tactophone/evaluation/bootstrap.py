@@ -121,7 +121,7 @@ def interval(value: float, drawn: Sequence[float] | Floats) -> Estimate:
 
 
 def estimate(scores: Scores, *, draws: int = DRAWS) -> dict[str, Estimate]:
-    """Compute every score of :func:`tactophone.evaluation.measure`, each with its interval."""
+    """Compute every score of :func:`tactophone.evaluation.metrics.measure`, each with its interval."""
     table, called = count_by_surface(scores, bins=BINS)
     strata = [np.unique(scores.surface[scores.rough == rough]) for rough in (False, True)]
     drawn = resample(table, lambda counts: measure_counts(counts, called), strata=strata, draws=draws)

@@ -107,7 +107,7 @@ DURATION = 30.0
 """Seconds of a take, as in the paper."""
 
 SLIDING = 0.005
-"""Speed in m/s from which a finger slides; free exploration has 2 to 20 cm/s (simulation.movement)."""
+"""Speed in m/s from which a finger slides; free exploration has 2 to 20 cm/s (simulation.strokes)."""
 
 
 @dataclass(frozen=True, slots=True)
