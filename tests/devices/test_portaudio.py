@@ -55,7 +55,7 @@ def test_what_a_failing_process_wrote_is_not_played() -> None:
     process.failing = True
     stream = PortAudioStream(process, "output")
     block = np.ones((64, 1), np.float32)
-    stream._play(block, 64, None, None)
+    stream._call(block, 64, None, None)
     assert not block.any()
     assert stream.process_faults == 1
 

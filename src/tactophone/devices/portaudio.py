@@ -8,8 +8,6 @@ import contextlib
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from tactophone.devices.device import Process
 from tactophone.errors import DeviceError
 from tactophone.types import LIVE_SAMPLE_RATE, FloatArray
@@ -109,28 +107,21 @@ class PortAudioStream:
         )
 
     def _make(self, sound: Any, index: int) -> Any:
-        settings = {
-            "device": index, "channels": self._channels, "samplerate": self.sample_rate, "blocksize": 0,
-            "latency": "low", "dtype": "float32",
-        }  # fmt: skip
-        if self._direction == "input":
-            return sound.InputStream(callback=self._record, **settings)
-        return sound.OutputStream(callback=self._play, **settings)
+        opened = sound.InputStream if self._direction == "input" else sound.OutputStream
+        return opened(
+            device=index, channels=self._channels, samplerate=self.sample_rate, blocksize=0, latency="low",
+            dtype="float32", callback=self._call,
+        )  # fmt: skip
 
-    def _record(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
+    def _call(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
         self.xruns += bool(flags)
+        playing = self._direction == "output"
         try:
-            self._process(list(block.T), [])
+            self._process(*([], list(block.T)) if playing else (list(block.T), []))
         except Exception:  # PortAudio would stop the stream
             self.process_faults += 1
-
-    def _play(self, block: FloatArray, _size: int, _time: Any, flags: Any) -> None:
-        self.xruns += bool(flags)
-        try:
-            self._process([], list(block.T))
-        except Exception:  # PortAudio would stop the stream
-            self.process_faults += 1
-            block[:] = np.float32(0.0)
+            if playing:
+                block[:] = 0.0
 
 
 def devices() -> list[PortAudioDevice]:

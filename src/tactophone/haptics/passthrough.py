@@ -41,18 +41,14 @@ MEDIAN_HOP = 16
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Dynamics:
-    """Dynamics processing."""
+RATIO = 3.0
+"""Decibels out of the expander for each decibel under its threshold."""
 
-    threshold_dbfs: float = -38.0
-    """Level in the tactile band above which sound passes unchanged; below it the expander works."""
-    ratio: float = 3.0
-    """Decibels out for each decibel under the threshold."""
-    sharpness: float = 0.5
-    """Exponent on fast over slow level; 0: transients unchanged."""
-    gain_db: float = 24.0
-    """Overall gain; a soft limiter (tanh) holds the result under the ceiling."""
+SHARPNESS = 0.5
+"""Exponent on fast over slow level; 0: transients unchanged."""
+
+GAIN_DB = 24.0
+"""Overall gain; a soft limiter (tanh) holds the result under the ceiling."""
 
 
 class Passthrough:
@@ -62,8 +58,10 @@ class Passthrough:
     ----------
     shift
         Factor on every frequency; 1: unchanged.
-    dynamics, limits
-        Dynamics processing; bounds of the vibration.
+    threshold_dbfs
+        Level in the tactile band above which sound passes unchanged; below it the expander works.
+    limits
+        Bounds of the vibration.
     open_chain
         Makes what turns values of the low band into vibration; by default the sound itself, with dynamics.
 
@@ -74,10 +72,10 @@ class Passthrough:
     """
 
     def __init__(
-        self, *, shift: float = 1.0, dynamics: Dynamics | None = None, limits: Limits | None = None,
+        self, *, shift: float = 1.0, threshold_dbfs: float = -38.0, limits: Limits | None = None,
         open_chain: "type[_Chain] | None" = None,
     ) -> None:  # fmt: skip
-        self._shift, self._dynamics, self._limits = shift, dynamics or Dynamics(), limits or Limits()
+        self._shift, self._threshold_dbfs, self._limits = shift, threshold_dbfs, limits or Limits()
         self._open_chain = open_chain or _Chain
         # A windowed-sinc low-pass (Hann window), of gain 1 at 0 Hz.
         place, corner = np.arange(TAPS) - TAPS // 2, LIVE_SAMPLE_RATE / STEP_SIZE * 0.4
@@ -91,7 +89,7 @@ class Passthrough:
         self._past: Floats = np.zeros(GRAIN + 1)
         self._count = 0
         self._waiting: Floats = np.zeros(TAPS - 1)
-        self._chain = self._open_chain(self._dynamics, self._limits)
+        self._chain = self._open_chain(self._threshold_dbfs, self._limits)
         self._last = 0.0
 
     def push(self, samples: FloatArray) -> FloatArray:
@@ -144,20 +142,18 @@ class Passthrough:
 class _Chain:
     """Band-pass, expander, transient shaper, limiter: one value in, one out, at 4 kHz."""
 
-    def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
+    def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
         rate = LIVE_SAMPLE_RATE / STEP_SIZE
         self._low, self._high = _Pole(limits.lowest, rate), _Pole(min(limits.highest, 0.2 * rate), rate)
         self._fast, self._slow = _Pole(1 / (2 * math.pi * 2e-3), rate), _Pole(1 / (2 * math.pi * 40e-3), rate)
-        self._threshold = 10 ** (dynamics.threshold_dbfs / 20)
-        self._gain = 10 ** (dynamics.gain_db / 20)
-        self._dynamics, self._ceiling = dynamics, limits.ceiling
+        self._threshold, self._gain, self._ceiling = 10 ** (threshold_dbfs / 20), 10 ** (GAIN_DB / 20), limits.ceiling
 
     def step(self, value: float) -> float:
         band = self._high.step(value - self._low.step(value))
         fast, slow = self._fast.step(abs(band)), self._slow.step(abs(band))
-        under = min(1.0, slow / self._threshold) ** (self._dynamics.ratio - 1)
+        under = min(1.0, slow / self._threshold) ** (RATIO - 1)
         # The ratio is held within 12 dB either way: for a tap after silence it would be unbounded.
-        sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** self._dynamics.sharpness
+        sharp = min(4.0, max(0.25, (fast + 1e-6) / (slow + 1e-6))) ** SHARPNESS
         return self._ceiling * math.tanh(band * under * sharp * self._gain)
 
 
@@ -168,8 +164,8 @@ class _MedianChain(_Chain):
     ``limits.lowest`` and ``limits.highest`` lies on either side. It lags by half of :data:`MEDIAN_SIZE`.
     """
 
-    def __init__(self, dynamics: Dynamics, limits: Limits) -> None:
-        super().__init__(dynamics, limits)
+    def __init__(self, threshold_dbfs: float, limits: Limits) -> None:
+        super().__init__(threshold_dbfs, limits)
         self._rate = rate = LIVE_SAMPLE_RATE / STEP_SIZE
         self._slow = _Pole(1 / (2 * math.pi * 10e-3), rate)
         bins = np.fft.rfftfreq(MEDIAN_SIZE, 1 / rate)
@@ -188,7 +184,7 @@ class _MedianChain(_Chain):
             self._median = self._measure()
         # Continuous phase: the frequency glides, and nothing clicks.
         self._phase = (self._phase + self._frequency.step(self._median) / self._rate) % 1.0
-        under = min(1.0, slow / self._threshold) ** (self._dynamics.ratio - 1)
+        under = min(1.0, slow / self._threshold) ** (RATIO - 1)
         return self._ceiling * math.tanh(slow * under * self._gain) * math.sin(2 * math.pi * self._phase)
 
     def _measure(self) -> float:
@@ -213,7 +209,7 @@ class _Pole:
 PASSTHROUGH: Mapping[str, Callable[[Limits | None], Passthrough]] = {
     "direct": lambda limits: Passthrough(limits=limits),
     "median-frequency": lambda limits: Passthrough(limits=limits, open_chain=_MedianChain),
-    "pitch": lambda limits: Passthrough(shift=1 / 8, dynamics=Dynamics(threshold_dbfs=-45.0), limits=limits),
+    "pitch": lambda limits: Passthrough(shift=1 / 8, threshold_dbfs=-45.0, limits=limits),
 }
 """Renderers of the sound itself, by the name that ``feel --profile`` takes."""
 

@@ -7,7 +7,6 @@ of the sound with it.
 """
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,13 +79,12 @@ class HumMeter:
         self._frames: list[Amplitudes] = []
         self._over: list[NDArray[np.bool_]] = []
 
-    def push(self, samples: FloatArray) -> Self:
+    def push(self, samples: FloatArray) -> None:
         """Add the next samples, shape ``(samples, channels)``."""
         self._pending = np.concatenate((self._pending, samples))
         while len(self._pending) >= self._rate:
             self._measure(self._pending[: self._rate])
             self._pending = self._pending[self._hop :]
-        return self
 
     def hum(self) -> Hum | None:
         """Return the lines in the sound so far, or ``None``."""

@@ -301,11 +301,8 @@ def _share(right: NDArray[np.bool_]) -> float:
 
 
 def _inside(time: NDArray[Any], truth: tuple[Segment, ...], label: Touch) -> NDArray[np.bool_]:
-    inside = np.zeros(len(time), bool)
-    for segment in truth:
-        if segment.label is label:
-            inside |= (time >= segment.start) & (time < segment.end)
-    return inside
+    inside = [(time >= segment.start) & (time < segment.end) for segment in truth if segment.label is label]
+    return np.asarray(np.any([np.zeros(len(time), bool), *inside], axis=0))
 
 
 def _delay(time: NDArray[Any], condition: NDArray[np.bool_], events: list[float]) -> float:

@@ -113,7 +113,6 @@ class ContactGate:
         self._powers = np.zeros(self._slow + self._heartbeat + MOST_STEPS)
         self._windows = sliding_window_view(self._powers[1:], self._slow)
         self._slow_weights, self._fast_weights = (np.full(steps, 1 / steps) for steps in (self._slow, self._fast))
-        self._filled = self._slow
         self.threshold, self.floor = ContactThreshold(threshold_dbfs, follows_floor=floor is not None), floor
         self._set(threshold_dbfs, threshold_dbfs - RELEASE_DB)
         self.reset()

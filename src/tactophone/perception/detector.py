@@ -358,11 +358,6 @@ class TouchDetector:
         floors = (self._gate and self._gate.floor, self.detector.floor) if self.threshold.follows_floor else ()
         return [floor for floor in floors if floor]
 
-    def adopt_floors(self, other: "TouchDetector") -> None:
-        """Take over what another detector, of the same microphone and rule, has measured of the noise."""
-        for own, known in zip(self.floors, other.floors, strict=False):
-            own.adopt(known)
-
     def push(self, block: AudioBlock) -> list[Prediction]:
         """Take sound; return the predictions that it completes, oldest first."""
         return process_together([self.process(block)])[0]

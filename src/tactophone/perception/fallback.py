@@ -166,7 +166,8 @@ class FallbackDetector:
         if active is not self._main:
             if not self._spare_in_use:
                 # The spare has not run until now, so it knows nothing of the noise yet.
-                active.adopt_floors(self._main)
+                for own, known in zip(active.floors, self._main.floors, strict=False):
+                    own.adopt(known)
             if not self.threshold.follows_floor:
                 active.threshold.dbfs = self.threshold.dbfs
         self._spare_in_use = active is not self._main

@@ -80,7 +80,6 @@ class Recorder:
         self.levels: TakeLevels | None = None
         self.recordings: list[Recording] = []
         self._file: TakeWriter | None = None
-        self._meter = TakeMeter(sample_rate, plan.reference)
 
     def press(self, key: Key) -> None:
         """Apply a key; quitting keeps an unfinished take, retaking discards it.

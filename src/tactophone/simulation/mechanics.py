@@ -66,15 +66,12 @@ class ContactMechanics:
         Reduced modulus ``E*`` of both bodies, in Pa.
     radius
         Radius in m of the Hertz contact that has the true patch at 1 N.
-    alpha
-        Greenwood and Tripp's roughness number at 1 N.
     adhesion
         Adhesive friction relative to that of the default tip's skin.
     """
 
     modulus: float
     radius: float
-    alpha: float
     adhesion: float
 
     @property
@@ -124,4 +121,4 @@ def tip_on_body(radius: float, tip: float, body: float, *, rq: float) -> Contact
     patch = whole ** (1 / (1 + alpha)) * crushed ** (alpha / (1 + alpha))
     skin = reduced_modulus(SKIN, body)
     adhesion = float(np.clip((skin / modulus) ** (2 / 3), *_ADHESION))
-    return ContactMechanics(modulus, float(patch**3 * modulus / 0.75), alpha, adhesion)
+    return ContactMechanics(modulus, float(patch**3 * modulus / 0.75), adhesion)

@@ -7,6 +7,7 @@ Finger, microphones and room vary a little from one recording session to the nex
 """
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple, Self
 
@@ -105,8 +106,8 @@ def _wire(electronics: Electronics, cavity: Mounting, rng: np.random.Generator, 
         contact=_filter(signal.butter(2, e.contact_corner, "high", fs=rate, output="sos")),
         air=_filter(signal.butter(2, e.air_corner, "high", fs=rate, output="sos")), rumble=_filter(rumble),
         room=_filter(room), cavity=_filter(cavity_sections(cavity, rng, rate)), hum=_hum(e, rng, rate),
-        whine=_whine(rng), phase=np.zeros(1), whine_frequency=float(rng.uniform(240, 420)),
-        gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
+        whine=_wave(4096, enumerate(_MOTOR, start=1), rng), phase=np.zeros(1),
+        whine_frequency=float(rng.uniform(240, 420)), gains=np.array([e.contact_gain, e.air_gain, *noise, *motors]),
     )  # fmt: skip
 
 
@@ -134,15 +135,14 @@ def _rms_gain(sections: Array) -> float:
 
 def _hum(electronics: Electronics, rng: np.random.Generator, rate: int) -> Array:
     """One period of the mains hum, in full scale."""
-    size = round(rate / electronics.mains)
-    phase = 2 * np.pi * np.arange(size) / size
-    wave = np.sum([gain * np.sin(k * phase + rng.uniform(0, 2 * np.pi)) for k, gain in _HUM], axis=0)
+    wave = _wave(round(rate / electronics.mains), _HUM, rng)
     return np.asarray(wave / wave.std() * _amplitude(electronics.contact_hum_dbfs))
 
 
-def _whine(rng: np.random.Generator) -> Array:
-    phase = 2 * np.pi * np.arange(4096) / 4096
-    terms = [gain * np.sin(k * phase + rng.uniform(0, 2 * np.pi)) for k, gain in enumerate(_MOTOR, start=1)]
+def _wave(size: int, harmonics: Iterable[tuple[int, float]], rng: np.random.Generator) -> Array:
+    """One period of harmonics of these numbers and amplitudes, in random phase."""
+    phase = 2 * np.pi * np.arange(size) / size
+    terms = [gain * np.sin(k * phase + rng.uniform(0, 2 * np.pi)) for k, gain in harmonics]
     return np.asarray(np.sum(terms, axis=0))
 
 

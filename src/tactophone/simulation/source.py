@@ -268,7 +268,8 @@ class SimulatedHand:
         if len(self.fingers) == 1:
             return self.fingers[0].render(size)
         contacts = [finger.touch(size) for finger in self.fingers]
-        strains = self._transmitted(np.stack([each.signals.strain for each in contacts]))
+        strains = self._structure @ np.stack([each.signals.strain for each in contacts])
+        strains, self._state = signal.sosfilt(self._sections, strains, axis=1, zi=self._state)
         pressures = self._air @ np.stack([each.signals.finger + each.signals.body for each in contacts])
         blocks = []
         for finger, own, strain, pressure in zip(self.fingers, contacts, strains, pressures, strict=True):
@@ -281,8 +282,3 @@ class SimulatedHand:
         """Return the `Touch` of a finger at the end of the last block."""
         touch = self.fingers[finger].truth.touch
         return int(touch[-1]) if len(touch) else 0
-
-    def _transmitted(self, strains: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what each finger's piezo gets from the others, shape ``(fingers, samples)``."""
-        low, self._state = signal.sosfilt(self._sections, self._structure @ strains, axis=1, zi=self._state)
-        return np.asarray(low)

@@ -100,13 +100,13 @@ def take_moves(take: Take, placed: PlacedObject, *, duration: float, rng: np.ran
     script = Script(rng, x=middle, y=depth)
     while script.time < duration:
         script.hover(rng.uniform(0.25, 0.7), x=middle + rng.uniform(-0.3, 0.3) * placed.width, y=_lane(rng, placed))
-        {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](script, take, placed)
+        force, speed = (log_uniform(rng, bounds[take.pressure]) for bounds in (PRESSURES, SPEEDS))
+        script.land(force)
+        {"long": _long, "short": _short, "wiggle": _wiggle}[take.stroke](script, placed, force, speed)
     return script.moves
 
 
-def _long(script: Script, take: Take, placed: PlacedObject) -> None:
-    force, speed = _effort(script.rng, take)
-    script.land(force)
+def _long(script: Script, placed: PlacedObject, force: float, speed: float) -> None:
     left, right = placed.left + 0.01, placed.left + placed.width - 0.01
     target = right if script.x < placed.centre[0] else left
     if script.rng.random() < SLIPS:
@@ -114,25 +114,17 @@ def _long(script: Script, take: Take, placed: PlacedObject) -> None:
     script.stroke(target, _duration(abs(target - script.x), speed), force)
 
 
-def _short(script: Script, take: Take, placed: PlacedObject) -> None:
-    force, speed = _effort(script.rng, take)
-    script.land(force)
+def _short(script: Script, placed: PlacedObject, force: float, speed: float) -> None:
     for _ in range(script.rng.integers(1, 4)):
         length = script.rng.uniform(0.008, 0.03) * script.rng.choice([-1, 1])
         target = float(np.clip(script.x + length, placed.left + 0.01, placed.left + placed.width - 0.01))
         script.stroke(target, _duration(abs(target - script.x), speed), force)
 
 
-def _wiggle(script: Script, take: Take, placed: PlacedObject) -> None:
-    force, speed = _effort(script.rng, take)
-    script.land(force)
+def _wiggle(script: Script, _: PlacedObject, force: float, speed: float) -> None:
     amplitude = script.rng.uniform(0.004, 0.016)
     frequency = float(np.clip(speed / (2 * np.pi * amplitude), 1.0, 4.5))
     script.wiggle(amplitude, frequency, script.rng.uniform(3, 8), force=force)
-
-
-def _effort(rng: np.random.Generator, take: Take) -> tuple[float, float]:
-    return log_uniform(rng, PRESSURES[take.pressure]), log_uniform(rng, SPEEDS[take.pressure])
 
 
 def log_uniform(rng: np.random.Generator, bounds: tuple[float, float]) -> float:

@@ -100,16 +100,6 @@ class _Module(nn.Module):
             self.register_buffer(name, torch.tensor(value, dtype=torch.float32))
 
 
-def _taper_and_bank(size: int, sample_rate: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a periodic Hann window, and bands of the power after it.
-
-    The window's power and that of the two sides of a real spectrum are divided out, so that the bands of white noise
-    show its power per bin at any size. Under 15.2 kHz the highest bands stay empty.
-    """
-    taper = np.hanning(size + 1)[:-1]
-    return taper, design_bands(size, sample_rate) / (np.square(taper).sum() * size / 2)
-
-
 class Bands(_Module):
     """log10 of the power of each channel of windows in the sixteen bands."""
 
@@ -118,7 +108,10 @@ class Bands(_Module):
     bank: Tensor
 
     def __init__(self, size: int, sample_rate: int) -> None:
-        taper, bank = _taper_and_bank(size, sample_rate)
+        # The window's power and that of the two sides of a real spectrum are divided out, so that the bands of white
+        # noise show its power per bin at any size. Under 15.2 kHz the highest bands stay empty.
+        taper = np.hanning(size + 1)[:-1]
+        bank = design_bands(size, sample_rate) / (np.square(taper).sum() * size / 2)
         # The real part of a spectrum depends on x[n] + x[size - n] alone, the imaginary one on x[n] - x[size - n]. So
         # a tapered DFT takes two matrices of a quarter each; the runtime's own transform takes two to three times as
         # long. Sample 0 is 0 after the taper; the middle one is its own partner, and would count twice.
@@ -132,12 +125,6 @@ class Bands(_Module):
         first, last = sound[..., 1 : self.middle + 1], sound[..., self.middle :].flip(-1)
         real, imaginary = (first + last) @ self.even, (first - last) @ self.odd
         return torch.log10(((real * real + imaginary * imaginary) @ self.bank).double() + FLOOR)
-
-
-def _stft(rows: Tensor, size: int, stride: int, taper: Tensor) -> Tensor:
-    """Return the powers of spectra ``(rows, bins, spans)``; as a graph it is one node, and small."""
-    parts = torch.stft(rows, size, stride, size, taper, center=False, onesided=True, return_complex=False)
-    return (parts * parts).sum(-1)
 
 
 class Texture(_Module):
@@ -348,20 +335,12 @@ class Cues(_Module):
 
     def _frequencies(self, contact: Tensor) -> tuple[Tensor, Tensor]:
         """Return the centroid of the power spectrum, and the frequency with half of the power on either side."""
-        powers = _stft(contact, self.size, self.size, self.taper.double())[:, :, 0] * self.heard + FAINT_POWER
+        size, taper = self.size, self.taper.double()
+        parts = torch.stft(contact, size, size, size, taper, center=False, onesided=True, return_complex=False)
+        powers = (parts * parts).sum(-1)[:, :, 0] * self.heard + FAINT_POWER
         total = powers.cumsum(-1)
         below = (total < total[:, -1:] / 2).double().sum(-1)
         return (powers * self.bins).sum(-1) / total[:, -1], below * self.spacing
-
-
-def describing(kind: FeatureKind, *, unevenness: bool = False) -> nn.Module:
-    """Return the module that describes windows of a kind by themselves."""
-    size, _ = WINDOWS[kind]
-    match kind:
-        case "texture":
-            return Texture(size, FEATURE_RATE, unevenness=unevenness)
-        case "cues":
-            return Cues(size, FEATURE_RATE)
 
 
 class Whole(nn.Module):
@@ -448,8 +427,10 @@ def _session(part: Part, kind: FeatureKind, channels: int, unevenness: bool) -> 
 @functools.lru_cache
 def _exported(part: Part, kind: FeatureKind, channels: int, unevenness: bool) -> bytes:
     """Return the ONNX file of a part, whose first axis, the number of windows or fingers, is open."""
-    module = describing(kind, unevenness=unevenness)
-    sound = torch.zeros(1, channels, WINDOWS[kind][0])
+    size, _ = WINDOWS[kind]
+    texture = kind == "texture"
+    module: nn.Module = Texture(size, FEATURE_RATE, unevenness=unevenness) if texture else Cues(size, FEATURE_RATE)
+    sound = torch.zeros(1, channels, size)
     inputs, outputs = {SOUND: sound}, [FEATURES]
     if part != "description":
         description = module(sound).float()

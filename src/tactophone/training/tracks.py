@@ -121,18 +121,14 @@ class FeatureTrack:
 
     def quiet(self) -> NDArray[np.bool_]:
         """Whether each window lies in a segment without contact; false where there are no segments."""
-        inside = np.zeros(len(self.end), bool)
-        for segment in self.recording.segments:
-            if not segment.contact:
-                inside |= (self.start >= segment.start) & (self.end <= segment.end)
-        return inside & ~self._in_contact(self.start)
+        quiet = [each for each in self.recording.segments if not each.contact]
+        inside = [(self.start >= each.start) & (self.end <= each.end) for each in quiet]
+        return np.asarray(np.any([np.zeros(len(self.end), bool), *inside], axis=0) & ~self._in_contact(self.start))
 
     def _in_contact(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
-        inside = np.zeros(len(self.end), bool)
-        for segment in self.recording.segments:
-            if segment.contact:
-                inside |= (self.end > segment.start) & (start <= segment.end)
-        return inside
+        touches = [each for each in self.recording.segments if each.contact]
+        inside = [(self.end > each.start) & (start <= each.end) for each in touches]
+        return np.asarray(np.any([np.zeros(len(self.end), bool), *inside], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
