@@ -69,8 +69,7 @@ class FaultySource(ChangedSource):
         self._faults = [(span, _FaultState(source.sample_rate)) for span in faults]
 
     def __iter__(self) -> Iterator[AudioBlock]:
-        for block in self._source:
-            yield self.apply(block)
+        return map(self.apply, self._source)
 
     def apply(self, block: AudioBlock) -> AudioBlock:
         samples = block.samples.astype(np.float64)

@@ -210,11 +210,6 @@ class Scene:
         return (*(placed.object for placed in self.placed), self.ground)
 
     @property
-    def cavity(self) -> Mounting:
-        """The mounting that determines the room around the finger."""
-        return self.objects[0].mounting
-
-    @property
     def field(self) -> Field:
         """The footprints, for the hand's path."""
         prints = [[placed.left, placed.near, placed.width, DEPTH] for placed in self.placed]

@@ -123,7 +123,7 @@ class SimulatedFinger(AlwaysOpen):
         self._ringing = Ringing(np.zeros(self._ground.modes.shape), np.zeros(self._ground.modes.shape))
         self._microphones = Microphones(
             session.electronics,
-            scene.cavity,
+            scene.objects[0].mounting,  # determines the room around the finger
             seed=np.random.SeedSequence([0x3E35, session.seed]),
             rate=LIVE_SAMPLE_RATE,
         )
